@@ -143,7 +143,7 @@ def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process
 
 
 def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, in_process, monkeypatch):
-    """Whichever thread catches it: those of libraries do not block the signal, and Python acts on it in the main one."""
+    """Whichever thread catches it: those of libraries do not block it, and Python acts on it in the main one."""
     real, ended = Store.append, threading.Event()
     thread = threading.Thread(target=ended.wait, daemon=True)
     thread.start()
@@ -190,11 +190,8 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
 
     *lines, last = shown().splitlines()
     assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
-    assert (lines[0], lines[-1], last) == (
-        "drift: 20/300 cells",
-        "drift: 300/300 cells, 1 failed",
-        f"drawn from {tmp_path}",
-    )
+    assert (lines[0], lines[-1]) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed")
+    assert last == f"drawn from {tmp_path}"
     assert shown(False) == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")

@@ -184,9 +184,7 @@ def test_same_rows_same_bytes(results, output, tmp_path, monkeypatch):
     moved = shutil.copytree(results, tmp_path / "elsewhere" / results.name)
     monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)  # the reader's own taste
     again = page.write(page.assemble(moved), tmp_path / "page").parent
-    first, second = (
-        {p.relative_to(at): p.read_bytes() for p in at.rglob("*") if p.is_file()} for at in (output, again)
-    )
+    first, second = ({p.relative_to(at): p.read_bytes() for p in at.rglob("*.*")} for at in (output, again))
     assert len(first) == 1 + 2 + 12
     assert first == second
 

@@ -127,9 +127,8 @@ def test_lines_that_are_no_record_are_skipped(filled):
         file.writelines(line + b"\n" for line in (*lines, filled.path("other").read_bytes()[:-1]))
     journal = filled.open("toy")
     assert len(journal.rows()) == len(filled.done("toy")[0]) == 5
-    assert [re.search(r"line (\d+): damaged", problem)[1] for problem in journal.problems] == [
-        str(6 + i) for i in range(len(lines) + 1)
-    ]
+    damaged = [int(re.search(r"line (\d+): damaged", problem)[1]) for problem in journal.problems]
+    assert damaged == [*range(6, 7 + len(lines))]
 
 
 def test_another_schema_is_an_error_that_says_so(filled):
