@@ -50,7 +50,7 @@ class PerturbedTop(Top):
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
-    formula: Formula = dataclasses.field(init=False, repr=False)  # V, recorded
+    formula: Formula = dataclasses.field(init=False, repr=False, compare=False)  # V, recorded
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):

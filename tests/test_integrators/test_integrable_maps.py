@@ -92,8 +92,8 @@ def kept_by_symmetric(alpha, h, y):
 
 
 def kept_by_lagrange(alpha, h, y):
-    I = of_the_top(alpha, y)
-    return I | {"H": I["H"] + h / 2 * alpha * (y[3] * y[1] - y[4] * y[0])}
+    H = invariants(SimpleNamespace(alpha=alpha), y)[0]
+    return kept_by_symmetric(alpha, h, y) | {"H": H + h / 2 * alpha * (y[3] * y[1] - y[4] * y[0])}
 
 
 KEPT = {"kahan": kept_by_kahan, "bobenko_suris": kept_by_symmetric}
