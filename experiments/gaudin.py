@@ -102,18 +102,12 @@ def measure(cell: dict) -> list[dict]:
     return parts[cell["part"]](cell)
 
 
-def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float, **options: Any) -> Any:
-    if variant.startswith("order "):
-        options["factors"] = int(variant.removeprefix("order ")) // 2
-    stepper: Any = prepare(magnet, spins, h, _method(variant), **options)
-    return getattr(stepper, "spins", None) or OfSpins(stepper)
-
-
 class OfSpins:
-    """Libraries step 3n numbers; this is the same for spins (n, 3), as the kernels that loop over spins have it."""
+    """A stepper of the 3n numbers of a state, for spins (n, 3)."""
 
     def __init__(self, stepper: Any):
         self.stepper, self.work, self.from_start = stepper, stepper.work, stepper.from_start
+        self.lams = getattr(stepper, "lams", ())  # of Bäcklund maps
 
     def advance(self, spins: Array, n: int) -> Array:
         return self.stepper.advance(spins.ravel(), n).reshape(-1, 3)
@@ -121,6 +115,12 @@ class OfSpins:
     def solve(self, spins: Array, times: Array) -> Array:
         """Spins at times (m,) that grow, in one run; of a library."""
         return self.stepper.run(spins.ravel(), times, self.work).reshape(len(times), -1, 3)
+
+
+def _stepper(magnet: GaudinMagnet, spins: Array, variant: str, h: float, **options: Any) -> OfSpins:
+    if variant.startswith("order "):
+        options["factors"] = int(variant.removeprefix("order ")) // 2
+    return OfSpins(prepare(magnet, spins, h, _method(variant), **options))
 
 
 def _drift(magnet: GaudinMagnet, spins: Array, state: Array) -> dict[str, float]:
@@ -148,7 +148,7 @@ def _h(cell: dict) -> list[dict]:
     steps = round(SPAN / cell["h"])
     stepper = _stepper(magnet, spins, cell["variant"], SPAN / steps)
     error = np.max(np.abs(stepper.advance(spins, steps) - reference(cell["n"])))
-    maps = {"maps": len(stepper.lams)} if hasattr(stepper, "lams") else {}
+    maps = {"maps": len(stepper.lams)} if len(stepper.lams) else {}
     return [{"error": rounded(error), **maps}]
 
 
