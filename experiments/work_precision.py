@@ -258,9 +258,7 @@ def draw_frontier(rows: pd.DataFrame, style):
         return None
     spans = sorted(set(good.span))
     titles = [f"t = {show(span)}" for span in spans]
-    fig, axes = style.panels(
-        titles, min(len(spans), 2), (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True
-    )
+    fig, axes = style.panels(titles, 2, (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True)
     short = good[good.span <= SHORT]
     for ax, span in zip(axes, spans, strict=True):
         here = good[good.span == span]

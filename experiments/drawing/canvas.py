@@ -176,6 +176,7 @@ def panels(
     titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """A panel for each title, so many to a row; `heights` of the figure without them, and of a row, in inches."""
+    columns = min(columns, len(titles))
     rows = -(-len(titles) // columns)
     fig, grid = figure("page", heights[0] + heights[1] * rows, nrows=rows, ncols=columns, squeeze=False, **shared)
     for ax, title in zip(grid.flat, titles, strict=False):
