@@ -138,12 +138,16 @@ def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
     assert f"<title>{titles[0]}</title>" in figures.inline(document, "f", "label")
 
 
-def test_places_in_a_picture_are_rounded():
-    path, short = (
-        "M 1.23456 -0.001 L 10.25 300.0 C 0.663 -2.5 1e-05 -3.001 z",
-        "M 1.23 0 L 10.25 300 C 0.66 -2.5 0 -3 z",
-    )
-    assert figures.compact(f'<path d="{path}" opacity="0.125"/>') == f'<path d="{short}" opacity="0.125"/>'
+def test_paths_are_shortened_and_rounding_does_not_add_up():
+    for path, short in (
+        ("M 1.23456 2 \nL 3.005 4.5 \nL 3.005 4.5 \nz \n", "M1.23 2l1.77 2.5z"),
+        ("M 0 0 L -0.25 10.001 M 5 5 L 5 5", "M0 0l-.25 10M5 5l0 0"),
+        ("M 0 -2.5 C 0.663008 -2.5 1.29895 -2.23 1.7 -1.7 z", "M 0 -2.5 C .66 -2.5 1.3 -2.23 1.7 -1.7 z"),
+    ):
+        assert figures.compact(f'<path d="{path}"/>') == f'<path d="{short}"/>'
+    long = figures.compact(f'<path d="M 0 0 {" ".join(f"L {0.0333 * k:.6f} 1" for k in range(1, 1001))}"/>')
+    ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", long)]
+    assert sum(ends) == pytest.approx(33.3, abs=0.006)
 
 
 VALUES = [  # a value, as text, in LaTeX
