@@ -408,7 +408,7 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
         text = style.label(kind) if ours else f"{name}, {kind}"
         look = {"color": colours.get(name, NEUTRAL), "linestyle": "--" if setting == DEFAULT else "-"}
         if ours or setting:
-            kinds = METHODS if ours else tuple(ENGINES[name].integrators) if name in ENGINES else ()
+            kinds = METHODS if ours else tuple(getattr(ENGINES.get(name), "integrators", ()))
             marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
             found[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
         else:

@@ -88,7 +88,11 @@ def check_times(t: Any, single: bool = False) -> Array:
         times = np.asarray(t)
     except ValueError:  # rows of different lengths
         times = np.array(None)
-    if times.ndim not in (1, 1 - single) or times.dtype.kind not in "iuf" or not np.all(np.isfinite(times)):
+    if (
+        times.ndim not in ((0, 1) if single else (1,))
+        or times.dtype.kind not in "iuf"
+        or not np.all(np.isfinite(times))
+    ):
         raise ValueError(f"t must be {'a time or ' if single else ''}a one-dimensional array of finite real times")
     return times.astype(np.float64)
 

@@ -256,7 +256,8 @@ class Method:
         if self.needs == "uniform":
             what = f"the potential {potential.name}" if potential else named
             reason = self.uniform_only or "its record names no needs (“Any problem” in docs/adding-a-method.md)"
-            return f"{self.name} does not take {what}: {reason}"
+            advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and potential else ""
+            return f"{self.name} does not take {what}: {reason}{advice}"
         if potential and self.needs in ("smooth", "quadratic"):
             return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"
         return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"

@@ -136,7 +136,8 @@ class Table:
         path : str or Path
             A file that ends in .csv, .npz or .parquet.
         metadata : dict, optional
-            What JSON can hold; it is written beside the method, the top, the start, the step and the options.
+            What JSON can hold; it is written beside the method, the top or body and its parameters, the start, the step
+            and the options.
 
         Returns
         -------
@@ -491,9 +492,14 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         -------
         Trajectory
             Of that motion.
+
+        Raises
+        ------
+        ValueError, IndexError
+            `place` is no whole number, or there are not so many motions.
         """
         motions = self.y.shape[1]
-        if not isinstance(place, (int, np.integer)):
+        if isinstance(place, bool) or not isinstance(place, (int, np.integer)):
             raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
@@ -512,7 +518,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
 
 def _text(value: Any) -> str:
     """JSON; what that cannot hold, such as a complex option, as Python writes it, but numbers of NumPy as numbers."""
-    return json.dumps(value, ensure_ascii=False, default=lambda v: v.tolist() if hasattr(v, "tolist") else repr(v))
+    numbers = np.generic, np.ndarray
+    return json.dumps(value, ensure_ascii=False, default=lambda v: v.tolist() if isinstance(v, numbers) else repr(v))
 
 
 def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:

@@ -44,7 +44,7 @@ def _of_records(records: Mapping[str, Method]) -> Numbers:
         "pinned": [name for name, record in records.items() if "pin" in record.options],
         "pin_every": PIN_EVERY,
         "projected": [name for name in records if name.endswith("_projected")],
-        "compensated": [name for name, r in records.items() if "compensated" in r.options],
+        "compensated": [name for name, r in records.items() if {"compensated", "high_accuracy"} & set(r.options)],
     }
 
 

@@ -282,6 +282,5 @@ METHOD = Method(
     name="addition_theorem", label="Addition theorem", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
-    prepare=prepare,
-    uniform_only="it is the closed form of an integrable top; in a potential take backlund_splitting",
+    prepare=prepare, uniform_only="it is the closed form of an integrable top",
 )  # fmt: skip

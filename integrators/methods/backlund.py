@@ -209,7 +209,7 @@ SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/04
 EXACT = Method(
     name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
     conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
-    uniform_only="it is a map of the torus of an integrable top; in a potential take backlund_splitting",
+    uniform_only="it is a map of the torus of an integrable top",
     evaluate=evaluate_exact, attitude=attitude_exact, advance_many=advance_many, evaluate_many=evaluate_many,
     special={"spins": magnet.prepare_exact},
 )  # fmt: skip

@@ -61,6 +61,7 @@ class _CompiledStepper(Stepper):
         self.constants = (*terms(magnet), self.h, *constants)
 
     def record(self, y: Array, n: int, every: int) -> Array:
+        """Spins after 0, every, 2·every, … n steps, each in the shape of `y`, (sites, 3) or (3 sites,)."""
         check_grid(n, every)
         s = np.array(self.magnet.check_spins(y), dtype=float)
         out = np.empty((n // every + 1, *s.shape))
@@ -77,7 +78,7 @@ class _CompiledStepper(Stepper):
         if not np.all(np.isfinite(s)):
             raise StepError(self.name, "the spins left the range of floating-point numbers", h=self.h, step=n)
         self.work.steps += n
-        return out.reshape(len(out), -1)
+        return out.reshape(len(out), *np.shape(y))
 
 
 # ------------------------------------------------------------------------------------------ splitting by pairs

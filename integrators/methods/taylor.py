@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import check_count, check_real
+from lagrange_bench.integrators.checks import check_count, check_flag, check_real
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
@@ -137,9 +137,10 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     return units if max(abs(units.rate), abs(units.length)) > FAR else None
 
 
-def runner(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
+def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
-    key = check_tolerance(tol), high_accuracy, compact_mode, Form(top.system)
+    tol = check_tolerance(tol)
+    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Form(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
@@ -172,6 +173,11 @@ def runner(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, 
         return out
 
     return run
+
+
+def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
+    """The `runner` of a method that sets heyoka's switches for good."""
+    return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
 
 
 def spins_runner(problem: Any, *, tol: float = EPS) -> Run:
@@ -245,7 +251,7 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
 
 
 @lru_cache(maxsize=8)
-def compile_body(tol: float) -> Any:
+def compile_body(tol: float, high_accuracy: bool) -> Any:
     """heyoka's integrator for (J, x) and the quaternion g of the frame that turns with J, g' = J g/2."""
     import heyoka as hy
 
@@ -253,12 +259,12 @@ def compile_body(tol: float) -> Any:
     J1, J2, J3, a, b, c, d = hy.make_vars("J1", "J2", "J3", "a", "b", "c", "d")
     system += [(a, -0.5 * (J1 * b + J2 * c + J3 * d)), (b, 0.5 * (J1 * a + J2 * d - J3 * c))]
     system += [(c, 0.5 * (J2 * a + J3 * b - J1 * d)), (d, 0.5 * (J3 * a + J1 * c - J2 * b))]
-    return hy.taylor_adaptive(system, [1.0] * 10, pars=[1.0], tol=tol, compact_mode=False)
+    return hy.taylor_adaptive(system, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False)
 
 
-def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS) -> Array:
+def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False) -> Array:
     """The frame that turns with J, quaternions (N, 4): integrated alongside, with dense output."""
-    ta = copy.deepcopy(compile_body(check_tolerance(tol)))
+    ta = copy.deepcopy(compile_body(check_tolerance(tol), bool(high_accuracy)))
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     ta.pars[0], spans = units.alpha, units.spans("taylor", times)
     g = np.empty((len(spans), 4))
@@ -298,16 +304,16 @@ def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, wi
 
 def advance_many(
     tops: Array | Sequence[PerturbedTop], Y0: Array, h: float, steps: int, every: int, out: Array,
-    stopped: Callable[[], bool], *, tol: float = EPS,
+    stopped: Callable[[], bool], *, tol: float = EPS, high_accuracy: bool = False,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """Natural steps of many tops, in heyoka's batch mode; what it refuses is taken one by one.
+    """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one.
 
     In a potential tops that keep J3 and tops that do not are in batches of their own.
     """
     import heyoka as hy
 
     done, tol, width = np.zeros(len(Y0), dtype=bool), check_tolerance(tol), int(hy.recommended_simd_size())
-    if not math.isfinite(h * steps):
+    if high_accuracy or not math.isfinite(h * steps):
         return done
     times = h * every * np.arange(1.0, steps // every + 1)
     for form, places, numbers in _groups(tops):
@@ -552,7 +558,7 @@ def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) ->
     return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
 
 
-PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False, False))
+PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
     name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
@@ -562,7 +568,7 @@ NATURAL = Method(
 
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
-    prepare, evaluate = dense(name, partial(runner, name, high_accuracy, compact_mode))
+    prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
     return replace(
         NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None, advance_many=None, special={},
     )  # fmt: skip

@@ -585,6 +585,6 @@ METHOD = Method(
     name=NAME, label="Theta functions", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    uniform_only="it is the closed form of an integrable top; in a potential take backlund_splitting",
+    uniform_only="it is the closed form of an integrable top",
     evaluate=evaluate, attitude=attitude,
 )  # fmt: skip

@@ -36,7 +36,7 @@ from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.phase_space import components, function, refuse, sqrt
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.exact import exact_times, solution
+from lagrange_bench.integrators.truth.exact import check_times, solution
 from lagrange_bench.integrators.truth.orbit import State, real
 
 __all__ = ["Motion", "Weierstrass", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
@@ -297,7 +297,7 @@ def angles(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -
 
 
 def evaluate(method: Callable[..., Any], top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None) -> NDArray[Any]:
-    times = exact_times(t)
+    times = check_times(t, exact=True)
     wanted = DIGITS if digits is None else digits
     with workdps(15):  # σ grows like e^{t²}: its exponent needs the digits of (t/ω)²
         longest = max((abs(v) / motion(top, y0, wanted).wp.omega1 for v in times.ravel()), default=mpf(0))

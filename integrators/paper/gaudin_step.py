@@ -192,11 +192,7 @@ def prepare(magnet: GaudinMagnet, spins: Any, h: float, *, factors: int = 1) -> 
     """The step of order 2·factors over h, positive or negative, for the flow of H_site."""
     h, spins, site = check_step(h), magnet.check_spins(spins), magnet.site or 0
     lams, here = pade_parameters(magnet, spins, abs(h), factors, site), magnet.sites[site]
-    sites = tuple(a - here for a in magnet.sites)
-    if len({*sites}) < len(sites):  # far from here, neighbours coincide in doubles
-        with workdps(34):
-            sites = tuple(mp.mpmathify(a) - here for a in magnet.sites)
-    centred = GaudinMagnet(sites, magnet.alpha)
+    centred = GaudinMagnet(tuple(a - here for a in magnet.sites), magnet.alpha)
     v = [eigenvalue(centred, spins, lam, 1 if h > 0 else -1, site) for lam in lams]
     return MagnetStepper(magnet, spins, h, [site] * factors, lams, v, Fraction(0))
 

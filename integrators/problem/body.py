@@ -228,8 +228,8 @@ class HeavyTop(RigidTop):
             )
         if C - 2 * across > SYMMETRIC * A:
             raise ValueError(
-                f"C = {C} is more than 2 (A − mass · distance²) = {2 * across:.6g}: no rigid body has such moments of inertia "
-                "about its centre of mass"
+                f"C = {C} is more than 2 (A − mass · distance²) = {2 * max(across, 0.0):.6g}: "
+                "no rigid body has such moments of inertia about its centre of mass"
             )
 
     def __repr__(self) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import check_count, check_state, check_times
+from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation, Series, find_orbit, position
@@ -55,17 +55,27 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     Source: `truth.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
     enormously; then it is 0.3 ms a call and 1 μs a time. With digits=30 it is 0.5 ms a time.
     """
-    key = (top.single(), tuple(check_state(y0).tolist()))
+    key = (_alpha_of(top), tuple(check_state(y0).tolist()))
     if digits is None:
-        times = check_times(t, single=True)
+        times = check_times(t)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
         return y[0] if times.ndim == 0 else y
     digits = check_count(digits, "digits", least=1)
     if digits > MOST_DIGITS:
         raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
-    times = exact_times(t)
+    times = check_times(t, exact=True)
     states = in_mpmath(*key, list(times.ravel()), digits)
     return np.array(states, dtype=object).reshape(*times.shape, 6)
+
+
+def _alpha_of(top: LagrangeTop) -> float:
+    """ValueError: it is no single LagrangeTop, the only problem whose motion is known here."""
+    if not isinstance(top, LagrangeTop):
+        advice = (
+            "take its .top" if hasattr(top, "top") and not hasattr(top, "potential") else "a run's .error() compares it"
+        )
+        raise ValueError(f"top must be a LagrangeTop, in a uniform field; got a {type(top).__name__}: {advice}")
+    return top.single()
 
 
 def after_steps(top: LagrangeTop, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
@@ -87,7 +97,7 @@ def after_steps(top: LagrangeTop, y0: ArrayLike, h: float, counts: ArrayLike) ->
     if n.ndim != 1 or n.dtype.kind not in "iu" or np.any(np.abs(n) > 2**53):
         raise ValueError("counts must be a sequence of whole numbers up to 2^53")
     times = check_times(h * n.astype(float))
-    orbit, clock = prepared(top.single(), tuple(check_state(y0).tolist()))
+    orbit, clock = prepared(_alpha_of(top), tuple(check_state(y0).tolist()))
     return in_doubles(orbit, clock, times, rounded_off(h, n.astype(float)))
 
 
@@ -155,7 +165,7 @@ def find(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
 
 
 def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
-    return find(top.single(), tuple(check_state(y0).tolist()), DIGITS)
+    return find(_alpha_of(top), tuple(check_state(y0).tolist()), DIGITS)
 
 
 class Clock(NamedTuple):
@@ -295,15 +305,19 @@ def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
 # ---------------------------------------------------------------- checking the times
 
 
-def exact_times(t: Any) -> NDArray[Any]:
-    """`t` as an array of mpf with 0 or 1 axes; ValueError if it is anything else."""
+def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
+    """`t` as an array with 0 or 1 axes of doubles, or if `exact` of mpf; ValueError if it is anything else."""
     try:
         times = np.asarray(t)
-        if times.ndim > 1 or (times.size and times.dtype.kind not in "iufO"):
+        if times.ndim > 1 or (times.size and times.dtype.kind not in ("iufO" if exact else "iuf")):
             raise ValueError(f"got shape {times.shape}, dtype {times.dtype}")
-        kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
+        if not exact:
+            times = times.astype(np.float64)
+        else:
+            kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
+            times = np.array(kept, dtype=object).reshape(times.shape)
     except (TypeError, ValueError) as error:
         raise ValueError(f"t must be a time or a sequence of times, real numbers: {error}") from None
-    if not all(map(mp.isfinite, kept)):
+    if not (all(map(mp.isfinite, times.flat)) if exact else np.all(np.isfinite(times))):
         raise ValueError(f"t must be finite; got {t!r}")
-    return np.array(kept, dtype=object).reshape(times.shape)
+    return times

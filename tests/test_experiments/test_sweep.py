@@ -262,7 +262,12 @@ def test_the_finest_run_that_did_not_fail_is_drawn():
     assert [line.get_xdata().tolist() for line in drawn] == [[1.0], [1.0]]
 
 
-def test_run_draws_a_file(answer, write, tmp_path, in_process):
+@pytest.mark.slow
+def test_run_draws_and_the_report_needs_no_file(run, answer, write, tmp_path, in_process, one_core):
     data = answer("run", write(GOOD.replace(TIME, "time = 5")), "--results", tmp_path / "results")
     assert data["experiments"]["sweep_my"]["computed"] == 4
     assert {Path(name).name for name in data["drawn"]} >= {"sweep_my_time.svg", "sweep_my_h.svg", "sweep_my_runs.csv"}
+    sweep._cells.clear()
+    code, out, err = run("report", "--results", tmp_path / "results")
+    assert code == 0, out + err
+    assert "Sweep my" in (tmp_path / "results" / "page" / "index.html").read_text("utf-8")

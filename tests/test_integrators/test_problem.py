@@ -351,12 +351,6 @@ def test_only_differences_of_sites_count(method):
         assert np.max(np.abs(run.invariants() - here.invariants())) < 1e-12
 
 
-def test_neighbours_that_coincide_as_seen_from_afar():
-    magnet = GaudinMagnet((1e17, 0.0, 1.0, 3.0), 0.5)
-    paper = integrate(magnet, SPINS, 0.1, 4, "backlund_paper", factors=4)
-    assert np.max(np.abs(paper.y - integrate(magnet, SPINS, 0.1, 4).y)) < 1e-13
-
-
 def test_groups_of_sites_far_apart():
     pytest.importorskip("heyoka")
     magnet = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, site=2)
