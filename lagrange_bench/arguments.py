@@ -133,7 +133,9 @@ def own(word: str, what: str) -> Any:
     try:
         return getattr(import_own(module), name)
     except Exception as error:  # somebody's own module may raise anything
-        raise ValueError(f"{what} {word} cannot be loaded: {type(error).__name__}: {error}") from error
+        missing = isinstance(error, ModuleNotFoundError) and error.name == module
+        where = f"; there is no {module.replace('.', '/')}.py in {Path.cwd()}" if missing else ""
+        raise ValueError(f"{what} {word} cannot be loaded: {type(error).__name__}: {error}{where}") from error
 
 
 def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:

@@ -11,17 +11,20 @@ import numpy as np
 
 from lagrange_bench.integrators.words import suggestion
 
-NAMED = ("qw", "qx", "qy", "qz")
 NAMES = {  # what stands in a group of columns → the names that it may have
     "time": ("t", "time"),
-    "position": ("x y z", "px py pz", "pos_x pos_y pos_z"),
+    "position": ("px py pz", "pos_x pos_y pos_z", "position_x position_y position_z", "x y z"),
     "displacement": ("ux uy uz", "u0 u1 u2"),
-    "quaternion": (" ".join(NAMED), "q0 q1 q2 q3", "e0 e1 e2 e3"),
+    "quaternion": (
+        "qw qx qy qz", "q_w q_x q_y q_z", "quat_w quat_x quat_y quat_z",
+        "orientation_w orientation_x orientation_y orientation_z", "q0 q1 q2 q3", "e0 e1 e2 e3",
+    ),
     "matrix": ("r11 r12 r13 r21 r22 r23 r31 r32 r33", "r00 r01 r02 r10 r11 r12 r20 r21 r22"),
     "rotation vector": ("rx ry rz", "rvx rvy rvz"),
     "angles": ("roll pitch yaw",),
-    "omega": ("wx wy wz", "omega_x omega_y omega_z"),
-}
+    "omega": ("wx wy wz", "omega_x omega_y omega_z", "angular_velocity_x angular_velocity_y angular_velocity_z"),
+}  # fmt: skip
+SCALARS = ("qw", "q_w", "quat_w", "orientation_w")  # they say which part of a quaternion is the scalar
 UNITS = {"", "s", "sec", "m", "rad", "rad/s", "-"}  # that may stand in brackets behind a name; indices may, too
 HEAD = 1 << 18  # bytes in which the header and some lines of numbers must stand
 SAMPLE = 200  # lines whose printed digits are counted
@@ -80,6 +83,10 @@ def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
     if len(groups) == 1:
         nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
         there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
+        if {"j1", "x3"} <= set(index):
+            raise ValueError(
+                f"{path}: a run of the bench in J and x has no position or rotation; its `error()` compares it"
+            )
         raise ValueError(f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,…")
     used = {i for places in groups.values() for i in places}
     words = [f"{what} {' '.join(header[i] if header else f'{i}' for i in places)}" for what, places in groups.items()]
@@ -90,7 +97,7 @@ def survey(path: Path, given: Mapping[str, str] | None = None) -> Layout:
         there = f"but the header has {', '.join(strange)}: s, m, rad and rad/s are expected."
         notes.append(f"Units are not converted, {there}")
     floor = {name: _floor([row[i] for row in rows for i in places]) for name, places in groups.items()}
-    named = set(NAMED) <= set(index)
+    named = any(index.get(name, -1) in groups.get("quaternion", ()) for name in SCALARS)
     return Layout(path, separator, comment, body[0], width, groups, named, floor, notes, "; ".join(words))
 
 
@@ -124,8 +131,8 @@ def _is_number(word: str) -> bool:
 
 
 def _index(path: Path, header: list[str], width: int, given: Mapping[str, str]) -> dict[str, int]:
-    """Name → column; units in brackets and capitals do not matter."""
-    plain = [re.sub(r"[\[(].*", "", word).strip().lower() for word in header]
+    """Name → column; units in brackets and capitals do not matter, and a point is as good as _."""
+    plain = [re.sub(r"[\[(].*", "", word).strip().lower().replace(".", "_") for word in header]
     index = {name: i for i, name in reversed(list(enumerate(plain)))}
     known = {name for choices in NAMES.values() for names in choices for name in names.split()}
     for name, where in given.items():

@@ -21,7 +21,7 @@ from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.words import suggestion
 
-Names = Iterable[str] | None
+Names = Iterable[str | Method] | None
 MOST = 12  # panels of one figure, and methods that are all named
 SAMPLED = 32  # points of a line that has no markers
 LABELS = {
@@ -257,7 +257,10 @@ class Comparison:
 
 def _listed(names: Names) -> list[str] | None:
     """One name or several, each once; None for all."""
-    return None if names is None else [names] if isinstance(names, str) else list(dict.fromkeys(names))
+    if names is None:
+        return None
+    several = [names] if isinstance(names, str | Method) else names
+    return list(dict.fromkeys(name.name if isinstance(name, Method) else name for name in several))
 
 
 def _methods(rows: pd.DataFrame) -> pd.Series:

@@ -196,10 +196,11 @@ class Hints:
         frame = "world" if how.omega_frame == "body" else "body"
         ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
         moving = "the angles are about axes that move with the body, not about fixed ones."
+        inverse = "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate."
         both = f"the order is {quat}, and they are conjugate."
         in_frame = f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame."
         for judged, group, changes, words in (
-            ("rotation", "", {"transposed": True}, "the rotations are transposed: they take the world to the body."),
+            ("rotation", "", {"transposed": True}, inverse),
             ("rotation", "quaternion", {"quat": quat}, ordered),
             ("rotation", "quaternion", {"quat": quat, "transposed": True}, both),
             ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
@@ -282,6 +283,8 @@ class Hints:
         if k := min(late, key=lambda k: late[k]):
             way = "later" if k > 0 else "earlier"
             yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+        elif self.first and self.t[0] and self._error(judged, exact=self.frames.exact(self.t - self.t[0])) < least:
+            yield f"the first row is the start of the case: subtract {self.t[0]:.9g} s from the times."
 
     def _starts(self) -> Iterator[str]:
         """The start of another case."""

@@ -152,7 +152,14 @@ def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[st
         found = _judged(case, replace(convention, quat="wxyz") if layout.named else convention, given, layout.floor)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return replace(found, file=str(path), notes=[*layout.notes, *found.notes], columns=layout.columns)
+    hints = found.hints
+    if layout.named:  # where --quat has no effect
+        w, x, y, z = layout.groups["quaternion"]
+        hints = [
+            hint.replace("--quat xyzw, or other names", f"--columns qw={z},qx={w},qy={x},qz={y}") for hint in hints
+        ]
+    notes = [*layout.notes, *found.notes]
+    return replace(found, file=str(path), hints=hints, notes=notes, columns=layout.columns)
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
@@ -202,6 +209,10 @@ def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floo
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
     judged = Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
+    if t[-1] > 10 * case.until:
+        judged.notes.insert(
+            0, f"The times go to {t[-1]:.9g}, the case to {case.until:g} s: perhaps they are no seconds."
+        )
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {t[-1]:.9g} s; the case runs to {case.until:g} s.")
     return judged

@@ -6,7 +6,7 @@
 
 Of every question,
 
-methods : a list of registered names, "package.module:METHOD" or `Method`.
+methods : registered names, "package.module:METHOD" or `Method`; one or a list.
 tops : names of `lagrange-bench tops`, "package.module:TOP", `NamedTop`, or problems with a state, (problem, y0) or ("name",
 problem, y0); one or a list. A `Problem` of your own will do.
 
@@ -46,7 +46,7 @@ from lagrange_bench.integrators.truth import truths
 
 Cell = dict[str, Any]
 Measure = Callable[[Cell], list[Cell]]
-Methods = Iterable[str | Method]
+Methods = str | Method | Iterable[str | Method]
 Top = str | NamedTop | tuple[Any, Any] | tuple[str, Any, Any]
 Tops = Top | Iterable[Top]
 Given = float | None
@@ -289,9 +289,10 @@ class _Asked:
     """Methods and tops that were checked."""
 
     def __init__(self, methods: Any, tops: Any):
-        if isinstance(methods, str) or not isinstance(methods, Iterable):
-            raise ValueError(f"methods must be a list of names or Method objects; got {methods!r}")
-        self.methods = tuple(find_method(method) for method in methods)
+        if not isinstance(methods, str | Method | Iterable):
+            raise ValueError(f"methods must be names or Method objects; got {methods!r}")
+        several = [methods] if isinstance(methods, str | Method) else methods
+        self.methods = tuple(find_method(method) for method in several)
         names = [method.name for method in self.methods]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"methods: give at least one, and each name once; got {names}")

@@ -207,7 +207,12 @@ def printable(text: str) -> str:
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
     for ax in fig.axes:
-        ax.set(**_LIMITS.get())
+        for name, ends in _LIMITS.get().items():
+            if getattr(ax, f"get_{name[0]}scale")() == "log" and min(ends) <= 0:
+                raise ValueError(
+                    f"{name}: the axis is logarithmic, so limits must be positive; got {ends[0]:g}, {ends[1]:g}"
+                )
+            ax.set(**{name: ends})
         _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:

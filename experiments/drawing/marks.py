@@ -48,7 +48,7 @@ def draw_method(
     Crosses where it failed; or, of one that only failed at no x, before its name. Not of a line without a name.
     """
     mine = rows[rows.method == method]
-    good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna()]
+    good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna() & ((mine[x] > 0) | (not log[0]))]
     if not good.empty:
         ax.plot(good[x], good[y].abs().clip(lower=LEAST) if log[1] else good[y], **look)
         ax.set(**{f"{axis}scale": "log" for axis, is_log in zip("xy", log, strict=True) if is_log})

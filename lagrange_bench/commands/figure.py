@@ -98,7 +98,7 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
         tops = drawn.tops(options.x, options.y, choice.methods or None, choice.tops or None)
         if len(tops) > MOST:
             raise ValueError(f"--tops: there are {len(tops)}; choose at most {MOST}, as --tops {','.join(tops[:2])}")
-        figure, axes = style.panels(tops, min(len(tops), 2), (0.4, 2.7), "", "")
+        figure, axes = style.panels(tops, 2, (0.4, 2.7), "", "")
         drawn.plot(options.x, options.y, choice.methods or None, tops, axes)
         return figures.FORMATS[kind](figure)
 

@@ -19,6 +19,7 @@ reading what --output wrote, without losing a bit:
 """
 
 import argparse
+import math
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -130,6 +131,7 @@ def run(options: argparse.Namespace) -> Answer:
     facts = {"top": name, "alpha": getattr(top, "alpha", None), "y0": y0, "method": method.name, "options": settings}
     facts |= {"potential": potential and (options.potential or potential.name)}
     facts |= {"parameters": list(getattr(top, "parameters", ()))}
+    facts |= {} if options.physical is None else {"physical": options.physical}
     facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
@@ -183,6 +185,8 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     elif options.physical is not None:
         values = dict(options.physical)
         angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
+        if abs(angles[0]) > 2 * math.pi:
+            raise ValueError(f"--physical: theta = {angles[0]:g} is in rad, not in degrees, and at most 2π")
         heavy = HeavyTop(**values)
         top, state = heavy.top, heavy.state(angles, rates)
     else:

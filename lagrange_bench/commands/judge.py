@@ -6,12 +6,13 @@ file has them. Also says whether the start is right, and which convention is per
 
 Columns are found by the names in the header; capitals and units in brackets do not matter:
   t | time                       s
-  x y z | px py pz | pos_x …     m, position of the centre of mass; ux uy uz | u0 u1 u2: its displacement
-  qw qx qy qz                    quaternion, body to world; q0 … q3 | e0 … e3 in the order of --quat
+  px py pz | pos_x … | x y z     m, position of the centre of mass; ux uy uz | u0 u1 u2: its displacement
+  qw qx qy qz | q_w … | quat_w … quaternion, body to world; q0 … q3 | e0 … e3 in the order of --quat
   r11 r12 … r33 | r00 … r22      matrix, body to world, row by row
   rx ry rz | rvx rvy rvz         rotation vector, rad
   roll pitch yaw                 rad, about the fixed axes x, y, z in this order
-  wx wy wz | omega_x …           rad/s, in the frame of --omega
+  wx wy wz | omega_x …           rad/s, in the frame of --omega; angular_velocity_x … is known, too, as are position_x … and
+                                 orientation_w …, with points in place of _
 Commas, semicolons, tabs or blanks separate them, # and % start comments, decimals need a point. A program that has the axis
 of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y. The smallest turn leads from there to the frames
 of the case; where that is half a turn, it is about x.
@@ -44,7 +45,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how = command.add_argument_group("how the files are written")
     text = "the columns of these names: words of the header, or indices from 0"
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
-    text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz); qw, qx, qy and qz say it themselves"
+    text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz); qw, qx, qy and qz say it themselves: no effect there"
     how.add_argument("--quat", default="wxyz", choices=("wxyz", "xyzw"), help=text)
     text = "frame of the angular velocity (default: body)"
     how.add_argument("--omega", default="body", choices=("body", "world"), help=text)
@@ -127,6 +128,8 @@ def _start(start: dict[str, Any], units: dict[str, str]) -> str:
         return f"The first row is at t = {start['t']:.9g}: nothing can be said of the start."
     off = ", ".join(f"{name} by {start[name]:.2e} {units[name]}" for name in start if name in units)
     if start["right"]:
-        return "The start is right."
+        return "The start is right" + (
+            "." if "omega" in start else ", as far as the file says: it has no angular velocity."
+        )
     known = "right to single precision" if start["single"] else "not that of the case"
     return f"The start is {known}: off are {off}."

@@ -46,7 +46,7 @@ def test_drift_is_that_of_a_run_in_both_units_of_time():
 
 
 def test_drift_leaves_out_what_the_motion_does_not_conserve():
-    frame = drift(["rk4"], "weak_tide", steps=4).to_frame()
+    frame = drift("rk4", "weak_tide", steps=4).to_frame()
     assert "J3" not in PERTURBED_TOPS["weak_tide"].top.conserved
     assert np.allclose(frame.worst, frame[["H", "C1", "C2"]].abs().max(axis=1))
 
@@ -104,7 +104,7 @@ def made(methods=("rk4", "strang"), tops=("generic", "fast")):
 
 
 BAD = {
-    "^methods must be a list": lambda: drift("rk4"),
+    "^methods must be names": lambda: drift(4),
     "methods: give at least one": lambda: drift([]),
     "each name once": lambda: drift(["rk4", "rk4"]),
     "did you mean 'rk4'": lambda: drift(["rk44"]),

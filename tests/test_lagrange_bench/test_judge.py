@@ -142,6 +142,15 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     (found,) = answer("judge", file, "--case", "bruels")["files"]
     assert found["hints"] == ["rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees."]
     assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
+    assert judge(T + 5, X, case="bruels").hints == [
+        "the first row is the start of the case: subtract 5 s from the times."
+    ]
+    named = write(tmp_path / "named.csv", "t pose.position.x y z q_w q_x q_y q_z", T, X, R.as_quat())
+    (found,) = answer("judge", named, "--case", "bruels", "--quat", "xyzw")["files"]
+    (hint,) = found["hints"]
+    way = hint.split("--columns ")[1].rstrip(".")
+    (found,) = answer("judge", named, "--case", "bruels", "--columns", way)["files"]
+    assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True), hint
     single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
     assert (single.start["right"], single.start["single"], single.hints) == (False, True, [])
 
@@ -167,7 +176,13 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
-    "% made by hand\n# t x y z\n0 0 1 0\n": (0, "The start is right."),
+    "% made by hand\n# t x y z\n0 0 1 0\n": (
+        0,
+        "The start is right, as far as the file says: it has no angular velocity.",
+    ),
+    "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (0, "The times go to 200, the case to 2 s: perhaps they are no seconds."),
+    "t,px,py,pz,w,x,y,z\n0,0,1,0,1,0,0,0": (0, "position px py pz; not used: w x y z"),
+    "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
 }
 
 
