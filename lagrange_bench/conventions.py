@@ -155,10 +155,11 @@ class Hints:
     """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
 
     exact : the motion at the times t. good : the rows without NaN. Some of them, from all over the run, are looked at.
+    way : the option that takes quaternions in another order, if --quat does not.
     """
 
-    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array):
-        self.frames, self.sizes = frames, frames.sizes
+    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = ""):
+        self.frames, self.sizes, self.way = frames, frames.sizes, way
         self.first = _rows(given, slice(1)) if len(good) and good[0] == 0 else {}
         self.head = _rows(given, good[:HEAD]), _at(exact, good[:HEAD])
         some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
@@ -194,7 +195,7 @@ class Hints:
         how = self.frames.convention
         quat = "xyzw" if how.quat == "wxyz" else "wxyz"
         frame = "world" if how.omega_frame == "body" else "body"
-        ordered = f"the quaternions are in the order {quat}: --quat {quat}, or other names."
+        ordered = f"the quaternions are in the order {quat}: {self.way or f'--quat {quat}, or other names'}."
         moving = "the angles are about axes that move with the body, not about fixed ones."
         inverse = "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate."
         both = f"the order is {quat}, and they are conjugate."

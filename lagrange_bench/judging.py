@@ -147,19 +147,15 @@ def judge(
 def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
     """As `judge`, what a file holds; `names` as `columns.survey` takes them."""
     layout = written.survey(path, names)
-    given = written.read(layout)
+    given, way = written.read(layout), ""
+    if layout.named:  # --quat has no effect there
+        w, x, y, z = layout.groups["quaternion"]
+        convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
     try:
-        found = _judged(case, replace(convention, quat="wxyz") if layout.named else convention, given, layout.floor)
+        found = _judged(case, convention, given, layout.floor, way)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
-    hints = found.hints
-    if layout.named:  # where --quat has no effect
-        w, x, y, z = layout.groups["quaternion"]
-        hints = [
-            hint.replace("--quat xyzw, or other names", f"--columns qw={z},qx={w},qy={x},qz={y}") for hint in hints
-        ]
-    notes = [*layout.notes, *found.notes]
-    return replace(found, file=str(path), hints=hints, notes=notes, columns=layout.columns)
+    return replace(found, file=str(path), notes=[*layout.notes, *found.notes], columns=layout.columns)
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
@@ -190,14 +186,16 @@ def find(case: str | Case) -> Case:
         raise ValueError(error.args[0]) from None
 
 
-def _judged(case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float]) -> Judgement:
-    """All that is found in rows; `floor` of each group of columns."""
+def _judged(
+    case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float], way: str = ""
+) -> Judgement:
+    """All that is found in rows; `floor` of each group of columns; `way` to have quaternions in another order."""
     frames, t = Frames(case, convention), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
         exact = frames.exact(t)
         found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        hints = Hints(frames, given, t, exact, good).all()
+        hints = Hints(frames, given, t, exact, good, way).all()
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     first = {name: float(found[name][0]) for name in frames.sizes if name in found}
