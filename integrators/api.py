@@ -134,6 +134,8 @@ def integrate(
     turn = getattr(y0, "rotation", None)
     if wanted and (turn is None or attitude is not True):
         turn = body.check_attitude(attitude, state)
+    if t is None and (h is None or steps is None):
+        found.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
     if times is not None:
         run = _evaluate(found, problem, state, times, options)

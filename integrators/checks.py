@@ -19,6 +19,8 @@ from lagrange_bench.integrators.words import suggestion
 Array = NDArray[np.float64]
 
 MOST = 2**62  # of anything that is counted
+# names in other programs → names here
+USUAL = {"dt": "h", "step": "h", "step_size": "h", "n": "steps", "n_steps": "steps", "t_eval": "t", "times": "t"}
 
 
 def warn_caller(text: str, category: type[Warning]) -> None:
@@ -120,7 +122,8 @@ def check_options(
     for option in options:
         if option not in known:
             elsewhere = other is not None and option in keyword_options(other)
-            hint = f": it belongs to {runs}." if elsewhere else suggestion(option, known)
+            hint = f"; did you mean {USUAL[option]!r}?" if option in USUAL else suggestion(option, known)
+            hint = f": it belongs to {runs}." if elsewhere else hint
             offered = ", ".join(known) if known else "none"
             raise ValueError(f"unknown option {option!r} of {name}{hint} Options here: {offered}")
 

@@ -104,7 +104,7 @@ NEEDS = {
     "parts": "a Hamiltonian of parts with closed flows",
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
     "smooth": "a Hamiltonian without corners",
-    "body": "a rigid body in a uniform field, a WholeBody",
+    "body": "a rigid body in a uniform field, a WholeBody (WholeBody.of(top) makes one of a RigidTop)",
     "top": "a Hamiltonian |J|²/2 + U(t, x)",
     "spins": "a Gaudin magnet",
     "force": "a Hamiltonian |J|²/2 + U(x)",

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_choice, check_times
 from lagrange_bench.integrators.files import write_file
-from lagrange_bench.integrators.interface import Array, Method, Work
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem.body import RigidTop
 from lagrange_bench.integrators.problem.units import scaled_size
 
@@ -36,6 +36,11 @@ LEAST = 2.0**-54  # a quarter of an ulp of 1: smaller errors, 0 among them, are 
 KINDS = ("components", "invariants", "error", "axis")
 FORMATS = (".csv", ".npz", ".parquet")
 E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q2", "q3", "L1", "L2", "L3")
+MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
+    "position": ("px", "py", "pz"),
+    "quaternion": ("qw", "qx", "qy", "qz"),
+    "omega_body": ("wx", "wy", "wz"),
+}
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,10 @@ class Table:
         """The first columns of the table."""
         return {"t": self.t}
 
+    def _motion(self) -> dict[str, Array]:
+        """What is known of the motion of a body, beside the state: names of MOTION_COLUMNS, arrays with a row for each time."""
+        return {}
+
     def _origin(self) -> dict[str, Any]:
         """What a file says of the run."""
         parameters = getattr(self.top, "parameters", ())
@@ -116,11 +125,14 @@ class Table:
         Returns
         -------
         DataFrame
-            t, the place of the motion in an ensemble, the numbers of the state, and the invariants if asked for.
+            t, the place of the motion in an ensemble, and the numbers of the state. Of a RigidTop or a WholeBody also
+            the position px py pz, and where the method follows the rotation its quaternion qw qx qy qz and the angular velocity
+            in the body wx wy wz, in SI units. Last the invariants, if asked for.
         """
         import pandas as pd
 
-        parts = {self.columns(): self.y, **({self.problem.names: self.invariants()} if invariants else {})}
+        parts = {self.columns(): self.y, **{MOTION_COLUMNS[name]: part for name, part in self._motion().items()}}
+        parts |= {self.problem.names: self.invariants()} if invariants else {}
         columns = self._places()
         for names, values in parts.items():
             columns |= dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
@@ -129,7 +141,7 @@ class Table:
     def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
         """Write times and states, every double exactly.
 
-        A table has a row for each time and motion; .npz the arrays t and y.
+        A table is that of `to_frame`; .npz has the arrays t and y, and of a body position, quaternion and omega_body.
 
         Parameters
         ----------
@@ -155,7 +167,8 @@ class Table:
         kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
         if kind == ".npz":
             buffer = io.BytesIO()
-            np.savez(buffer, t=self.t, y=self.y, metadata=np.array(_text(facts)))
+            arrays: dict[str, Any] = {"t": self.t, "y": self.y, **self._motion(), "metadata": np.array(_text(facts))}
+            np.savez(buffer, **arrays)
             return write_file(path, buffer.getvalue())
         if kind == ".parquet":
             return write_file(path, _parquet(self.to_frame(), facts))
@@ -369,6 +382,13 @@ class RigidTrajectory(Trajectory):
     def _origin(self) -> dict[str, Any]:
         return {**super()._origin(), "body": repr(self.body)}
 
+    def _motion(self) -> dict[str, Array]:
+        place = {"position": self.position}
+        try:
+            return place if self.attitude is None else {**place, **_turning(self)}
+        except (ValueError, StepError):  # the method does not follow the rotation, or loses it: `rotation` says why
+            return place
+
     @property
     def position(self) -> Array:
         """The centre of mass in the world's frame, m, shape (N, 3)."""
@@ -393,6 +413,9 @@ class RigidTrajectory(Trajectory):
 @dataclass(frozen=True, repr=False)
 class BodyTrajectory(Trajectory):
     """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
+
+    def _motion(self) -> dict[str, Array]:
+        return {"position": self.position, **_turning(self)}
 
     @cached_property
     def attitude(self) -> Array:
@@ -510,10 +533,22 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         whole = "body" in getattr(top, "problem", top).offers
         return (BodyTrajectory if whole else Trajectory)(top, *facts, start=start)
 
+    def _motion(self) -> dict[str, Array]:
+        motions = self.y.shape[1]
+        if not motions or not self.motion(0)._motion():
+            return {}
+        each = [self.motion(place)._motion() for place in range(motions)]
+        return {name: np.stack([known[name] for known in each], axis=1) for name in each[0]}
+
     def _places(self) -> dict[str, Array]:
         """Times and numbers of the motions."""
         rows, n = self.y.shape[:2]
         return {"t": np.repeat(self.t, n), "motion": np.tile(np.arange(n), rows)}
+
+
+def _turning(run: Any) -> dict[str, Array]:
+    """Rotation and angular velocity of a body."""
+    return {"quaternion": run.rotation.as_quat(canonical=True, scalar_first=True), "omega_body": run.omega_body}
 
 
 def _text(value: Any) -> str:

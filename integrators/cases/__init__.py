@@ -45,8 +45,8 @@ class Case:
         What tables call it.
     top : RigidTop
         The body.
-    rotation : Rotation or (3, 3)
-        At t = 0, from body to world.
+    rotation : Rotation, (3, 3) or (4,)
+        At t = 0, from body to world; a quaternion has its scalar first.
     omega_body : (3,)
         In rad/s, at t = 0.
     until, every : float

@@ -133,8 +133,8 @@ class RigidTop:
     ) -> BodyState:
         """The state that `integrate` takes.
 
-        rotation : a SciPy Rotation, or a matrix (3, 3), that takes vectors of the body to the world. omega_body or
-        omega_world : (3,) rad/s, the angular velocity in the body's or in the world's frame.
+        rotation : a SciPy Rotation, a matrix (3, 3) or a unit quaternion (4,), scalar first, that takes vectors of the body to
+        the world. omega_body or omega_world : (3,) rad/s, the angular velocity in the body's or in the world's frame.
         """
         turn, omega = as_motion(rotation, omega_body, omega_world)
         w, d, length = _fractions(omega), self.direction, self.length
@@ -281,14 +281,18 @@ def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
 
 
 def as_rotation(rotation: Any) -> Rotation:
-    """A single SciPy Rotation, from one or from a matrix (3, 3); ValueError for anything else."""
+    """A single SciPy Rotation, from one, a matrix (3, 3) or a quaternion (4,), scalar first; ValueError for anything else."""
     from scipy.spatial.transform import Rotation  # not at the start: it takes 0.2 s
 
     if isinstance(rotation, Rotation):
         if not rotation.single:
             raise ValueError(f"rotation must be a single one; got {len(rotation)}")
         return rotation
-    R = real_array(rotation, "rotation", (3, 3))
+    R = real_array(rotation, "rotation", (3, 3), (4,))
+    if R.shape == (4,):
+        if abs(R @ R - 1) > 1e-9:
+            raise ValueError(f"rotation must be a unit quaternion, scalar first; got {R.tolist()}")
+        return Rotation.from_quat(R, scalar_first=True)
     if np.max(np.abs(R.T @ R - np.eye(3))) > 1e-9 or np.linalg.det(R) < 0:
         raise ValueError(f"rotation must be an orthogonal matrix with determinant 1; got {R.tolist()}")
     return Rotation.from_matrix(R)

@@ -120,7 +120,8 @@ class WholeBody(Problem):
     ) -> Array:
         """The state (7,) that `integrate` takes.
 
-        rotation : a SciPy Rotation or a matrix (3, 3), body to world. omega_body or omega_world : (3,) rad/s.
+        rotation : a SciPy Rotation, a matrix (3, 3) or a unit quaternion (4,), scalar first, body to world. omega_body or
+        omega_world : (3,) rad/s.
         """
         from scipy.spatial.transform import Rotation
 

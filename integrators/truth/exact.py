@@ -69,7 +69,7 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
 
 
 def _alpha_of(top: LagrangeTop) -> float:
-    """ValueError: it is no single LagrangeTop, the only problem whose motion is known here."""
+    """The alpha of a single LagrangeTop. ValueError: it is none, and of nothing else is the motion known here."""
     if not isinstance(top, LagrangeTop):
         advice = (
             "take its .top" if hasattr(top, "top") and not hasattr(top, "potential") else "a run's .error() compares it"

@@ -84,7 +84,7 @@ LONGER = TILTED * (1, 1, 1, 2, 2, 2)  # of a real top the axis has the length on
 OTHER_DISKS = {"inertia_com": (0.2, 0.3, 0.2)}, {"com": (0, -1, 0)}, {"gravity": (0, 9.81, 0)}
 OUTPUTS = [1.0, [[1.0]], [1.0, [2.0, 3.0]], ["1"], [True], [1j], [NAN], [INF], [None]]
 NO_TOPS = [None, 1.0, "generic", LagrangeTop, TOPS["generic"]]
-ROTATIONS = [np.eye(3) * 1.001, -np.eye(3), Rotation.identity(2)]
+ROTATIONS = [np.eye(3) * 1.001, -np.eye(3), Rotation.identity(2), (2, 0, 0, 0)]
 TIMES = ["1", [[1.0]], NAN, INF, [1.0, None], 1j, [True], object()]
 ATTITUDES = [(1, 0, 0), "up", (1j, 0, 0, 0), (2, 0, 0, 0), (1e300, 0, 0, 0), (1, 0, 0, 0), (NAN, 0, 0, 1)]
 
@@ -191,6 +191,7 @@ MESSAGES = [  # a call, words in the message
     (lambda: integrate(TOP, Y0, 0.1, 10, "qqqq"), "unknown method 'qqqq'.*Known: backlund, "),
     *((lambda m=m: integrate(TOP, Y0, 0.1, 10, m), "method") for m in (None, 3, ["backlund"])),
     (lambda: ensemble(method=3), "method"),
+    (lambda: integrate(TOP, Y0, dt=0.1, steps=4), "unknown option 'dt' of backlund; did you mean 'h'"),
     (lambda: prepare(TOP, Y0, 0.1, "rk45", rtoll=1), "unknown option 'rtoll' of rk45.* 'rtol'?.*rtol, atol"),
     (lambda: prepare(TOP, Y0, 0.1, "backlund_unpinned", tol=1), "unknown option 'tol' of backlund_unpinned.*none"),
     (lambda: integrate(TOP, Y0, t=[1.0], method="rk45", solver="newton"), "unknown option 'solver' of rk45"),
@@ -244,7 +245,7 @@ OTHERS = [  # a call, words in the message
     *((lambda H=H: integrate(posed(H), Y0, 0.1, 1, SPLIT), f"{SPLIT} needs a Hamiltonian") for H in KINETIC),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "taylor", attitude=True), "attitude: the body of a Problem"),
     (lambda: integrate(DRIVEN, Y0, t=[1.0], method=SPLIT), "t: .*depends on time.*give h and steps"),
-    (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), "rattle needs a rigid body in a uniform field, a WholeBody"),
+    (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), r"rattle needs .*, a WholeBody \(WholeBody.of\(top\)"),
     (lambda: integrate(BODY, np.ones(7), 0.1, 1, "rattle"), ".*the quaternion must be a unit one"),
     *((lambda I=I: WholeBody(1.0, (0, 0, 1), I), "inertia_com: no rigid body has") for I in ((1, -1, 1), (1, 1, 3))),
     (lambda: HeavyTop(**REAL).state(**MOTION, omega_body=(1, 2, 3)), "give either angles and rates, or omega_body"),

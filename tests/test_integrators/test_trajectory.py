@@ -10,6 +10,7 @@ from matplotlib import pyplot as plt
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, WholeBody, exact, free_body, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble
+from lagrange_bench.integrators.cases import COLUMNS as CASE_COLUMNS
 from lagrange_bench.integrators.truth import truths
 
 pytestmark = pytest.mark.interpreted
@@ -17,12 +18,13 @@ NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
 MAGNET, SPINS = GaudinMagnet((0.0, -0.7, 1.1), 0.6), np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
 BODY = WholeBody.of(CASES["slow"].top)
 SLOW = BODY.state(rotation=np.eye(3), omega_body=(0.0, 10.0, -4.61538))
+COLUMNS = ["px", "py", "pz", "qw", "qx", "qy", "qz", "wx", "wy", "wz"]
 RUNS = {
     "top": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", NAMED.top, NAMED.state),
     "tide": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", TIDE.top, TIDE.state),
     "so3": ("J1 J2 J3 H C", free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)),
     "magnet": ("s1_1 s1_2 s1_3 s2_1 s2_2 s2_3 s3_1 s3_2 s3_3 H_0 H_1 H_2 C1 C2 C3", MAGNET, SPINS),
-    "body": ("q0 q1 q2 q3 L1 L2 L3 H C1 J3 C2", BODY, SLOW),
+    "body": (f"q0 q1 q2 q3 L1 L2 L3 {' '.join(COLUMNS)} H C1 J3 C2", BODY, SLOW),
 }
 
 
@@ -38,7 +40,7 @@ def test_a_frame_has_time_state_and_invariants(runs, name):
     n = len(run.columns())
     assert list(frame) == ["t", *dict.fromkeys(words)]
     assert np.array_equal(frame.t, run.t)
-    assert np.array_equal(run.to_frame().to_numpy()[:, 1:], run.y.reshape(5, n))
+    assert np.array_equal(run.to_frame().to_numpy()[:, 1 : 1 + n], run.y.reshape(5, n))
     assert np.array_equal(frame[words[-1]], run.invariants()[:, -1])
 
 
@@ -136,12 +138,23 @@ def test_an_ensemble_is_an_array_of_what_was_recorded():
 def test_motions_of_bodies_are_bodies():
     case = CASES["bruels"]
     body = WholeBody.of(case.top)
-    y0 = body.state(rotation=case.state.rotation, omega_body=case.omega_body)
+    y0 = body.state(rotation=case.state.rotation.as_quat(scalar_first=True), omega_body=case.omega_body)
     for top, state, method in ((case.top, case.state, "backlund"), (body, y0, "rk4")):
         together = integrate_ensemble(top, np.array([state, state]), 1e-3, 4, method, every=2)
         motion = together.motion(1)
         alone = integrate(top, state, 1e-3, 4, method, every=2)
         assert np.max(np.abs(motion.position - alone.position)) < 1e-14
+        assert np.array_equal(together.to_frame().pz[1::2], motion.position[:, 2])
+
+
+def test_a_table_has_position_rotation_and_angular_velocity_of_a_body():
+    case = CASES["bruels"]
+    run = integrate(case.top, case.state, t=np.linspace(0.0, 1.0, 5))
+    places = [CASE_COLUMNS.split(",").index(name.removeprefix("p")) for name in COLUMNS]
+    true = case.doubles(run.t)[:, places]
+    assert np.max(np.abs(run.to_frame()[COLUMNS] - true)) < 1e-11
+    other = integrate(case.top, case.state, 1e-3, 4, "rk4").to_frame()
+    assert [name for name in other if name in COLUMNS] == COLUMNS[:3]  # rk4 does not follow the rotation
 
 
 @pytest.mark.parametrize("name", RUNS)

@@ -237,8 +237,7 @@ def test_orders_are_those_of_the_method(method, order, tmp_path, answer):
     files = []
     for steps in (100, 200, 400):
         run = integrate(body, y0, 0.4 / steps, steps, method, every=1)
-        R = body.rotations(run.y).as_matrix()
-        files.append(write(tmp_path / f"{steps}.csv", f"t x y z {NINE}", run.t, R[:, :, 1], R.reshape(-1, 9)))
+        files.append(run.save(tmp_path / f"{steps}.csv"))
     found = answer("judge", *files, "--case", "slow")["orders"]
     assert [*found["position"], *found["rotation"]] == pytest.approx([order] * 4, abs=0.15)
     equal = answer("judge", *files, "--case", "slow", "--steps", "1,1,1")["orders"]
