@@ -195,7 +195,7 @@ def _judged(
         exact = frames.exact(t)
         found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        hints = Hints(frames, given, t, exact, good, way).all()
+        hints = Hints(frames, given, t, exact, good, way).all() if len(good) else []
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     first = {name: float(found[name][0]) for name in frames.sizes if name in found}
