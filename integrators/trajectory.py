@@ -13,7 +13,7 @@ import math
 import textwrap
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -415,7 +415,18 @@ class BodyTrajectory(Trajectory):
     """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
 
     def _motion(self) -> dict[str, Array]:
-        return {"position": self.position, **_turning(self)}
+        known = self._turned()
+        run = replace(self, y=self.y[known])
+        found = {name: np.full((len(known), len(columns)), np.nan) for name, columns in MOTION_COLUMNS.items()}
+        for name, part in {"position": run.position, **_turning(run)}.items():
+            found[name][known] = part
+        return found
+
+    def _turned(self) -> Array:
+        """The rows that have a rotation, a mask: not those where the method failed."""
+        with np.errstate(over="ignore"):
+            size = np.sum(self.y[:, :4] ** 2, axis=1)
+        return (size > 0.0) & (size < math.inf)  # type: ignore[no-any-return]
 
     @cached_property
     def attitude(self) -> Array:
@@ -425,6 +436,9 @@ class BodyTrajectory(Trajectory):
     @property
     def rotation(self) -> Rotation:
         """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
+        if not (known := self._turned()).all():
+            lost = self.y[~known][0]
+            raise ValueError(f"there is no rotation where the method failed: the state is {lost.tolist()}")
         return self.top.rotations(self.y)
 
     @property

@@ -147,6 +147,17 @@ def test_motions_of_bodies_are_bodies():
         assert np.array_equal(together.to_frame().pz[1::2], motion.position[:, 2])
 
 
+def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
+    together = integrate_ensemble(BODY, np.array([SLOW, SLOW, SLOW]), 1e-3, 4, "rk4", every=2)
+    together.y[:, 1], together.y[-1, 2] = np.nan, 1e200  # as on_failure="nan" and a step that is too large leave them
+    tables = [together.to_frame(), *(together.motion(place).to_frame() for place in range(3))]
+    assert [table[COLUMNS].isna().all(axis=1).sum() for table in tables] == [4, 0, 3, 1]
+    assert np.array_equal(tables[0][COLUMNS][::3], tables[1][COLUMNS])
+    assert together.save(tmp_path / "run.npz").exists()
+    with pytest.raises(ValueError, match="no rotation where the method failed"):
+        _ = together.motion(1).position
+
+
 def test_a_table_has_position_rotation_and_angular_velocity_of_a_body():
     case = CASES["bruels"]
     run = integrate(case.top, case.state, t=np.linspace(0.0, 1.0, 5))
