@@ -540,19 +540,20 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
-        top, start = self.begin(place % motions)
-        facts = (self.method, self.t, self.y[:, place], Work())
+        return self._run(self.y[:, place], *self.begin(place % motions))
+
+    def _run(self, y: Array, top: Any, start: Start | None = None) -> Trajectory:
+        facts = (self.method, self.t, y, Work())
         if isinstance(top, RigidTop):
             return RigidTrajectory(top.problem, *facts, start=start, body=top)
         whole = "body" in getattr(top, "problem", top).offers
         return (BodyTrajectory if whole else Trajectory)(top, *facts, start=start)
 
     def _motion(self) -> dict[str, Array]:
-        motions = self.y.shape[1]
-        if not motions or not self.motion(0)._motion():
+        if not isinstance(self.top, RigidTop) and self.columns() != BODY_COLUMNS:
             return {}
-        each = [self.motion(place)._motion() for place in range(motions)]
-        return {name: np.stack([known[name] for known in each], axis=1) for name in each[0]}
+        known = self._run(self.y.reshape(-1, self.y.shape[2]), self.top)._motion()  # all motions are of the same body
+        return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in known.items()}
 
     def _places(self) -> dict[str, Array]:
         """Times and numbers of the motions."""

@@ -145,6 +145,7 @@ def test_motions_of_bodies_are_bodies():
         alone = integrate(top, state, 1e-3, 4, method, every=2)
         assert np.max(np.abs(motion.position - alone.position)) < 1e-14
         assert np.array_equal(together.to_frame().pz[1::2], motion.position[:, 2])
+        assert "pz" in integrate_ensemble(top, np.empty((0, len(state))), 1e-3, 4, method).to_frame()
 
 
 def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
