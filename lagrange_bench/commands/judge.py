@@ -126,10 +126,10 @@ def _described(judged: Any, units: dict[str, str]) -> list[str]:
 def _start(start: dict[str, Any], units: dict[str, str]) -> str:
     if start["right"] is None:
         return f"The first row is at t = {start['t']:.9g}: nothing can be said of the start."
-    off = ", ".join(f"{name} by {start[name]:.2e} {units[name]}" for name in start if name in units)
+    off = ", ".join(f"{name} {start[name]:.2e} {units[name]}" for name in start if name in units)
     if start["right"]:
         return "The start is right" + (
             "." if "omega" in start else ", as far as the file says: it has no angular velocity."
         )
     known = "right to single precision" if start["single"] else "not that of the case"
-    return f"The start is {known}: off are {off}."
+    return f"The start is {known}. Its errors: {off}."

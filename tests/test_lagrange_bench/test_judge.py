@@ -173,7 +173,7 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion or a position of length 0, the first at t = 0.1"),
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is not finite, or a quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
-    "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case: off are position by 5.00e-01 m."),
+    "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case. Its errors: position 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
     "% made by hand\n# t x y z\n0 0 1 0\n": (
