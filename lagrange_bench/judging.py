@@ -231,7 +231,7 @@ def _times(t: Array) -> Array:
 def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
     bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
     if bad.any():
-        what = "a number that is not finite, or a quaternion or a position of length 0"
+        what = "a number that is missing or not finite, or a quaternion or a position of length 0"
         yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
