@@ -280,7 +280,7 @@ class Hints:
         for k in SHIFTS if n > BETTER else ():
             here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
             on_time, late[k] = (self._error(judged, _rows(given, here), _at(exact, at)) for at in (here, there))
-            late[k] = late[k] if late[k] < on_time / BETTER else math.inf
+            late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[judged]) else math.inf
         if k := min(late, key=lambda k: late[k]):
             way = "later" if k > 0 else "earlier"
             yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."

@@ -115,6 +115,8 @@ def test_the_error_that_was_put_in_is_found():
             {"rotation": R * Rotation.from_rotvec([0, 0.5, 0])},
             "turn the body of the rows by the rotation vector (0, -0.5, 0)",
         ),
+        # two rows later the fast spin has made almost this turn
+        ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "turn the body of the rows by"),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
