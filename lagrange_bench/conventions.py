@@ -206,6 +206,7 @@ class Hints:
             ("rotation", "quaternion", {"quat": quat, "transposed": True}, both),
             ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
             ("rotation", "angles", {"intrinsic": True}, moving),
+            ("rotation", "angles", {"degrees": True, "intrinsic": True}, f"{moving[:-1]}, and in degrees."),
             ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
             ("omega", "", {"omega_frame": frame}, in_frame),
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),

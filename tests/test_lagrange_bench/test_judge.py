@@ -143,6 +143,9 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     file = write(tmp_path / "run.csv", "t rx ry rz", T, R.as_euler("XYZ", degrees=True))
     (found,) = answer("judge", file, "--case", "bruels")["files"]
     assert found["hints"] == ["rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees."]
+    file = write(tmp_path / "rpy.csv", "t roll pitch yaw", T, R.as_euler("XYZ", degrees=True))
+    (hint,) = answer("judge", file, "--case", "bruels")["files"][0]["hints"]
+    assert hint == "the angles are about axes that move with the body, not about fixed ones, and in degrees."
     assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
     assert judge(T + 5, X, case="bruels").hints == [
         "the first row is the start of the case: subtract 5 s from the times."
