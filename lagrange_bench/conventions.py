@@ -254,16 +254,18 @@ class Hints:
             yield f"the axis of symmetry is {axis}: --axis={axis}."
 
     def _speeds(self) -> Iterator[str]:
-        """Another unit of angular velocities."""
+        """Another unit of angular velocities, perhaps in the other frame, too."""
         if self._wrong("omega"):
-            omega = self.given["omega"]
+            omega, now = self.given["omega"], self.frames.convention.omega_frame
+            other = "world" if now == "body" else "body"
             scaled = {
-                what: self._error("omega", {**self.given, "omega": factor * omega})
-                for what, factor in SCALES["omega"].items()
+                (what, frame): self._error("omega", {**self.given, "omega": factor * omega}, omega_frame=frame)
+                for (what, factor), frame in itertools.product(SCALES["omega"].items(), (now, other))
             }
-            best = min(scaled, key=lambda what: scaled[what])
+            best = min(scaled, key=lambda pair: scaled[pair])
             if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
-                yield f"omega is {best}."
+                what, frame = best
+                yield f"omega is {what}." + f" It is in the {other} frame, too: --omega {other}." * (frame == other)
 
     def _times(self) -> Iterator[str]:
         judged = next((name for name in ("rotation", "position") if name in self.now), "omega")

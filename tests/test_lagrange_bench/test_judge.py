@@ -118,6 +118,10 @@ def test_the_error_that_was_put_in_is_found():
         # two rows later the fast spin has made almost this turn
         ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "turn the body of the rows by"),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
+        (
+            {"omega": np.rad2deg(R.apply(OMEGA))},
+            "per second: SI units are judged. It is in the world frame, too: --omega world",
+        ),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
         ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
@@ -174,7 +178,10 @@ FILES = {  # what is in it → exit code, what is said
     "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
-    "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows have a number that is missing or not finite"),
+    "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (
+        0,
+        "1 of 2 rows have a number that is missing or not finite",
+    ),
     "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion or a position of length 0, the first at t = 0.1"),
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, or a quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
