@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import check_choice, check_times
+from lagrange_bench.integrators.checks import check_choice, check_times, warn_caller
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem.body import RigidTop
@@ -386,7 +386,10 @@ class RigidTrajectory(Trajectory):
         place = {"position": self.position}
         try:
             return place if self.attitude is None else {**place, **_turning(self)}
-        except (ValueError, StepError):  # the method does not follow the rotation, or loses it: `rotation` says why
+        except ValueError:  # the method does not follow the rotation
+            return place
+        except StepError as lost:
+            warn_caller(f"the table has no rotation: {lost}", RuntimeWarning)
             return place
 
     @property

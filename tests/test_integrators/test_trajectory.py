@@ -167,6 +167,8 @@ def test_a_table_has_position_rotation_and_angular_velocity_of_a_body():
     assert np.max(np.abs(run.to_frame()[COLUMNS] - true)) < 1e-11
     other = integrate(case.top, case.state, 1e-3, 4, "rk4").to_frame()
     assert [name for name in other if name in COLUMNS] == COLUMNS[:3]  # rk4 does not follow the rotation
+    with pytest.warns(RuntimeWarning, match="the table has no rotation: backlund.*half nutations, at most"):
+        assert "qw" not in integrate(case.top, case.state, t=[1e12]).to_frame()
 
 
 @pytest.mark.parametrize("name", RUNS)
