@@ -89,6 +89,8 @@ class WholeBody(Problem):
     @classmethod
     def of(cls, top: RigidTop) -> WholeBody:
         """The body of a symmetric top."""
+        if not isinstance(top, RigidTop):
+            raise ValueError(f"top must be a RigidTop, which has a mass; got {type(top).__name__}")
         return cls(top.mass, top.com, top.inertia_com, top.gravity)
 
     def _vertical_axis(self, y: Any, p: Any) -> list[Any]:

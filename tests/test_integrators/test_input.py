@@ -246,6 +246,7 @@ OTHERS = [  # a call, words in the message
     (lambda: integrate(FLUID, Y0, 0.1, 1, "taylor", attitude=True), "attitude: the body of a Problem"),
     (lambda: integrate(DRIVEN, Y0, t=[1.0], method=SPLIT), "t: .*depends on time.*give h and steps"),
     (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), r"rattle needs .*, a WholeBody \(WholeBody.of\(top\)"),
+    (lambda: WholeBody.of(TOP), "top must be a RigidTop, which has a mass; got LagrangeTop"),
     (lambda: integrate(BODY, np.ones(7), 0.1, 1, "rattle"), ".*the quaternion must be a unit one"),
     *((lambda I=I: WholeBody(1.0, (0, 0, 1), I), "inertia_com: no rigid body has") for I in ((1, -1, 1), (1, 1, 3))),
     (lambda: HeavyTop(**REAL).state(**MOTION, omega_body=(1, 2, 3)), "give either angles and rates, or omega_body"),
