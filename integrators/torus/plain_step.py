@@ -1,9 +1,8 @@
 """λ(h) in plain doubles: for steps that are used once, or a few times.
 
 `time_step` computes (λ, m) to 32 digits, which a long run with one h needs: an error of λ is an error of the clock that grows for
-ever. This module gives 15 digits for a twentieth of the cost, and in SIMD lanes for a hundredth. It is for short runs
-of many tops. It is also for steps whose torus changes every time, as in a splitting whose integrable part is the exact
-flow.
+ever. This module gives 15 digits for a small part of the cost, also in SIMD lanes. It is for short runs of many tops, and for
+steps whose torus changes every time, as in a splitting whose integrable part is the exact flow.
 
 The start. T = h and Θ = 0 say dλ/dh = −m λ̄/(2η). With s = iτ, τ = √C1 h/2, m̂ = m/√C1 and the power series λ = Σ l_k s^k
 

@@ -70,6 +70,15 @@ def test_long_steps_do_not_drift_unpinned(fraction):
         assert np.max(drift(top, y0, y)) < 2e-12
 
 
+def test_steps_that_come_back_drift_unpinned():
+    """Two steps are five nutations, without a turn here: there are two states only, and each rounds alike every time."""
+    top, y0 = find("planar_rotation")
+    h = 2.5 * exact.nutation_period(top, y0)
+    pinned, unpinned = (prepare(top, y0, h, name).advance(y0, 10**6) for name in ("backlund", "backlund_unpinned"))
+    assert 1e-11 < np.max(drift(top, y0, unpinned)) < 1e-10
+    assert np.max(drift(top, y0, pinned)) < 4 * EPS
+
+
 def test_a_turn_in_the_loop_would_drift():
     """Negative control for the test above."""
     top, y0 = find("generic")
