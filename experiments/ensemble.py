@@ -420,7 +420,7 @@ def _draw_throughput(good: pd.DataFrame, style):
             ax.set_ylim(0, 1.1 * chosen[up].max())
     fig.caption = (
         f"A step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes empty. "
-        "Set-up of a top, λ(h) and constants, against the step in the tops' units of time; from half a nutation period on "
+        "Set-up of a top, λ(h) and constants, against the step in the tops' units of time; of long steps "
         "it includes the period and the turn of a nutation. Short runs of very many tops, set-up included."
     )
     return fig
