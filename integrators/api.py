@@ -194,7 +194,7 @@ def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: in
     y : (6,)
         The state.
     lam : complex
-        λ, in units of J.
+        λ, in units of x/J.
     sheet : int
         1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other one, which is the inverse
         map.
