@@ -165,6 +165,6 @@ PERTURBED_TOPS: dict[str, NamedPerturbedTop] = Named(
         _named("separatrix_tide", "near the separatrix, weak tide", "near_separatrix", TIDE, (1e-3, 1.0, 0.0, 0.0),
                "the homoclinic state with a kick of 2^-10, in a tide of 1e-3 of its weight"),
         _named("chaotic", "chaotic", "planar", QUADRATIC, (2.0, -1.5, 0.5, 0.5, 1.0, -0.5),
-               "the swinging planar pendulum in a strong uneven field: Lyapunov exponent about 0.1"),
+               "the swinging planar pendulum in a strong uneven field: Lyapunov exponent about 0.1 in its own unit of time"),
     )
 )  # fmt: skip
