@@ -127,8 +127,9 @@ def integrate(
     problem, found, state = _look_up(top, y0, method)
     wanted = attitude is not False and attitude is not None
     if wanted and "uniform" not in problem.offers:
-        kind = type(top).__name__
-        raise ValueError(f"attitude: the body of a {kind} is not followed; give a LagrangeTop or a HeavyTop")
+        kind, advice = type(top).__name__, "is not followed; give a LagrangeTop or a HeavyTop"
+        advice = "has its rotation in y; leave attitude out" if "body" in problem.offers else advice
+        raise ValueError(f"attitude: the body of a {kind} {advice}")
     if wanted and isinstance(top, RigidTop) and not isinstance(top, HeavyTop):
         raise ValueError("attitude: a RigidTop starts from top.state(rotation=…, omega_body=…), which has it")
     turn = getattr(y0, "rotation", None)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_choice, check_times, warn_caller
 from lagrange_bench.integrators.files import write_file
@@ -425,11 +425,11 @@ class BodyTrajectory(Trajectory):
             found[name][known] = part
         return found
 
-    def _turned(self) -> Array:
+    def _turned(self) -> NDArray[np.bool_]:
         """The rows that have a rotation, a mask: not those where the method failed."""
         with np.errstate(over="ignore"):
             size = np.sum(self.y[:, :4] ** 2, axis=1)
-        return (size > 0.0) & (size < math.inf)  # type: ignore[no-any-return]
+        return (size > 0.0) & (size < math.inf)
 
     @cached_property
     def attitude(self) -> Array:

@@ -72,7 +72,7 @@ class Bound:
         for name, wanted in self.where.items():
             present = set(here[name].unique()) if name in here else set(_all(wanted))
             if absent := [value for value in _all(wanted) if value not in present]:
-                return f"no run with {name} = {show(absent[0])} is stored"
+                return f"a run with {name} = {show(absent[0])} is missing"
         if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
             return f"no run of {show(self.steps)} steps is stored"
         return ""

@@ -244,6 +244,7 @@ OTHERS = [  # a call, words in the message
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
     *((lambda H=H: integrate(posed(H), Y0, 0.1, 1, SPLIT), f"{SPLIT} needs a Hamiltonian") for H in KINETIC),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "taylor", attitude=True), "attitude: the body of a Problem"),
+    (lambda: integrate(BODY, (1, 0, 0, 0, 0, 0, 1), 0.1, 1, "rk4", attitude=True), ".* has its rotation in y"),
     (lambda: integrate(DRIVEN, Y0, t=[1.0], method=SPLIT), "t: .*depends on time.*give h and steps"),
     (lambda: integrate(TOP, Y0, 0.1, 1, "rattle"), r"rattle needs .*, a WholeBody \(WholeBody.of\(top\)"),
     (lambda: WholeBody.of(TOP), "top must be a RigidTop, which has a mass; got LagrangeTop"),
