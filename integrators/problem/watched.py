@@ -83,6 +83,6 @@ class Watched:
 
 def check_rows(name: str, word: str, found: Any, shape: tuple[int, ...]) -> None:
     """ValueError unless `found`, returned by the function `word` of the method `name`, is an array of floats of this shape."""
-    if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype.kind != "f":
+    if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != np.float64:
         kind = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
-        raise ValueError(f"{name}: {word} must return an array of floats of shape {shape}; got {kind}")
+        raise ValueError(f"{name}: {word} must return an array of floats (float64) of shape {shape}; got {kind}")

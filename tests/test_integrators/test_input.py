@@ -409,6 +409,7 @@ def reusing(stepper, y, rows):
 FAULTS = {
     "a row too few": (lambda s, y, rows: rows[:-1], "record must return .* shape .*; got float64"),
     "complex": (lambda s, y, rows: rows + 0j, r"must return an array of floats .*; got complex128"),
+    "single precision": (lambda s, y, rows: rows.astype("f4"), r"must return an array of floats .*; got float32"),
     "a list": (lambda s, y, rows: rows.tolist(), "must return .*; got list"),
     "another start": (lambda s, y, rows: rows + 1e-15, "row 0 of record must be the input"),
     "the input": (scribbling, "wrote to its input"),
