@@ -11,6 +11,7 @@ from lagrange_bench.integrators.compiling.numba_internals import NumbaError, use
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
+from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import METHODS
 from lagrange_bench.integrators.words import suggestion
 
@@ -29,11 +30,11 @@ def problem(method: Method, word: str | None) -> str | None:
                 warnings.simplefilter("ignore")
                 build = method.prepare_for(top)
                 stepper: Any = build(top, y0.copy(), 0.1 * top.scales(y0)[2])
-                if stepper is None:
-                    raise ValueError("prepare returned None: return a stepper")
+                watched(method.name, stepper, len(y0))  # what it finds in calls has verdicts of its own
                 if not getattr(build, "func", build).__module__.startswith("lagrange_bench."):
                     _interpreted(stepper, y0)
-                stepper.advance(y0.copy(), 1)
+                check_rows(method.name, "record", stepper.record(y0.copy(), 1, 1), (2, len(y0)))
+                check_rows(method.name, "advance", stepper.advance(y0.copy(), 1), (len(y0),))
         except StepError:
             continue
         except (Exception, SystemExit) as error:  # a plug-in may raise anything

@@ -339,6 +339,11 @@ METHOD = replace(METHODS["rk4"], name="mine", order=1, conserves=frozenset({"J3"
 """
 KEPT = 'frozenset({"J3"})'
 RETURN = "    return FixedStepper"
+ROUGH = """    class Rough(FixedStepper):
+        def record(self, *asked):
+            return super().record(*asked).astype("f4")
+
+    return Rough"""
 
 
 @pytest.fixture
@@ -355,10 +360,15 @@ def mine(folder):
 
 FAULTS = [  # a change of the file, and what is said
     ("alpha * h)", "aplha * h)", "the kernel cannot be compiled: NameError: name 'aplha' is not defined"),
-    (RETURN, "    FixedStepper", "ValueError: prepare returned None: return a stepper"),
+    (RETURN, "    FixedStepper", "ValueError: mine: prepare returned None without record: return a stepper"),
     ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:14)"),
     (RETURN, f'    raise KeyError("boom")\n{RETURN}', "KeyError: 'boom' ({file}:15)"),
     ("prepare(top, y0, h):", "prepare(top, y0):\n    h = 1", "TypeError: prepare() takes 2 positional arguments"),
+    (
+        RETURN,
+        ROUGH,
+        "ValueError: mine: record must return an array of floats (float64) of shape (2, 6); got float32 (2, 6)",
+    ),
     (RETURN, f"    raise SystemExit(3)\n{RETURN}", "SystemExit: 3 ({file}:15)"),
 ]
 
