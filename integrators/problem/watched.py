@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import Array, as_state, check_grid
-from lagrange_bench.integrators.interface import Stepper
+from lagrange_bench.integrators.interface import StepError, Stepper
 
 OWN = __name__.removesuffix("problem.watched")  # how the modules of the bench's own classes begin
 CALLS = 2  # of `advance`, and of `record`, that are looked at: the second one may return the array of the first
@@ -43,6 +43,7 @@ class Watched:
     ------
     ValueError : a result of the wrong shape or type, a first row that is not the input, an input that was written to, or an
     array that was returned before.
+    StepError : a state that is not finite.
     """
 
     def __init__(self, name: str, stepper: Stepper, size: int = 6):
@@ -74,6 +75,8 @@ class Watched:
         check_rows(self.name, word, found, shape)
         if found is self.last:
             raise ValueError(f"{self.name}: {word} returned the same array twice; it must return a fresh one")
+        if not np.isfinite(found).all():
+            raise StepError(self.name, f"{word} returned a state that is not finite")
         self.last = found
         self.left[word] -= 1
         if not self.left[word]:

@@ -434,6 +434,11 @@ def test_other_faults_of_plug_ins():
         refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
     short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
+    lost = replace(
+        record, prepare=lambda top, y0, h: Resting(lambda s, y, rows: np.vstack([rows[:1], np.nan * rows[1:]]))
+    )
+    with pytest.raises(StepError, match=r"^mine: record returned a state that is not finite"):
+        integrate(TOP, Y0, 0.1, 10, lost)
     nothing = replace(record, prepare=lambda top, y0, h: None)
     refused("^mine: prepare returned None", integrate, TOP, Y0, 0.1, 10, nothing)
 
