@@ -150,7 +150,8 @@ class Comparison:
                 here = rows if len(axes) == 1 else rows[rows["top"] == names[place]]
                 self._draw(one, here, x, y)
                 title = self._title(list(dict.fromkeys(here["top"])))
-                one.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
+                one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
+                style.set_limits(one, limits)
         return axes[0] if len(axes) == 1 else np.array(axes)
 
     def tops(self, x: str, y: str, methods: Names = None, tops: Names = None) -> list[str]:

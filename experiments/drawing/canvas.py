@@ -7,7 +7,7 @@ PNG have the font in them.
 import math
 import textwrap
 import unicodedata
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
@@ -204,15 +204,18 @@ def printable(text: str) -> str:
     return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
 
 
+def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]]) -> None:
+    """Limits of xlim and ylim. ValueError: those of a logarithmic axis are not positive; matplotlib would ignore them."""
+    for name, ends in limits.items():
+        if getattr(ax, f"get_{name[0]}scale")() == "log" and any(end is not None and end <= 0 for end in ends):
+            raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {ends}")
+        ax.set(**{name: ends})
+
+
 def finish(fig: matplotlib.figure.Figure) -> None:
     """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
     for ax in fig.axes:
-        for name, ends in _LIMITS.get().items():
-            if getattr(ax, f"get_{name[0]}scale")() == "log" and min(ends) <= 0:
-                raise ValueError(
-                    f"{name}: the axis is logarithmic, so limits must be positive; got {ends[0]:g}, {ends[1]:g}"
-                )
-            ax.set(**{name: ends})
+        set_limits(ax, _LIMITS.get())
         _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:

@@ -133,6 +133,7 @@ BAD = {
     "There are generic, fast": lambda: made().plot(tops=["slow"]),
     "give one, or one for each of 2": lambda: made().plot(ax=plt.subplots(1, 3)[1]),
     "a, b; choose one": lambda: Comparison(pd.concat(made().frame.assign(part=part) for part in "ab")).plot(),
+    "^ylim: the axis is logarithmic": lambda: made().plot(ylim=(0, 1)),
     "no row has both": lambda: Comparison(made().frame.assign(error=np.nan)).plot(),
     "there are 13; choose at most": lambda: made(tops=[f"random{i:03d}" for i in range(13)]).plot(),
 }
