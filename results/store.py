@@ -144,8 +144,6 @@ def clean(value: Any) -> Any:
     if value is None or isinstance(value, str):
         return None if value is None else _unicode(value)
     if isinstance(value, Mapping):
-        if set(value) == {"float"}:
-            return dict(value)  # cleaned before
         if bad := [name for name in value if not isinstance(name, str)]:
             raise TypeError(f"field names must be strings; got {bad[0]!r}")
         return {name: clean(content) for name, content in value.items()}
