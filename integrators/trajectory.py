@@ -419,8 +419,10 @@ class BodyTrajectory(Trajectory):
 
     def _motion(self) -> dict[str, Array]:
         known = self._turned()
-        run = replace(self, y=self.y[known])
         found = {name: np.full((len(known), len(columns)), np.nan) for name, columns in MOTION_COLUMNS.items()}
+        if not known.any():  # SciPy 1.15 makes no Rotation of none
+            return found
+        run = replace(self, y=self.y[known])
         for name, part in {"position": run.position, **_turning(run)}.items():
             found[name][known] = part
         return found
