@@ -208,7 +208,8 @@ def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]])
     """Limits of xlim and ylim. ValueError: those of a logarithmic axis are not positive; matplotlib would ignore them."""
     for name, ends in limits.items():
         if getattr(ax, f"get_{name[0]}scale")() == "log" and any(end is not None and end <= 0 for end in ends):
-            raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {ends}")
+            given = ", ".join("None" if end is None else f"{end:g}" for end in ends)
+            raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {given}")
         ax.set(**{name: ends})
 
 

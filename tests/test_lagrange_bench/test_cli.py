@@ -137,7 +137,7 @@ BAD = {  # words → what the line must name
     "run phase --methods rk4 --tops figure1": "--methods rk4 --tops figure1: no cell here has such",
     "figure phase_h --x h": "--x and --y go together",
     "figure phase_h --xlim 1": "must be two numbers",
-    "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got (0.0, 1.0)",
+    "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",
     "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
     "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
     "figure phase_h --format pdf --output x.svg --results small": "--format pdf and --output x.svg",
