@@ -87,17 +87,14 @@ docs: .venv/ready
 paper: .venv/ready
 	$(BIN)/python docs/paper.py
 
-# mypy and import-linter read folders: laid out as a wheel installs them
 lint: .venv/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	rm -rf build/lint && mkdir -p build/lint
-	cp -R lagrange_bench build/lint
-	cp -R integrators experiments results report build/lint/lagrange_bench
-	cd build/lint && $(CURDIR)/$(BIN)/mypy --config-file $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.mypy_cache
-	cd build/lint && $(CURDIR)/$(BIN)/python -c 'import lagrange_bench; print("from lagrange_bench import", ", ".join(lagrange_bench.__all__))' >user.py
-	cd build/lint && $(CURDIR)/$(BIN)/mypy --strict --follow-imports=silent --cache-dir $(CURDIR)/.mypy_cache user.py
-	cd build/lint && $(CURDIR)/$(BIN)/lint-imports --no-logo --config $(CURDIR)/pyproject.toml --cache-dir $(CURDIR)/.import_linter_cache
+	$(BIN)/mypy
+	mkdir -p build
+	$(BIN)/python -c 'import lagrange_bench; print("from lagrange_bench import", ", ".join(lagrange_bench.__all__))' >build/user.py
+	$(BIN)/mypy --strict --follow-imports=silent build/user.py
+	$(BIN)/lint-imports --no-logo
 
 # A stamp for each set of extras: none, for who only runs and draws; and those of tests and lint, which include the former.
 .venv/made:

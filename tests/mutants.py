@@ -19,7 +19,6 @@ from time import perf_counter
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("integrators", "experiments", "results", "report")
 LIMIT = 900  # s for the tests of one mutation: without it they take less, so a kernel that never ends is seen
 ENOUGH = 0.95
 PASSED, FAILED, NOT_COLLECTED, NO_TESTS = 0, 1, 2, 5  # exit codes of pytest
@@ -31,12 +30,10 @@ def mutants() -> list[dict[str, Any]]:
 
 
 def copy(folder: Path) -> Path:
-    """The repository, with its rooms inside the package: Python started with this folder on its path imports the copy."""
+    """The repository: Python started with this folder on its path imports the copy."""
     ignored = shutil.ignore_patterns(".*", "build", "dist", "__pycache__", "*.egg-info", "local")
     home = folder / "bench"
-    shutil.copytree(ROOT, home, ignore=ignored)
-    for room in ROOMS:
-        (home / "lagrange_bench" / room).symlink_to(home / room)
+    shutil.copytree(ROOT, home, ignore=ignored, symlinks=True)
     return home
 
 
