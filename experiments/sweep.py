@@ -23,7 +23,7 @@ import numpy as np
 from lagrange_bench.experiments import SWEEP
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import KNOBS, as_rows, find, follow, options_of
-from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, memory, prepare
+from lagrange_bench.integrators import INVARIANTS, PerturbedTop, StepError, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import MOST, check_count, check_real, check_state, check_step
 from lagrange_bench.integrators.files import read_toml
@@ -41,7 +41,6 @@ MEASURED = {"": ("t", "H", "C1", "C2")}  # J3 and the error only where the top a
 TIMES = ("seconds",)  # columns that no two runs have in common
 
 SAMPLES = 32
-PER_SAMPLE = 3000  # bytes of memory that a cell takes for each, a generous guess
 LARGEST = 1e100  # step: beyond, there is nothing to draw
 EARLIEST = 1e-3  # first recorded time of a method that chooses its own steps, as a part of the last
 
@@ -188,7 +187,6 @@ def _sweep(table: Any, tops: dict[str, Start]) -> Iterator[Cell]:
         check_step(value, f"{knob}[{i}]")
         if not 1 / LARGEST <= (abs(value) if knob == "h" else value) <= LARGEST:
             raise ValueError(f"{knob}[{i}] must be between {1 / LARGEST:g} and {LARGEST:g}; got {value:g}")
-    memory.check(given["samples"], PER_SAMPLE, memory.limit(), "samples", f"take fewer, or set {memory.VARIABLE}")
     # as the words that --option of `integrate` takes
     options = {key: str(v).lower() if isinstance(v, bool) else str(v) for key, v in given["options"].items()}
     starts = [_start(name, tops) for name in given["tops"]]

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import secrets
+import stat
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -20,18 +23,23 @@ def cache_folder() -> Path | None:
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
-    """Writes a file beside the old one, then puts it in its place; makes its folder if need be.
+    """Writes a file beside the old one, then puts it in its place, with its permissions; makes its folder if need be.
 
     Raises
     ------
-    OSError : it cannot be written; the error names `path`, and what was there is untouched.
+    OSError : it cannot be written, or is read-only; the error names `path`, and what was there is untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = path.resolve()  # of a link: what it points to
-        temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        if target.exists() and not os.access(target, os.W_OK):
+            raise PermissionError(errno.EACCES, "the file is read-only")
+        # not by `tempfile`, whose files nobody else may read
+        temporary = target.with_name(f".{target.name}.{secrets.token_hex(8)}.tmp")
         try:
             with temporary.open("xb") as file:
+                if target.exists():
+                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
                 file.write(content if isinstance(content, bytes) else content.encode())
                 file.flush()
                 os.fsync(file.fileno())

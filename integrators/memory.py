@@ -1,11 +1,10 @@
-"""Memory of a process: what there is, and the limit of a worker."""
+"""The limit of memory of a worker process."""
 
 from __future__ import annotations
 
 import math
 import os
 from contextlib import suppress
-from pathlib import Path
 
 GB = 1e9
 VARIABLE = "LAGRANGE_BENCH_MEMORY"
@@ -34,23 +33,3 @@ def restrain() -> None:
         wanted = int(limit() * GB)
         soft = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def available() -> float:
-    """GB that this process can have now; infinity where the system does not say."""
-    found = [math.inf]
-    with suppress(OSError, ValueError, KeyError):  # Linux
-        facts = dict(line.split(":") for line in Path("/proc/meminfo").read_text().splitlines())
-        found.append(1024 * int(facts["MemAvailable"].split()[0]))
-    with suppress(OSError, ValueError):  # a container; without a limit it reads "max"
-        most, used = (int(Path(f"/sys/fs/cgroup/memory.{name}").read_text()) for name in ("max", "current"))
-        found.append(most - used)
-    return max(min(found), 0) / GB
-
-
-def check(rows: int, each: int, room: float, name: str, advice: str) -> None:
-    """ValueError if `rows` rows of `each` bytes do not fit into `room` GB."""
-    needed = rows * each / GB
-    if needed > room:
-        sizes = f"about {needed:.3g} GB of memory, and there are {room:.2g}"
-        raise ValueError(f"{name}: {rows} rows take {sizes}: {advice}")

@@ -25,12 +25,10 @@ from time import perf_counter
 from typing import Any
 
 from lagrange_bench import arguments
-from lagrange_bench.integrators import memory
 from lagrange_bench.output import PICTURES, TABLES, Answer, check_target, plain
 
 GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
 PHYSICAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}  # and their defaults
-PER_ROW = 1000  # bytes of memory that a recorded state takes until it is printed or written, measured
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -85,7 +83,6 @@ def times(text: str) -> list[float]:
     if len(parts) != 3:
         raise ValueError(f"must be t0:t1:n or a list t,t,…; got {text!r}")
     first, last, n = arguments.number(parts[0]), arguments.number(parts[1]), arguments.several(parts[2])
-    memory.check(n, PER_ROW, memory.available(), text, "take fewer times")
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 
@@ -210,5 +207,4 @@ def _grid(options: argparse.Namespace) -> dict[str, Any]:
         every = 1 if options.output or options.draw else max(options.steps, 1)
     if every < 1 or options.steps % every:
         raise ValueError(f"--every {every} does not divide --steps {options.steps}")
-    memory.check(options.steps // every + 1, PER_ROW, memory.available(), "--steps", "record fewer states (--every)")
     return {"h": options.h, "steps": options.steps, "every": every}

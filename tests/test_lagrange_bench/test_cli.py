@@ -72,7 +72,6 @@ BAD = {  # words → what the line must name
     "run mine.texts": "VERSION must be a number; got '1.0'",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
     "run --methods a,,b": "--methods",
-    "run mine.toml --results out": "[[sweep]], samples: 1000000000 rows take about 3e+03 GB of memory",
     "figure": "one of the arguments NAME --all --list is required",
     "figure --list --output x.svg": "--list draws none",
     "figure phase_h --all": "--all",
@@ -90,7 +89,6 @@ BAD = {  # words → what the line must name
     "integrate --h 0 --steps 3": "--h",
     "integrate --h 1_0 --steps 3": "--h",
     "integrate --h 0.1 --steps 2.5": "--steps",
-    "integrate --h 0.1 --steps 1e12 --every 1": "--steps: 1000000000001 rows take about 1e+06 GB",
     f"{I} --every 2": "--every",
     f"{I} --times 0,1": "--times",
     "integrate --times 0:1:1e10": "--times: must be t0:t1:n, with n from 2 to 10^7",
@@ -149,8 +147,7 @@ BAD = {  # words → what the line must name
 
 @pytest.mark.parametrize("words", BAD)
 def test_bad_input(run, words, folder, monkeypatch):
-    sweep = f'[[sweep]]\nmethods = ["strang"]\nh = [0.5]\ntime = 50\nsamples = {10**9}\n'
-    (folder / "mine.toml").write_text(sweep)
+    (folder / "mine.toml").touch()
     (folder / "run.csv").write_text("t,x,y,z\n0,0,1,0\n")
     for name in ("folder.csv", "mine", "small"):
         (folder / name).mkdir()

@@ -6,6 +6,7 @@ import io
 import os
 import re
 import shutil
+import stat
 import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
@@ -288,12 +289,29 @@ def test_a_write_that_stops_leaves_the_old_page_whole(report, fewer, tmp_path, m
     assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == files
 
 
-def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_this_process(tmp_path, monkeypatch):
+def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_its_own(tmp_path, monkeypatch):
     done = []
     monkeypatch.setattr(os, "fsync", lambda file: done.append("on disk"))
-    monkeypatch.setattr(os, "replace", lambda new, old: done.append(str(os.getpid()) in new.name))
-    write_file(tmp_path / "page.html", "text")
-    assert done == ["on disk", True]
+    monkeypatch.setattr(os, "replace", lambda new, old: done.append(new.name))
+    for _ in range(2):
+        write_file(tmp_path / "page.html", "text")
+    assert done[0] == done[2] == "on disk"
+    assert done[1] != done[3]
+
+
+def test_a_file_keeps_its_permissions_and_a_read_only_one_is_not_replaced(tmp_path, monkeypatch):
+    old, new = tmp_path / "old.txt", tmp_path / "new.txt"
+    old.write_text("old")
+    old.chmod(0o600)
+    new.touch()
+    assert stat.S_IMODE(write_file(old, "newer").stat().st_mode) == 0o600
+    usual = new.stat().st_mode
+    new.unlink()
+    assert write_file(new, "text").stat().st_mode == usual  # what the umask leaves
+    monkeypatch.setattr(os, "access", lambda path, mode: False)  # root may write to any file
+    with pytest.raises(OSError, match="cannot be written: the file is read-only"):
+        write_file(old, "newest")
+    assert old.read_text() == "newer"
 
 
 def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
