@@ -22,7 +22,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.torus import any_parameter
-from lagrange_bench.integrators.trajectory import BodyTrajectory, RigidTrajectory, Start, Trajectory
+from lagrange_bench.integrators.trajectory import Start, Trajectory
 
 if TYPE_CHECKING:
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
@@ -143,7 +143,7 @@ def integrate(
     else:
         run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
     if "body" in problem.offers:
-        return BodyTrajectory(problem, run.method, run.t, run.y, run.work, start=run.start)
+        return replace(run, body=problem)
     if "spins" in problem.offers:
         return replace(run, top=top, y=run.y.reshape(len(run.y), len(state) // 3, 3))
     if "uniform" not in problem.offers:
@@ -151,10 +151,8 @@ def integrate(
     first = y0 if isinstance(y0, BodyState) else state
     follow = None if turn is None else partial(body.follow, found, top, first, turn, run.t, run.y, h, options)
     if isinstance(top, RigidTop):
-        exact = first.spin if isinstance(first, BodyState) else None
-        spin = None if exact is None else float(exact)
-        facts = (problem, run.method, run.t, run.y, run.work)
-        run = RigidTrajectory(*facts, follow=follow, start=run.start, body=top, spin=spin)
+        spin = getattr(first, "spin", None)
+        run = replace(run, follow=follow, body=top, spin=None if spin is None else float(spin))
     elif follow:
         run = replace(run, follow=follow)
     if wanted:

@@ -1,19 +1,18 @@
-"""What `integrate` returns: a trajectory, which can be made a table, drawn, saved and held against the truth.
+"""What `integrate` and `integrate_ensemble` return: times and states, and what follows from them.
 
 run = integrate(top, y0, h=0.1, steps=1000, every=10)
 run.to_frame(), run.plot("axis"), run.error(), run.save("run.csv")
+
+Pictures and files are made by `plot_and_save`.
 """
 
 from __future__ import annotations
 
-import importlib.util
-import io
-import json
 import math
 import textwrap
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import check_choice, check_times, warn_caller
-from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators import plot_and_save
+from lagrange_bench.integrators.checks import check_times, warn_caller
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem.body import RigidTop
 from lagrange_bench.integrators.problem.units import scaled_size
@@ -32,9 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from scipy.spatial.transform import Rotation
 
-LEAST = 2.0**-54  # a quarter of an ulp of 1: smaller errors, 0 among them, are drawn there on a logarithmic axis
-KINDS = ("components", "invariants", "error", "axis")
-FORMATS = (".csv", ".npz", ".parquet")
 E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q2", "q3", "L1", "L2", "L3")
 MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
     "position": ("px", "py", "pz"),
@@ -43,7 +39,7 @@ MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Start:
     """How a run began: what a trajectory needs to be judged, or evaluated at other times.
 
@@ -148,8 +144,8 @@ class Table:
         path : str or Path
             A file that ends in .csv, .npz or .parquet.
         metadata : dict, optional
-            What JSON can hold; it is written beside the method, the top or body and its parameters, the start, the step
-            and the options.
+            Texts → what JSON can hold; it is written beside the method, the top or body and its parameters, the start, the
+            step and the options.
 
         Returns
         -------
@@ -159,24 +155,19 @@ class Table:
         Raises
         ------
         ValueError
-            Another ending, or .parquet without pyarrow.
+            Another ending, .parquet without pyarrow, or metadata that JSON cannot hold or that would be misread in the file.
         OSError
             It cannot be written; nothing is lost.
         """
-        path, facts = Path(path), {"method": self.method, **self._origin(), **(metadata or {})}
-        kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
-        if kind == ".npz":
-            buffer = io.BytesIO()
-            arrays: dict[str, Any] = {"t": self.t, "y": self.y, **self._motion(), "metadata": np.array(_text(facts))}
-            np.savez(buffer, **arrays)
-            return write_file(path, buffer.getvalue())
-        if kind == ".parquet":
-            return write_file(path, _parquet(self.to_frame(), facts))
-        head = [f"# {key}: {_text(value)}\n" for key, value in facts.items()]
-        return write_file(path, "".join(head) + self.to_frame().to_csv(index=False, na_rep="nan", lineterminator="\n"))
+        if metadata is not None and not isinstance(metadata, Mapping):
+            raise ValueError(f"metadata must be a dict; got {metadata!r}")
+        facts = {"method": self.method, **self._origin(), **(metadata or {})}
+        return plot_and_save.save(
+            Path(path), facts, lambda: {"t": self.t, "y": self.y, **self._motion()}, self.to_frame
+        )
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Trajectory(Table):
     """Times and states of one motion: what `integrate` returns.
 
@@ -196,6 +187,10 @@ class Trajectory(Table):
         () → (N, 4), the attitudes, where the start has one; called when they are first asked for.
     start : Start, optional
         How the run began.
+    body : RigidTop or WholeBody, optional
+        The body that moves, in SI units. It gives `position`, `omega_world`, `omega_body` and `energy`.
+    spin : float, optional
+        Of a RigidTop, its angular velocity about the axis in rad/s, where the start has it.
     """
 
     top: Any
@@ -203,8 +198,10 @@ class Trajectory(Table):
     t: Array
     y: Array
     work: Work
-    follow: Callable[[], Array] | None = field(default=None, compare=False)
-    start: Start | None = field(default=None, compare=False, kw_only=True)
+    follow: Callable[[], Array] | None = None
+    start: Start | None = None
+    body: Any = None
+    spin: float | None = None
 
     def __repr__(self) -> str:
         count = len(self.t)
@@ -266,17 +263,15 @@ class Trajectory(Table):
         return states.reshape(*times.shape, *self.y.shape[1:])
 
     def _origin(self) -> dict[str, Any]:
-        if self.start is None:
-            return super()._origin()
-        start = self.start
-        return {**super()._origin(), "y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
+        origin = super()._origin()
+        if (start := self.start) is not None:
+            origin |= {"y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
+        return origin | ({} if self.body in (None, self.top) else {"body": repr(self.body)})
 
     def _started(self, word: str) -> Start:
         if self.start is None:
             raise ValueError(f"{word}: this trajectory does not know how it began")
         return self.start
-
-    # ------------------------------------------------------------------ pictures and files
 
     def plot(self, what: str = "components", ax: Axes | None = None, **look: Any) -> Axes:
         """Draw the run.
@@ -296,56 +291,28 @@ class Trajectory(Table):
         Axes
             Those that were drawn on.
         """
-        from matplotlib import pyplot as plt
-
-        check_choice(what, "what", KINDS)
-        if what == "axis":
-            return self._plot_axis(ax or plt.figure().add_subplot(projection="3d"), look)
-        ax = ax or plt.figure(layout="constrained").add_subplot()
-        if what == "components":
-            for name, values in zip(self.columns(), self.states.T, strict=True):
-                ax.plot(self.t, values, **{"label": name, **look})
-            ax.set_ylabel("components")
-        elif what == "invariants":
-            first = self.problem.invariants(self._started("plot").state, 0.0)
-            scales = self.problem.invariant_scales(self._started("plot").state)
-            for name, drift in zip(self.problem.names, ((self.invariants() - first) / scales).T, strict=True):
-                ax.plot(self.t, np.maximum(np.abs(drift), LEAST), **{"label": name, **look})
-            ax.set(yscale="log", ylabel="relative change of the invariants")
-        else:
-            from lagrange_bench.integrators.truth import truths
-
-            ax.plot(self.t, np.maximum(self.error(), LEAST), **{"label": self.method, **look})
-            ax.set(yscale="log", ylabel=f"error against the {truths.name(self.problem)}")
-        ax.set(xlabel="time t", title=textwrap.shorten(f"{self.method}: {self.top!r}", 60, placeholder=" …"))
-        ax.legend()
-        return ax
-
-    def _plot_axis(self, ax: Any, look: dict[str, Any]) -> Axes:
-        if self.columns() != E3_COLUMNS:
-            raise ValueError(f"what: {self.top!r} has no axis x on a sphere")
-        if not hasattr(ax, "set_zlabel"):
-            raise ValueError("ax: the axis is drawn in space: give axes made with projection='3d'")
-        x = self.y[:, 3:]
-        radius = float(np.linalg.norm(x[0]))
-        around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
-        sphere = (
-            np.outer(np.cos(around), np.sin(half)),
-            np.outer(np.sin(around), np.sin(half)),
-            np.outer(around**0, np.cos(half)),
-        )
-        ax.plot_wireframe(*(radius * part for part in sphere), color="0.85", linewidth=0.4)
-        ax.plot(*x.T, **{"label": self.method, **look})
-        ax.plot(*x[:1].T, "o", color="black", ms=4, label="start")
-        ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)", box_aspect=(1, 1, 1))
-        ax.legend()
-        return ax  # type: ignore[no-any-return]
+        if what == "invariants":
+            self._started("plot")
+        return plot_and_save.plot(self, what, ax, look)
 
     # ------------------------------------------------------------------ the body
+
+    @property
+    def _in_state(self) -> bool:
+        """Whether the rotation of the body is a part of the state."""
+        return "body" in self.problem.offers
+
+    def _moving(self) -> Any:
+        """The body. AttributeError: there is none."""
+        if self.body is None:
+            raise AttributeError(f"{self.top!r} is no rigid body in SI units: follow a RigidTop or a WholeBody")
+        return self.body
 
     @cached_property
     def attitude(self) -> Array | None:
         """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
+        if self._in_state:
+            return self.rotation.as_quat(scalar_first=True)
         return self.follow() if self.follow else None
 
     @property
@@ -353,6 +320,11 @@ class Trajectory(Table):
         """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
         from scipy.spatial.transform import Rotation
 
+        if self._in_state:
+            if not (known := self._turned()).all():
+                lost = self.y[~known][0]
+                raise ValueError(f"there is no rotation where the method failed: the state is {lost.tolist()}")
+            return self.problem.rotations(self.y)
         if self.attitude is None:
             raise ValueError("y0 has no rotation: start from top.state(rotation=…), or integrate(…, attitude=True)")
         return Rotation.from_quat(self.attitude, scalar_first=True)
@@ -371,100 +343,60 @@ class Trajectory(Table):
             warnings.simplefilter("ignore", UserWarning)  # says that
             return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
 
+    @property
+    def position(self) -> Array:
+        """The centre of mass of the body in the world's frame, m, shape (N, 3)."""
+        body = self._moving()
+        return self.rotation.apply(body.com) if self._in_state else body.positions(self.y)
 
-@dataclass(frozen=True, repr=False)
-class RigidTrajectory(Trajectory):
-    """A trajectory of a RigidTop, in SI units; y (N, 6) is (J, x) in the frame whose third axis points up."""
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity of the body in the world's frame, rad/s, shape (N, 3)."""
+        body = self._moving()
+        if self._in_state:
+            return self.rotation.apply(self.omega_body)
+        return np.einsum("ij,jk->ik", body.angular_velocity(self.y, self.spin), body.world)
 
-    body: RigidTop = field(kw_only=True)
-    spin: float | None = field(default=None, kw_only=True)  # rad/s, about the axis
+    @property
+    def omega_body(self) -> Array:
+        """Angular velocity of the body in its own frame, rad/s, shape (N, 3)."""
+        body = self._moving()
+        return body.angular_velocity(self.y) if self._in_state else self.rotation.apply(self.omega_world, inverse=True)
 
-    def _origin(self) -> dict[str, Any]:
-        return {**super()._origin(), "body": repr(self.body)}
+    @property
+    def energy(self) -> Array:
+        """Kinetic plus potential energy of the body, J, shape (N,)."""
+        return self._moving().energy(self.y)
+
+    def _turned(self) -> NDArray[np.bool_]:
+        """The rows of a WholeBody that have a rotation, a mask: not those where the method failed."""
+        with np.errstate(over="ignore"):
+            size = np.sum(self.y[:, :4] ** 2, axis=1)
+        return (size > 0.0) & (size < math.inf)
 
     def _motion(self) -> dict[str, Array]:
+        if self.body is None:
+            return {}
+        if self._in_state:
+            known = self._turned()
+            motion = {name: np.full((len(known), len(columns)), np.nan) for name, columns in MOTION_COLUMNS.items()}
+            if known.any():  # SciPy 1.15 makes no Rotation of none
+                run = replace(self, y=self.y[known])
+                for name, part in {"position": run.position, **run._turning()}.items():
+                    motion[name][known] = part
+            return motion
         place = {"position": self.position}
         try:
-            return place if self.attitude is None else {**place, **_turning(self)}
+            return place if self.attitude is None else {**place, **self._turning()}
         except ValueError:  # the method does not follow the rotation
             return place
         except StepError as lost:
             warn_caller(f"the table has no rotation: {lost}", RuntimeWarning)
             return place
 
-    @property
-    def position(self) -> Array:
-        """The centre of mass in the world's frame, m, shape (N, 3)."""
-        return self.body.positions(self.y)
-
-    @property
-    def omega_world(self) -> Array:
-        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
-        return np.einsum("ij,jk->ik", self.body.angular_velocity(self.y, self.spin), self.body.world)
-
-    @property
-    def omega_body(self) -> Array:
-        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
-        return self.rotation.apply(self.omega_world, inverse=True)
-
-    @property
-    def energy(self) -> Array:
-        """Kinetic plus potential energy, J, shape (N,)."""
-        return self.body.energy(self.y)
-
-
-@dataclass(frozen=True, repr=False)
-class BodyTrajectory(Trajectory):
-    """A trajectory of a WholeBody, in SI units; y (N, 7) is (q, L), see `problem.whole_body`."""
-
-    def _motion(self) -> dict[str, Array]:
-        known = self._turned()
-        found = {name: np.full((len(known), len(columns)), np.nan) for name, columns in MOTION_COLUMNS.items()}
-        if not known.any():  # SciPy 1.15 makes no Rotation of none
-            return found
-        run = replace(self, y=self.y[known])
-        for name, part in {"position": run.position, **_turning(run)}.items():
-            found[name][known] = part
-        return found
-
-    def _turned(self) -> NDArray[np.bool_]:
-        """The rows that have a rotation, a mask: not those where the method failed."""
-        with np.errstate(over="ignore"):
-            size = np.sum(self.y[:, :4] ** 2, axis=1)
-        return (size > 0.0) & (size < math.inf)
-
-    @cached_property
-    def attitude(self) -> Array:
-        """(N, 4) unit quaternions, scalar first, body to world."""
-        return self.rotation.as_quat(scalar_first=True)
-
-    @property
-    def rotation(self) -> Rotation:
-        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
-        if not (known := self._turned()).all():
-            lost = self.y[~known][0]
-            raise ValueError(f"there is no rotation where the method failed: the state is {lost.tolist()}")
-        return self.top.rotations(self.y)
-
-    @property
-    def position(self) -> Array:
-        """The centre of mass in the world's frame, m, shape (N, 3)."""
-        return self.rotation.apply(self.top.com)
-
-    @property
-    def omega_body(self) -> Array:
-        """Angular velocity in the body's frame, rad/s, shape (N, 3)."""
-        return self.top.angular_velocity(self.y)
-
-    @property
-    def omega_world(self) -> Array:
-        """Angular velocity in the world's frame, rad/s, shape (N, 3)."""
-        return self.rotation.apply(self.omega_body)
-
-    @property
-    def energy(self) -> Array:
-        """Kinetic plus potential energy, J, shape (N,)."""
-        return self.top.energy(self.y)
+    def _turning(self) -> dict[str, Array]:
+        """Rotation and angular velocity of the body."""
+        return {"quaternion": self.rotation.as_quat(canonical=True, scalar_first=True), "omega_body": self.omega_body}
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -548,11 +480,10 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         return self._run(self.y[:, place], *self.begin(place % motions))
 
     def _run(self, y: Array, top: Any, start: Start | None = None) -> Trajectory:
-        facts = (self.method, self.t, y, Work())
-        if isinstance(top, RigidTop):
-            return RigidTrajectory(top.problem, *facts, start=start, body=top)
-        whole = "body" in getattr(top, "problem", top).offers
-        return (BodyTrajectory if whole else Trajectory)(top, *facts, start=start)
+        problem = getattr(top, "problem", top)
+        body = top if isinstance(top, RigidTop) or "body" in problem.offers else None
+        top = problem if isinstance(top, RigidTop) else top
+        return Trajectory(top, self.method, self.t, y, Work(), start=start, body=body)
 
     def _motion(self) -> dict[str, Array]:
         if not isinstance(self.top, RigidTop) and self.columns() != BODY_COLUMNS:
@@ -564,27 +495,3 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         """Times and numbers of the motions."""
         rows, n = self.y.shape[:2]
         return {"t": np.repeat(self.t, n), "motion": np.tile(np.arange(n), rows)}
-
-
-def _turning(run: Any) -> dict[str, Array]:
-    """Rotation and angular velocity of a body."""
-    return {"quaternion": run.rotation.as_quat(canonical=True, scalar_first=True), "omega_body": run.omega_body}
-
-
-def _text(value: Any) -> str:
-    """JSON; what that cannot hold, such as a complex option, as Python writes it, but numbers of NumPy as numbers."""
-    numbers = np.generic, np.ndarray
-    return json.dumps(value, ensure_ascii=False, default=lambda v: v.tolist() if isinstance(v, numbers) else repr(v))
-
-
-def _parquet(frame: pd.DataFrame, facts: Mapping[str, Any]) -> bytes:
-    if importlib.util.find_spec("pyarrow") is None:
-        raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz")
-    import pyarrow
-    from pyarrow import parquet
-
-    texts = {key: _text(value) for key, value in facts.items()}
-    table = pyarrow.table({name: pyarrow.array(frame[name].to_numpy()) for name in frame}, metadata=texts)
-    buffer = io.BytesIO()
-    parquet.write_table(table, buffer)
-    return buffer.getvalue()

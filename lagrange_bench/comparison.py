@@ -58,7 +58,7 @@ KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has man
 STEPS = ("h", *KNOBS)  # always on a logarithmic axis, or no slope could be read
 
 
-@dataclass(frozen=True, repr=False)
+@dataclass(frozen=True, repr=False, eq=False)
 class Comparison:
     """Rows of some methods on some tops, as a frame and as figures.
 

@@ -18,10 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.api import RigidTrajectory, integrate
+from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.problem.body import BodyState, RigidTop, as_rotation
 from lagrange_bench.integrators.problem.top import Named
+from lagrange_bench.integrators.trajectory import Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 if TYPE_CHECKING:
@@ -73,14 +74,12 @@ class Case:
         """What `integrate(case.top, case.state, …)` takes."""
         return self.top.state(rotation=self.rotation, omega_body=self.omega_body)
 
-    def solution(self, t: ArrayLike) -> RigidTrajectory:
+    def solution(self, t: ArrayLike) -> Trajectory:
         """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
 
         Doubles, from theta functions; errors are of the size of round-off, 1e-15 for each radian that the body turns.
         """
-        run = integrate(self.top, self.state, t=t, method="theta_functions")
-        assert isinstance(run, RigidTrajectory)
-        return run
+        return integrate(self.top, self.state, t=t, method="theta_functions")
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.

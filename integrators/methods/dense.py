@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,11 +26,17 @@ Problem = LagrangeTop | PerturbedTop | AnyProblem
 
 
 class DenseStepper(Stepper):
-    """A `Stepper` whose h is only the output grid."""
+    """A `Stepper` whose h is only the output grid; `runner(top, **options)` makes its `run`."""
 
-    def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
-        self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
+    def __init__(
+        self, name: str, top: Problem, y0: Array, h: float, runner: Callable[..., Run], options: Mapping[str, Any]
+    ):
+        self._arguments = name, top, y0, h, runner, options
+        self.name, self.h, self.run, self.farthest = name, h, runner(top, **options), farthest(top, y0)
         self.work, self.size, self.from_start = Work(), len(y0), "spins" in top.offers or top.system.timed
+
+    def __reduce__(self) -> tuple[Any, ...]:  # what a library made cannot be pickled
+        return type(self), self._arguments, {"work": self.work}
 
     def advance(self, y: Array, n: int) -> Array:
         # not by `record`: two microseconds count against a library that takes one per unit of time
@@ -67,7 +73,7 @@ def dense(
     """`prepare` and `evaluate` of a method whose `runner(top, *, …)` makes the `run`, with the options of that."""
 
     def prepare(top: Problem, y0: Array, h: float, **options: Any) -> DenseStepper:
-        return DenseStepper(name, top, y0, h, runner(top, **options))
+        return DenseStepper(name, top, y0, h, runner, options)
 
     def evaluate(top: Problem, y0: Array, times: Array, **options: Any) -> tuple[Array, Work]:
         return at_times(name, top, runner(top, **options), y0, times)

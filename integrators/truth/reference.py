@@ -55,7 +55,7 @@ FARTHEST = 1e9  # units of the motion: hours of computing
 SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent vector
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Reference:
     """States with an estimate of their errors. The arrays are read-only."""
 

@@ -96,7 +96,7 @@ def physical(text: str) -> dict[str, float]:
 
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
-    from lagrange_bench import trajectory as summed
+    from lagrange_bench import summary
     from lagrange_bench.integrators.registry import METHODS, find_method
     from lagrange_bench.runner import progress
 
@@ -133,16 +133,16 @@ def run(options: argparse.Namespace) -> Answer:
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
-    data = plain({**facts, "seconds": seconds, **summed.judge(trajectory, y0, lam)})
+    data = plain({**facts, "seconds": seconds, **summary.judge(trajectory, y0, lam)})
     done = []
     if options.output is not None:
-        done.append(summed.save(options.output, trajectory, plain(facts)))
+        done.append(summary.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
-        done.append(summed.draw(options.draw, trajectory, method, name))
+        done.append(summary.draw(options.draw, trajectory, method, name))
     if options.output is None:
         data |= {"t": trajectory.t, "y": trajectory.y}
     data["files"] = [str(path) for path in (options.output, options.draw) if path is not None]
-    return Answer(summed.describe(trajectory, y0, data, method.label), data, remarks=done)
+    return Answer(summary.describe(trajectory, y0, data, method.label), data, remarks=done)
 
 
 def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) -> Any:

@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, WholeBody, exact, free_body, metrics
-from lagrange_bench.integrators import integrate, integrate_ensemble
+from lagrange_bench.integrators import integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.cases import COLUMNS as CASE_COLUMNS
 from lagrange_bench.integrators.truth import truths
 
@@ -173,7 +173,21 @@ def test_a_table_has_position_rotation_and_angular_velocity_of_a_body():
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_goes_to_other_processes(runs, name):
-    assert np.array_equal(pickle.loads(pickle.dumps(runs[name])).error(), runs[name].error())
+    run = runs[name]
+    sent = pickle.loads(pickle.dumps(run))
+    assert np.array_equal(sent.error(), run.error())
+    assert (run == run, run == sent) == (True, False)
+
+
+@pytest.mark.parametrize("name", ["dop853", "rk45", "taylor"])
+def test_steppers_of_libraries_go_to_other_processes(name):
+    if name == "taylor":
+        pytest.importorskip("heyoka")
+    stepper = prepare(TIDE.top, TIDE.state, 0.1, name)
+    end = stepper.advance(TIDE.state, 10)
+    sent = pickle.loads(pickle.dumps(stepper))
+    assert sent.work == stepper.work
+    assert np.array_equal(sent.advance(TIDE.state, 10), end)
 
 
 def test_advice_on_the_length_of_a_run_can_be_followed():
@@ -191,6 +205,14 @@ def test_no_times_give_no_states_whatever_is_asked():
     assert integrate(MAGNET, SPINS, t=[], method="rk45").y.shape == (0, *SPINS.shape)
 
 
-def test_a_file_that_cannot_be_written(runs):
+def test_a_file_that_cannot_be_written(runs, tmp_path):
     with pytest.raises(OSError, match="cannot be written"):
         runs["top"].save("/dev/null/run.csv")
+    for metadata in ({"a\n1,2,3,4,5,6,7": 1}, {"a: b": 1}, {1: 2}, ["a"], {"a": {(1, 2): 3}}):
+        with pytest.raises(ValueError, match="metadata"):
+            runs["top"].save(tmp_path / "run.csv", metadata)
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_no_body_has_no_position(runs):
+    assert not any(hasattr(runs["top"], word) for word in ("position", "omega_world", "omega_body", "energy"))
