@@ -2,7 +2,7 @@
 
 EXPERIMENTS = (
     "drift", "phase", "cost", "work_precision", "perturbed", "driven",
-    "round_off", "ensemble", "engines", "heavy_top", "paper", "gaudin",
+    "round_off", "ensemble", "engines", "heavy_top", "paper",
 )  # fmt: skip
 
 PROFILES = ("quick", "full")

@@ -12,7 +12,7 @@ Part “drift” asks what each method that takes a potential keeps of H, J3, C1
 step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and 10⁴ units of time, on one top also of 10⁵ by
 the methods that are near the first place. Part “tolerance” gives the splitting with the exact step an error in place of a
 step, on random tops in tides and near charges, and compares the error asked for, the one it expects, and the true one. Part
-“problem” follows what is no top in a fixed field (a free body, a vibrating pivot, Kirchhoff's body, a magnet). Errors are
+“problem” follows what is no top in a fixed field (a free body, a vibrating pivot, Kirchhoff's body, four spins). Errors are
 those against the reference in quadruple precision; on a chaotic orbit up to the time at which an ulp has grown to 1e-6. Times
 and steps are in units of 1/(|J| + √(|alpha||x|)).
 """

@@ -4,10 +4,7 @@
     trajectory = integrate(LagrangeTop(alpha=1.0), y0, h=0.1, steps=10_000, method="backlund", every=10)
     trajectory.t, trajectory.y, trajectory.invariants(), trajectory.work
 
-`METHODS` lists what there is; `exact` is the closed-form solution they are all judged by. The top is a limit of the
-Gaudin magnet, which the same call follows:
-
-    integrate(GaudinMagnet(sites=(0, -1, -3), alpha=0.5, site=0), spins, h=2.0, steps=1000, method="backlund")
+`METHODS` lists what there is; `exact` is the closed-form solution they are all judged by.
 """
 
 from __future__ import annotations
@@ -35,7 +32,6 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.interface import StepError as StepError
     from lagrange_bench.integrators.interface import Stepper as Stepper
     from lagrange_bench.integrators.interface import Work as Work
-    from lagrange_bench.integrators.paper.gaudin_model import MAGNETS as MAGNETS
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet as GaudinMagnet
     from lagrange_bench.integrators.problem.body import HeavyTop as HeavyTop
     from lagrange_bench.integrators.problem.body import RigidTop as RigidTop

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,15 +24,12 @@ from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import Start, Trajectory
 
-if TYPE_CHECKING:
-    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-
 FEW = 8  # numbers for which Python is quicker than NumPy
-TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop, a Problem or a GaudinMagnet"
+TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
 
 
 def prepare(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     y0: ArrayLike,
     h: float,
     method: str | Method = "backlund",
@@ -42,7 +39,7 @@ def prepare(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+    top : LagrangeTop, RigidTop, PerturbedTop or Problem
         What to follow.
     y0 : (6,)
         A state, as for `integrate`.
@@ -71,7 +68,7 @@ def prepare(
 
 
 def integrate(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -81,7 +78,7 @@ def integrate(
     attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
-    """Follow a top, a problem of your own, or a magnet, from y0.
+    """Follow a top, or a problem of your own, from y0.
 
     Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
     and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
@@ -90,10 +87,10 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+    top : LagrangeTop, RigidTop, PerturbedTop or Problem
         What to follow.
     y0 : (6,)
-        Initial (J, x); of a Problem as many numbers as its space has; of a magnet its spins (n, 3).
+        Initial (J, x); of a Problem as many numbers as its space has.
     h : float
         The step, in the top's own unit of time, 1 over the unit of J; of a RigidTop in s. A negative one runs backwards.
     steps : int
@@ -113,7 +110,7 @@ def integrate(
     Returns
     -------
     Trajectory
-        t (N,), y (N, 6), of a Problem (N, size), of a magnet (N, n, 3), and work; `rotation` where the start has one. Of a
+        t (N,), y (N, 6), of a Problem (N, size), and work; `rotation` where the start has one. Of a
         RigidTop and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of a top
         is followed when it is first asked for, by backlund, theta_functions and taylor; the rotation of a WholeBody is in y.
 
@@ -144,8 +141,6 @@ def integrate(
         run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
     if "body" in problem.offers:
         return replace(run, body=problem)
-    if "spins" in problem.offers:
-        return replace(run, top=top, y=run.y.reshape(len(run.y), len(state) // 3, 3))
     if "uniform" not in problem.offers:
         return run
     first = y0 if isinstance(y0, BodyState) else state
@@ -227,6 +222,8 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
     """The problem that is followed, of a body its top, the method and the state, all checked."""
     plain = getattr(top, "problem", top)
+    if callable(plain):
+        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}: pass its problem()")
     _check_top(plain)
     found, state = find_method(method), plain.check_state(y0)
     if isinstance(top, RigidTop):

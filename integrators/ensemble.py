@@ -9,7 +9,7 @@ any h. The splitting with the exact step inside takes λ(h) from the table of ea
 and kick after the other. Implicit methods take their tops one by one, because each top needs its own number of
 iterations. So does all that is not compiled here. Tops that are left undone are also taken one by one: those of
 extreme size, and those for which the method fails. Then the StepError is the scalar one. A `PerturbedTop` goes the
-same ways, each top with its own numbers; the motions of a `Problem` or a magnet are taken one by one. What becomes of a
+same ways, each top with its own numbers; the motions of a `Problem` are taken one by one. What becomes of a
 top depends on nothing but itself: not on the chunks, the threads, or its place.
 """
 
@@ -20,7 +20,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,9 +37,6 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Start
-
-if TYPE_CHECKING:
-    from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
 FEW = LANES // 2  # tops of the last block below which they are quicker one by one
@@ -68,7 +65,7 @@ class _Begin:
 
 
 def integrate_ensemble(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem | GaudinMagnet,
+    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -83,11 +80,11 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop, Problem or GaudinMagnet
+    top : LagrangeTop, RigidTop, PerturbedTop or Problem
         The same for all; or LagrangeTop(alpha=array) with one alpha for each; of a PerturbedTop alpha and every parameter may be
         such an array.
     Y0 : (n, 6)
-        Of a Problem (n, size), of a magnet (n, sites, 3), and so are the states that are returned.
+        Of a Problem (n, size), and so are the states that are returned.
     h, steps, method : float, int, str or Method
         As in `integrate`.
     every : int
@@ -124,8 +121,7 @@ def integrate_ensemble(
 
     def collected(h: float | None, times: Array, out: Array, end_only: bool) -> EnsembleTrajectory:
         begin = _Begin(top, states, found, h if found.control == "step" else None, options)
-        y = out.reshape(len(out), *np.shape(Y0))
-        return EnsembleTrajectory(top, found.name, times, y, end_only, begin)
+        return EnsembleTrajectory(top, found.name, times, out, end_only, begin)
 
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
     times = checks.check_times_or_grid(t, h, steps, every)
@@ -351,7 +347,7 @@ def _judge(method: Method, h: float | None, out: Array, failures: Failures, on_f
 def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
     """The tops, and their states (n, 6), contiguous float64; the caller's own memory where that is what it holds."""
     unit = isinstance(top, RigidTop)
-    top = getattr(top, "problem", top)
+    kind, top = type(top).__name__, getattr(top, "problem", top)
     if isinstance(top, Problem):
         try:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
@@ -361,8 +357,9 @@ def _check_tops(top: Any, Y0: ArrayLike) -> tuple[_Tops, Array]:
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     if not isinstance(top, (LagrangeTop, PerturbedTop)):
-        kinds = "a LagrangeTop, a RigidTop, a PerturbedTop, a Problem or a GaudinMagnet"
-        raise ValueError(f"top must be {kinds}; got {type(top).__name__}")
+        kinds = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
+        hint = ": pass its problem()" if callable(top) else ""
+        raise ValueError(f"top must be {kinds}; got {kind}{hint}")
     try:
         states = np.asarray(Y0)
     except ValueError as error:

@@ -106,7 +106,6 @@ NEEDS = {
     "smooth": "a Hamiltonian without corners",
     "body": "a rigid body in a uniform field, a WholeBody (WholeBody.of(top) makes one of a RigidTop)",
     "top": "a Hamiltonian |J|²/2 + U(t, x)",
-    "spins": "a Gaudin magnet",
     "force": "a Hamiltonian |J|²/2 + U(x)",
     "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
 }

@@ -66,7 +66,6 @@ BUILT_IN = {
     "bobenko_suris": "lagrange_bench.integrators.methods.bobenko_suris:METHOD",
     # implicit
     "implicit_midpoint": "lagrange_bench.integrators.methods.implicit_midpoint:METHOD",
-    "spherical_midpoint": "lagrange_bench.integrators.methods.magnet:SPHERICAL_MIDPOINT",
     "collective_midpoint": "lagrange_bench.integrators.methods.collective_midpoint:METHOD",
     "gauss4": "lagrange_bench.integrators.methods.gauss:GAUSS4",
     "gauss6": "lagrange_bench.integrators.methods.gauss:GAUSS6",

@@ -64,7 +64,7 @@ class Table:
 
     @cached_property
     def problem(self) -> Any:
-        """What was integrated: of a body its top, of a magnet its flow as a `Problem`."""
+        """What was integrated: of a body its top."""
         return getattr(self.top, "problem", self.top)
 
     def columns(self) -> tuple[str, ...]:
@@ -180,7 +180,7 @@ class Trajectory(Table):
     t : (N,)
         Times in the units of h.
     y : (N, 6)
-        States in those of y0; of a Problem (N, size), of a magnet (N, n, 3).
+        States in those of y0; of a Problem (N, size).
     work : Work
         The work they took.
     follow : callable, optional
@@ -414,7 +414,7 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     t : (rows,)
         Times in the units of h.
     y : (rows, n, 6)
-        States in those of Y0; of a Problem (rows, n, size), of a magnet (rows, n, sites, 3).
+        States in those of Y0; of a Problem (rows, n, size).
     end_only : bool
         Whether the one row is the end.
     begin : callable

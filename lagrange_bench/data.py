@@ -17,7 +17,7 @@ from lagrange_bench.integrators.words import numbers, suggestion
 from lagrange_bench.results.store import REFERENCE, Store, find_results
 
 # experiments whose rows have the tops' own unit of time; those of a `case` have s
-OWN_UNITS = ("driven", "ensemble", "gaudin")
+OWN_UNITS = ("driven", "ensemble")
 TIMES = ("h", "t", "span")
 
 

@@ -359,7 +359,7 @@ def _placed(top: Any) -> _Placed:
 
 
 def _problem(thing: Any) -> Any:
-    """What is integrated for a top, a problem, a body or a magnet; None if it is none of these."""
+    """What is integrated for a top, a problem or a body; None if it is none of these."""
     problem = getattr(thing, "problem", thing)
     return problem if hasattr(problem, "check_state") and hasattr(problem, "scales") else None
 

@@ -40,7 +40,6 @@ PLACES = {
         for problem, state in FIELDS.items()
     },
     "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_work"),
-    "magnet of 8 spins": Place("gaudin", {"part": "work"}, "gaudin_work"),
 }
 
 
@@ -65,7 +64,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     good = good.rename(columns={"total": "price"})
     if good.empty:
         return
-    problem, title = _problem(place), f"{name} ({place.where.get('case', place.where.get('state', 'central_spin'))})"
+    problem, title = _problem(place), f"{name} ({place.where.get('case', place.where.get('state'))})"
     kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
@@ -94,9 +93,7 @@ def _demands(problem: Any) -> dict[str, frozenset[str]]:
 
 
 def _problem(place: Place) -> Any:
-    """The problem itself; all magnets conserve the same."""
-    if place.experiment == "gaudin":
-        return find("central_spin")[0]
+    """The problem itself."""
     return motion(place.where["case"])[0] if "case" in place.where else find(place.where["state"])[0]
 
 
@@ -116,8 +113,3 @@ def _settings(run: pd.Series) -> Iterator[str]:
     for name in (*KNOBS, *SCHEME_OPTIONS):
         if pd.notna(value := run.get(name)):
             yield f"{name} = {value if name in SCHEME_OPTIONS else tables.show(value)}"
-    if pd.notna(run.get("variant")):  # of a magnet
-        if run.variant != run.method:
-            yield str(run.variant)
-        tolerance = METHODS[run.method].control == "tolerance"
-        yield f"{'tol' if tolerance else 'h'} = {tables.show(run.knob)}"

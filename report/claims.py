@@ -21,7 +21,7 @@ from lagrange_bench.experiments.measuring.reductions import settled
 from lagrange_bench.results.sources import declared
 
 SIGNS = {"≤": operator.le, "<": operator.lt, "≥": operator.ge, ">": operator.gt}
-GROUPS = ("exactness", "conservation", "cost", "fields", "magnets", "method")
+GROUPS = ("exactness", "conservation", "cost", "fields", "method")
 CONFIRMED, CONSISTENT, REFUTED, UNTESTED = "confirmed", "consistent", "refuted", "not tested"
 WORDS = (CONFIRMED, CONSISTENT, REFUTED, UNTESTED)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import gaudin, work_precision
+from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
@@ -230,37 +230,6 @@ def error_ratios(
         for pairs in (above, below)
     )
     return (over[:, None] / under[None]).ravel()
-
-
-def magnet_orders(rows: pd.DataFrame) -> Reading:
-    """Distances of measured orders from those claimed, over the Bäcklund maps of the magnet and their rivals."""
-    found = table(rows, "gaudin", "orders").set_index("variant").order
-    claimed = {name: METHODS[name].order for name in found.index if name in METHODS}
-    claimed |= {name: int(name.removeprefix("order ")) for name in found.index if name.startswith("order ")}
-    away = pd.Series({name: abs(found[name] - claimed[name]) for name in found.index if claimed.get(name)})
-    if away.empty:
-        raise NoData("no order was measured")
-    return Reading(away, f"{len(away)} schemes; worst: {_worst(away)}")
-
-
-def magnet_cost(rows: pd.DataFrame) -> list[float]:
-    """heyoka's price of a unit of time over that of the exact step of two units, of each size of the magnet."""
-
-    def price(n: int, variant: str) -> float:
-        return float(values(rows, "ns_per_time", part="cost", n=n, variant=variant).min())
-
-    sizes = sorted({int(n) for (n,) in values(rows, "n", part="cost", variant="exact")})
-    return [price(n, "taylor") / price(n, "exact") for n in sizes]
-
-
-def magnet_runs(rows: pd.DataFrame) -> list[float]:
-    """The time of the best other run over that of the exact step of a magnet, set-up counted, for each length and error."""
-    runs = work_precision.useful(select(rows, part="work"))
-    exact, ratios = runs.variant == "exact", []
-    for span, target in product(sorted(set(runs.span)), gaudin.TARGETS):
-        reached = (runs.span == span) & (runs.error <= target)
-        ratios.append(runs.total[reached & ~exact].min() / runs.total[reached & exact].min())
-    return ratios
 
 
 MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read", "with")

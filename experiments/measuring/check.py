@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.experiments.measuring import first_step, metrics, states
-from lagrange_bench.integrators import POTENTIALS, GaudinMagnet, PerturbedTop
+from lagrange_bench.integrators import POTENTIALS, PerturbedTop
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.problem.whole_body import WholeBody
@@ -544,19 +544,16 @@ NEAR_STATES = 8
 
 
 def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
-    """The same claims on a body of any shape, or on a magnet, of a method that is for these only."""
-    magnet = GaudinMagnet((0.0, -0.7, 1.1), 0.6, site=0)
-    spins = np.array(((0.3, -0.4, 0.8), (0.9, 0.1, -0.2), (-0.3, 0.7, 0.5)))
-    for problem, y0 in ((BODY, BODY_START), (magnet.problem, spins)):
-        if method.takes(problem) is None:
-            yield from _on(problem, y0, method)(method, quick)
+    """The same claims on a body of any shape, of a method that is for these only."""
+    if method.takes(BODY) is None:
+        yield from _on(BODY, BODY_START, method)(method, quick)
 
 
 def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     """The claims on a problem at a state and near it. ValueError: it is none, the method does not take it, or y0 is no state."""
-    problem = getattr(problem, "problem", problem)
+    given, problem = problem, getattr(problem, "problem", problem)
     if not hasattr(problem, "offers"):
-        raise ValueError(f"problem must be a Problem, a top or a magnet; got {type(problem).__name__}")
+        raise ValueError(f"problem must be a Problem or a top; got {type(given).__name__}")
     if reason := method.takes(problem):
         raise ValueError(f"problem: {reason}")
     if y0 is None:

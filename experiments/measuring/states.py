@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Method, Stepper
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
@@ -28,8 +29,7 @@ PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  #
 
 @cache
 def problem(name: str) -> tuple[Any, Array]:
-    """Problem and initial state of a name in PROBLEMS: a magnet of four spins, and one of each kind of `problem`."""
-    from lagrange_bench.integrators.paper.gaudin_model import central_spin
+    """Problem and initial state of a name in PROBLEMS: four spins, and one of each kind of `problem`."""
     from lagrange_bench.integrators.problem.free_body import free_body
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
@@ -41,8 +41,13 @@ def problem(name: str) -> tuple[Any, Array]:
     if name == "kirchhoff_body":
         body = kirchhoff_body((1.0, 0.7, 0.4), (0.1, 0.2, -0.1), (0.5, 0.6, 0.9))
         return body, np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
-    magnet = central_spin(4)
-    return magnet.magnet.problem, magnet.spins.ravel()
+    spins = np.array([(0.6, 0.0, 0.8), (0.0, 1.0, 0.0), (0.8, 0.6, 0.0), (-0.48, 0.64, 0.6)])
+    return Problem("central_spin", 4, central_spin, (0.8, 0.5, 0.3)), spins.ravel()
+
+
+def central_spin(t: Any, y: Any, p: Any) -> Any:
+    """A spin in a field, coupled to others that feel none, with the strengths p: H = s_1³ + Σ p_k s_1·s_k."""
+    return y[2] + sum(A * (y[:3] @ y[3 * k : 3 * k + 3]) for k, A in enumerate(p, start=1))
 
 
 def find(name: str) -> tuple[Any, Array]:

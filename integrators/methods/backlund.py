@@ -28,7 +28,6 @@ from lagrange_bench.integrators.compiling.interpreted import at_first_interprete
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, own_units, shift
 from lagrange_bench.integrators.torus import real_map
@@ -211,13 +210,12 @@ EXACT = Method(
     conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top",
     evaluate=evaluate_exact, attitude=attitude_exact, advance_many=advance_many, evaluate_many=evaluate_many,
-    special={"spins": magnet.prepare_exact},
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    attitude=None, advance_many=partial(advance_many, pin=0), evaluate_many=None, special={},
+    attitude=None, advance_many=partial(advance_many, pin=0), evaluate_many=None,
 )  # fmt: skip
 PAPER = replace(
     UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,
-    advance_many=None, special={"spins": magnet.prepare_paper},
+    advance_many=None,
 )  # fmt: skip

@@ -21,8 +21,6 @@ In any field p' = ½Jp + 2gqk with g = ∇U(x), and with X = x̂/(1 + n), g = �
 No bound for a unique step is known there. Newton's matrix I − … at the solution must have a positive determinant, as it
 has for h → 0: else a fold lies between, and a StepError says so.
 
-It is the counterpart of the spherical midpoint rule (`magnet`), which lives on products of spheres.
-
 Round-off. Both turns are written so that a relative error of 1 + n does not change |x| to first order (as in
 `implicit_midpoint`), and u is iterated until it stagnates. C2 stays where it is if u is parallel to J + (h alpha/2) B/(1 + n)
 with the same h alpha that kicks J: a constant h² alpha/8 would be rounded apart from it, and C2 drift in proportion to time.

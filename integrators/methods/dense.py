@@ -33,7 +33,7 @@ class DenseStepper(Stepper):
     ):
         self._arguments = name, top, y0, h, runner, options
         self.name, self.h, self.run, self.farthest = name, h, runner(top, **options), farthest(top, y0)
-        self.work, self.size, self.from_start = Work(), len(y0), "spins" in top.offers or top.system.timed
+        self.work, self.size, self.from_start = Work(), len(y0), top.system.timed
 
     def __reduce__(self) -> tuple[Any, ...]:  # what a library made cannot be pickled
         return type(self), self._arguments, {"work": self.work}

@@ -28,7 +28,6 @@ from lagrange_bench.integrators.compiling.compiled import inlined
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.gauss_in_field import check_span, stepper_in_field
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -196,5 +195,5 @@ METHOD = Method(
     prepare=prepare_in_field, needs="rhs",
     # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
     # costs 4.8 times as much there
-    special={"uniform": prepare, "spins": magnet.SPINS["implicit_midpoint"]},
+    special={"uniform": prepare},
 )  # fmt: skip

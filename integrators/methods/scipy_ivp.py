@@ -28,7 +28,6 @@ import math
 import threading
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache, partial
 from typing import Any
 
@@ -40,7 +39,6 @@ from lagrange_bench.integrators.compiling.compiled import jit_as
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
 from lagrange_bench.integrators.problem.system import System
@@ -208,7 +206,6 @@ DOP853 = natural(
     Solver("scipy_dop853", scipy.integrate.DOP853), "DOP853 (SciPy)", "runge-kutta", 8,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
 )  # fmt: skip
-DOP853 = replace(DOP853, special={"spins": magnet.SPINS["scipy_dop853"]})
 LSODA = natural(
     Solver("lsoda", scipy.integrate.LSODA, times=1), "LSODA (SciPy)", "implicit",
     12,  # the highest of its Adams formulas; BDF up to 5

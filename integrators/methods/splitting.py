@@ -37,7 +37,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache, partial
-from itertools import chain
+from itertools import accumulate, chain, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,7 +49,6 @@ from lagrange_bench.integrators.compiling.expression import machine_code, put, t
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError
-from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -449,17 +448,27 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
             found.append((part, length, now))
 
     if len(parts) == 2 and not parts[0].timed:
-        for i, length in enumerate(magnet.alternating(*letters)):
+        for i, length in enumerate(alternating(*letters)):
             first = (i % 2 == 0) == (scheme.first == "A")
             flow(0 if first else 1, length)
             now += length if first else 0.0
         return found
-    for i, weight in enumerate(magnet.weights_of_two(*letters).tolist()):
+    for i, weight in enumerate(weights_of_two(*letters)):
         now += weight if i % 2 else 0.0
         for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
             flow(part, weight)
         now += 0.0 if i % 2 else weight
     return found
+
+
+def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """a1, b1, a2, b2, …"""
+    return [x for pair in zip_longest(a, b) for x in pair if x is not None]
+
+
+def weights_of_two(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
+    return list(accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight))
 
 
 # places of the constants: time at the start, h, number of stages; then these, numbers
@@ -512,9 +521,7 @@ def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
     needs = "force" if scheme.c or scheme.d else "kinetic" if scheme.nystrom else "parts"
     # conjugate to the step by the last flow; the general kernels cost 1.05 to 1.1 times as much in a uniform field
-    special: dict[str, Any] = {"uniform": partial(prepare, name)}
-    if name in magnet.SPINS:
-        special["spins"] = magnet.SPINS[name]
+    special = {"uniform": partial(prepare, name)}
     general = Method(
         name=name, label=label, family="splitting", order=scheme.order, symmetric=True, poisson=True,
         conserves=frozenset({"J3", "C1", "C2"}), source=scheme.source, prepare=partial(prepare_in_field, name),

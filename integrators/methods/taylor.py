@@ -39,7 +39,6 @@ from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods import magnet
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense, sides
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, uniform_system
@@ -180,57 +179,22 @@ def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *,
     return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
 
 
-def spins_runner(problem: Any, *, tol: float = EPS) -> Run:
-    """For a magnet; `tol` is relative to the largest spin. Below machine epsilon it raises the order of the series."""
-    import heyoka as hy
-
-    tol = check_tolerance(tol, 0.1 * EPS)
-    hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n, (b, pairs, K) = len(problem.magnet), magnet.terms(problem.magnet)
-    s = [hy.make_vars(*(f"s{j}_{i}" for i in "123")) for j in range(n)]
-    parts: list[list[list[Any]]] = [[[], [], []] for _ in range(n)]
-    for p, (j, k) in enumerate(pairs.tolist()):  # strengths are parameters: magnets of one size share the machine code
-        for i in range(3):
-            parts[j][i].append(hy.par[p] * s[k][i])
-            parts[k][i].append(hy.par[p] * s[j][i])
-    fields = np.flatnonzero(b).tolist()
-    for p, j in enumerate(fields, start=len(K)):
-        parts[j][2].append(hy.par[p])
-    system = []
-    for (x, y, z), sums in zip(s, parts, strict=True):
-        p, q, r = (hy.sum(addends) if addends else hy.expression(0.0) for addends in sums)
-        system += [(x, q * z - r * y), (y, r * x - p * z), (z, p * y - q * x)]
-    ta = hy.taylor_adaptive(system, [0.0] * (3 * n), pars=[0.0] * (len(K) + len(fields)), compact_mode=n > 8, tol=tol)
-    alone, some = threading.Lock(), max(1, INTERRUPTIBLE // (n + len(K)))  # heyoka lets other threads run
-
-    def run(y: Array, grid: Array, work: Work) -> Array:
-        size = magnet.unit(y)
-        with alone:
-            ta.time, ta.state[:], ta.pars[:] = 0.0, y / size, [*K.tolist(), *(b[fields] / size).tolist()]
-            times = grid * size
-            out, steps = _until(ta, times[0], some) if len(grid) == 1 else _on_grid(ta, ta.state.copy(), times, some)
-        work.steps += steps
-        return out * size
-
-    return run
-
-
-def _until(ta: Any, end: float, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
-    """The state at one time: natural steps up to it, the last one shortened; at most `most` in one call of heyoka."""
+def _until(ta: Any, end: float) -> tuple[Array, int]:
+    """The state at one time: natural steps up to it, the last one shortened."""
     steps, limited = 0, True
     while limited:  # resuming at a limit of steps changes no bit
-        outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=most)
+        outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
         steps += taken
         limited = _check(ta, outcome, steps)
     return ta.state.copy().reshape(1, -1), steps
 
 
-def _on_grid(ta: Any, y: Array, grid: Array, most: int = INTERRUPTIBLE) -> tuple[Array, int]:
+def _on_grid(ta: Any, y: Array, grid: Array) -> tuple[Array, int]:
     """The states on a grid, by dense output."""
     grid = np.concatenate(((0.0,), grid))
     # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and changes no
     # bit, but costs half as much as the step: only long runs start again with one.
-    for limit in ({"max_steps": most}, {"callback": lambda ta: True}):
+    for limit in ({"max_steps": INTERRUPTIBLE}, {"callback": lambda ta: True}):
         ta.time, ta.state[:] = 0.0, y
         outcome, _, _, steps, _, out = ta.propagate_grid(grid, **limit)
         if not _check(ta, outcome, steps):
@@ -563,14 +527,13 @@ NATURAL = Method(
     name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
     attitude=attitude, requires="heyoka", engine="heyoka", advance_many=advance_many, needs="smooth",
-    special={"spins": dense("taylor", spins_runner)[0]},
 )  # fmt: skip
 
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
     return replace(
-        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None, advance_many=None, special={},
+        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None, advance_many=None,
     )  # fmt: skip
 
 

@@ -18,25 +18,18 @@ Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `g
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 from random import Random
 from typing import Any, NamedTuple
 
 import mpmath
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_count
-from lagrange_bench.integrators.compiling.expression import record
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.lax import gaudin_vector
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, dot, poisson_tensor
-from lagrange_bench.integrators.problem import field
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.system import Space, System, make_system
-
-UNROLLED = 6  # spins, 15 pairs: a right-hand side of some 200 operations
 
 
 @dataclass(frozen=True)
@@ -81,10 +74,15 @@ class GaudinMagnet:
         """The c, shape (n,), with which the magnet moves by Σ c_j H_j."""
         return np.eye(len(self))[self.site or 0]
 
-    @property
-    def problem(self) -> MagnetProblem:
-        """The flow as a `Problem`."""
-        return MagnetProblem(self)
+    def problem(self) -> Problem:
+        """The flow of H_site as a `Problem`, for general methods. Its states have 3n numbers; magnets of a size share kernels."""
+        n, site = len(self), self.site or 0
+
+        def energy(t: Any, y: Any, p: Any) -> Any:
+            s = y.reshape(n, 3)
+            return p[0] * s[site, 2] + sum(p[1 + k] * (s[site] @ s[k]) for k in range(n) if k != site)
+
+        return Problem("magnet", n, energy, (2 * self.alpha, *self.couplings[site]))
 
     def __len__(self) -> int:
         return len(self.sites)
@@ -199,96 +197,6 @@ def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
     return lam
 
 
-class MagnetProblem(Problem):
-    """The flow of a magnet on n real spins: what `integrate`, `check` and the experiments see of it.
-
-    H = Σ_j b_j s_j³ + Σ_{j<k} K_jk s_j·s_k, b_j = 2 alpha c_j, is Σ c_j H_j but for a constant. A state is the 3n numbers of
-    the spins. The b and K are the parameters of H, so magnets of one size share their kernels. Methods on a tape unroll all
-    pairs, so only magnets of up to `UNROLLED` spins offer one; methods that loop over arrays of spins take any number.
-
-    Attributes
-    ----------
-    magnet : the magnet, its sites and alpha as doubles. names : H_0 … of its sites, and C1 … Cn, the squares of the spins.
-    """
-
-    timed, as_top = False, None
-
-    def __init__(self, magnet: Any) -> None:
-        self.magnet = replace(magnet, sites=tuple(map(float, magnet.sites)), alpha=float(magnet.alpha))
-        n, c = len(magnet), self.magnet.flow
-        self.pairs = np.argwhere(np.triu(np.ones((n, n)), 1))
-        K = self.magnet.bonds(c)[tuple(self.pairs.T)]
-        self.name, self.space, self.start = "magnet", Space(f"so3**{n}" if n > 1 else "so3", n), 0.0
-        self.numbers = (*(2.0 * self.magnet.alpha * c).tolist(), *K.tolist())
-        self.given, self.posed = {}, ()
-
-    def __reduce__(self) -> Any:
-        return MagnetProblem, (self.magnet,)
-
-    @cached_property
-    def system(self) -> System:  # type: ignore[override]
-        """H and its bracket as formulas."""
-        n = len(self.magnet)
-
-        def energy(t: Any, *numbers: Any) -> tuple[Any]:
-            spins, p = [numbers[3 * j : 3 * j + 3] for j in range(n)], numbers[3 * n :]
-            in_field = (p[j] * spins[j][2] for j in range(n))
-            bonds = (p[n + i] * field.dot(spins[j], spins[k]) for i, (j, k) in enumerate(self.pairs.tolist()))
-            return (sum((*in_field, *bonds), start=0.0),)
-
-        return make_system(self.space, record(energy, 1 + 3 * n + len(self.numbers)))
-
-    @cached_property
-    def offers(self) -> frozenset[str]:
-        """ "spins"; of few spins also "rhs", "smooth" and "parts"."""
-        few = len(self.magnet) <= UNROLLED
-        return frozenset({"spins", *(("rhs", "smooth", "parts") if few else ())})
-
-    @cached_property
-    def names(self) -> tuple[str, ...]:
-        n = len(self.magnet)
-        return (*(f"H_{j}" for j in range(n)), *(f"C{j}" for j in range(1, n + 1)))
-
-    def kept_by(self, claims: Any) -> frozenset[str]:
-        """H_j are quadratic, C_j the Casimir functions."""
-        quadratic = "H" in claims.conserves | claims.if_quadratic
-        casimirs = {"C1", "C2"} <= claims.conserves
-        return frozenset(name for name in self.names if (quadratic if name.startswith("H") else casimirs))
-
-    def check_state(self, y: Any, name: str = "y0") -> Array:
-        """Spins (n, 3) or (3n,) as a fresh array (3n,). ValueError: they are none."""
-        spins = self.magnet.check_spins(y, name)
-        if spins.dtype.kind != "f":
-            raise ValueError(f"{name} must be real numbers; got dtype {spins.dtype}")
-        return np.array(spins, dtype=float).ravel()
-
-    # ------------------------------------------------------------------ its functions, by arrays
-
-    def _spins(self, y: ArrayLike) -> Array:
-        return np.reshape(np.asarray(y, dtype=float), (*np.shape(y)[:-1], len(self.magnet), 3))
-
-    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        rates: Array = self.magnet.rhs(self._spins(y), self.magnet.flow)
-        return rates.reshape(np.shape(y))
-
-    def poisson(self, y: ArrayLike) -> Array:
-        return np.array(self.magnet.poisson(self._spins(y)), dtype=float)
-
-    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        return self.magnet.invariants(self._spins(y))
-
-    def invariant_scales(self, y: ArrayLike) -> Array:
-        """Sizes of the terms in `names` at one state (3n,)."""
-        spins = self._spins(y)
-        return np.concatenate((self.magnet.hamiltonian_scales(spins), self.magnet.casimirs(spins)))
-
-    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scale of the spins, 1, and of time: 1 over the largest rate at which a spin may turn."""
-        c, sizes = self.magnet.flow, np.linalg.norm(self._spins(y), axis=1)
-        rate = float(np.max(np.abs(2.0 * self.magnet.alpha * c) + np.abs(self.magnet.bonds(c)) @ sizes))
-        return float(np.max(sizes)), 1.0, 1.0 / rate if rate else float("inf")
-
-
 # ------------------------------------------------------------------------------------------------ named magnets
 
 
@@ -297,18 +205,6 @@ class NamedMagnet(NamedTuple):
 
     magnet: GaudinMagnet
     spins: Array
-
-
-def central_spin(n: int) -> NamedMagnet:
-    """Unit spins in random directions, couplings A_k = 2/(a_1 − a_k) ~ exp(−2k/n) with Σ A_k² = 1, field 2 alpha = 1.
-
-    The generator is Python's own, whose `random()` never changes.
-    """
-    couplings = [math.exp(-2 * k / n) for k in range(1, n)]
-    size = math.sqrt(math.fsum(A * A for A in couplings))
-    draw = Random(f"gaudin{n}")
-    spins = np.array([_drawn(draw, 1.0) for _ in range(n)])
-    return NamedMagnet(GaudinMagnet((0.0, *(-2 * size / A for A in couplings)), 0.5), spins)
 
 
 def random_magnet(n: int, seed: int) -> NamedMagnet:
@@ -332,11 +228,8 @@ def _drawn(draw: Random, size: float) -> tuple[float, float, float]:
 def unit_of_time(magnet: GaudinMagnet, spins: Array) -> float:
     """1/√(Σ A_k² |s_k|²), A_k the couplings of the magnet's site: 1 for `central_spin`; 1/(2 |alpha|) for one spin."""
     site = magnet.site or 0
-    field = magnet.couplings[site] * np.linalg.norm(spins, axis=1)
-    return 1 / float(np.linalg.norm(field) if len(magnet) > 1 else 2 * abs(magnet.alpha))
-
-
-MAGNETS = {f"central{n}": central_spin(n) for n in (8, 32, 128)} | {"random": random_magnet(8, 0)}
+    strengths = magnet.couplings[site] * np.linalg.norm(spins, axis=1)
+    return 1 / float(np.linalg.norm(strengths) if len(magnet) > 1 else 2 * abs(magnet.alpha))
 
 
 # ------------------------------------------------------------------------------------------------ misprints

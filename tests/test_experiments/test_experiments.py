@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, gaudin, paper_sections, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, timing
@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.usefixtures("short_races"), pytest.mark.xdist_group("m
 each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 
-SMALL = {"steps": 64, "span": 16.0, "time": 100.0, "longest": 0.01, "repeats": 1, "magnets": 1, "budget": 1e5}
+SMALL = {"steps": 64, "span": 16.0, "time": 100.0, "longest": 0.01, "repeats": 1, "budget": 1e5}
 STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
 
 
@@ -57,7 +57,6 @@ def rows_of(name):
     error = {"type": "StepError", "message": "no", "traceback": ""}
     with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         patch.setattr(timing, "interleave", lambda functions, *_, **__: interleave(functions, 1e-4, repeats=1))
-        patch.setattr(gaudin, "CALL", 10**4)
         store = Store(folder)
         for position, cell in enumerate(tiny(name)):
             failed = position % 8 == 7 and cell.get("part") != "headline"
@@ -128,7 +127,6 @@ SHORTER = {  # fields in which cells of the quick profile differ from their like
     "work_precision": SWEEP,
     "perturbed": {"steps", *SWEEP, "tops"},
     "round_off": {"steps"},
-    "gaudin": {"steps", "magnets"},
 }
 
 
@@ -153,26 +151,6 @@ def test_what_a_fresh_process_needs():
     for row in rows:
         assert 0 < row["second_s"] <= row["first_s"]
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
-
-
-def test_a_step_that_is_off_shows_in_the_rows_of_random_magnets(monkeypatch):
-    pytest.importorskip("heyoka")
-    cell = {"part": "random", "n": 2, "variant": "exact", "h": 5, "magnets": 2, "steps": 100}
-    (row,) = gaudin.measure(cell)
-    assert (row["failed"], row["error"] < 1e-13, row["drift"] < 1e-14) == (0, True, True)
-    real = gaudin._stepper
-    monkeypatch.setattr(gaudin, "_stepper", lambda m, s, v, h: real(m, s, v, h * (1 + 1e-9 * (v == "exact"))))
-    assert gaudin.measure(cell)[0]["error"] > 1e-10
-
-
-def test_the_quickest_other_magnet_method_is_no_map_of_ours():
-    runs = [
-        ("exact", "backlund", 1e-14, 1.0, 9.0), ("order 8", "backlund_paper", 1e-12, 0.5, 0.0),
-        ("taylor", "taylor", 1e-8, 3.0, 0.0), ("strang", "strang", 1e-5, 2.0, 2.0),
-    ]  # fmt: skip
-    rows = pd.DataFrame(runs, columns=["variant", "method", "error", "seconds", "setup_seconds"])
-    table = gaudin.work(rows.assign(span=64.0, part="work", status="done")).drop(columns="span")
-    assert table.to_numpy().tolist() == [[1e-4, "strang", 2.0, "taylor", 0.3], [1e-7, "taylor", 3.0, "taylor", 0.3]]
 
 
 def test_perturbed_tops_say_who_wins_and_who_loses():

@@ -314,7 +314,7 @@ def test_bad_calls_are_refused():
     ):
         with pytest.raises(ValueError, match=reason):
             check.check(method, problem=BODY, y0=y0)
-    with pytest.raises(ValueError, match="problem must be a Problem, a top or a magnet; got NamedTop"):
+    with pytest.raises(ValueError, match="problem must be a Problem or a top; got NamedTop"):
         check.check("rk4", problem=TOPS["generic"], y0=START)
 
 

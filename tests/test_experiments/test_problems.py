@@ -1,4 +1,4 @@
-"""Experiments beyond tops: magnets, bodies and driven tops have no code of their own; engines beside the bench."""
+"""Experiments beyond tops: spins, bodies and driven tops have no code of their own; engines beside the bench."""
 
 from dataclasses import replace
 from functools import partial
@@ -16,7 +16,7 @@ from lagrange_bench.results.store import Store, StoreError, make_record
 from lagrange_bench.runner import verify
 from lagrange_bench.runner.engine import run
 
-MAGNET = {"method": "rk4", "state": "central_spin"}
+SPINS = {"method": "rk4", "state": "central_spin"}
 
 
 @pytest.mark.parametrize("state", PROBLEMS)
@@ -35,17 +35,17 @@ def test_a_run_on_any_problem_has_its_error_and_its_invariants(state):
     assert row["kept"] < 1e-14
 
 
-def test_drift_phase_work_and_cost_of_a_magnet():
-    rows = drift.measure({"part": "time", "h": 0.5, "steps": 8, **MAGNET})
+def test_drift_phase_work_and_cost_of_spins():
+    rows = drift.measure({"part": "time", "h": 0.5, "steps": 8, **SPINS})
     assert set(rows[-1]) == {"t", *find("central_spin")[0].names}
     (row,) = perturbed.measure({"part": "problem", "method": "rk45", "state": "central_spin", "h": 1.0})
     assert 0.0 < row["error"] < 1e-6
-    (row,) = phase.measure({"part": "h", "h": 0.25, **MAGNET})
+    (row,) = phase.measure({"part": "h", "h": 0.25, **SPINS})
     assert 0.0 < row["error"] < 1e-2
-    curve = work_precision.measure({"span": 8.0, "per_octave": 1, "decades": 1, "longest": 0.002, **MAGNET})
+    curve = work_precision.measure({"span": 8.0, "per_octave": 1, "decades": 1, "longest": 0.002, **SPINS})
     assert curve[-1]["stopped"] == "too long"
     assert min(run.get("error", 1.0) for run in curve) < 1e-6
-    (price,) = cost.measure({"part": "step", "h": 0.25, "repeats": 1, **MAGNET})
+    (price,) = cost.measure({"part": "step", "h": 0.25, "repeats": 1, **SPINS})
     assert price["evals_per_step"] == 4.0
     assert price["ns_per_step"] > 0.0
 

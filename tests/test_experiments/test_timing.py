@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import cost, ensemble, gaudin, round_off, work_precision
+from lagrange_bench.experiments import cost, ensemble, round_off, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import prepare
@@ -63,7 +63,7 @@ CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
 STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
 LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 17  # tops and steps in one call
 A_STEP = CALL / (3125 - FEW) / TOPS
-MAP, BOUND = CALL / gaudin.CALL * 1e9, CALL / 80_000 * 1e9
+BOUND = CALL / 80_000 * 1e9
 RACE = {"method": "strang", "state": "generic", "span": 16.0, "h": 1 / 8}
 RACE |= {"per_octave": 1, "decades": 1, "longest": 100.0}
 TIDE = {"method": "strang", "potential": "tide", "tops": 3, "span": 1.0, "h": 0.1}
@@ -75,10 +75,6 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
     "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
     "round_off cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
-    "gaudin cost": (
-        {"n": 3, "variant": "exact"},
-        {"ns_per_spin_and_map": MAP, "ns_per_time": 1.5 * MAP, "setup_ms": 3},
-    ),
     "ensemble bound": ({}, {"pinned_ns": BOUND, "free_bound_ns": BOUND, "free_ratio": 1.0}),
     "ensemble lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
     "ensemble setup": ({"h": 0.1}, {"setup_us": CALL / SET_UPS * 1e6, "first_step_us": CALL / SET_UPS * 1e6}),
@@ -110,7 +106,7 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
         return stepper
 
     monkeypatch.setattr(timing, "interleave", interleave)
-    for module in (cost, work_precision, gaudin):
+    for module in (cost, work_precision):
         monkeypatch.setattr(module, "prepare", prepared)
     monkeypatch.setattr(ensemble, "perf_counter", itertools.count(0.0, CALL).__next__)
     monkeypatch.setattr(work_precision, "_seconds", lambda *_: CALL)

@@ -30,7 +30,7 @@ def require(verdicts, least):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_claims(name):
-    """On tops in a uniform field; of methods for a body or a magnet, on these."""
+    """On tops in a uniform field; of methods for a body, on one."""
     record = installed(name)
     checks = check.CHECKS[:-1] if name in FOR_TOPS else (check.of_its_kind,)
     require([verdict for function in checks for verdict in function(record, True)], 8)
@@ -46,7 +46,7 @@ def test_claims_in_a_field(name, monkeypatch):
 
 @pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["strang", "implicit_midpoint"])
-def test_claims_on_a_body_and_on_a_magnet(name, monkeypatch):
+def test_claims_on_a_body(name, monkeypatch):
     monkeypatch.setattr(check, "FIELD_STEPS", 100)
     with np.errstate(all="ignore"):
         require(list(check.of_its_kind(METHODS[name], True)), 12)

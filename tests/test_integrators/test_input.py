@@ -12,7 +12,6 @@ from scipy.spatial.transform import Rotation
 import lagrange_bench as lb
 from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, HeavyTop, LagrangeTop, PerturbedTop, StepError
 from lagrange_bench.integrators import Problem, WholeBody, exact, integrate, integrate_ensemble, prepare, reference
-from lagrange_bench.integrators.paper.gaudin_model import central_spin
 from lagrange_bench.integrators.problem.free_body import solution as euler
 from tests.installed import FOR_TOPS, installed
 
@@ -199,7 +198,8 @@ MESSAGES = [  # a call, words in the message
 ]
 
 
-MAGNET, SPINS = central_spin(4)
+MAGNET, SPINS = lb.GaudinMagnet((0, -1, -3), 0.5), np.eye(3)
+SPINNING = MAGNET.problem()
 BODY = WholeBody(1.3, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0))
 
 
@@ -216,15 +216,11 @@ DRIVEN = posed(lambda t, y, p: turning(t, y, p) + (1 + t) * y[5])
 KINETIC = (lambda t, y, p: 2 * turning(t, y, p) + y[5], lambda t, y, p: turning(t, y, p) * (1 + t) + y[5])
 EMPTY = [*Y0[:3], 0, 0, 0]
 HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
-RUN, SPUN = integrate(TOP, Y0, 0.1, 1, "strang"), integrate(MAGNET, SPINS, 0.1, 1, "rk4")
+RUN, SPUN = integrate(TOP, Y0, 0.1, 1, "strang"), integrate(SPINNING, SPINS, 0.1, 1, "rk4")
 
 
 def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
     return reference.solution(problem, y0, t, **words)
-
-
-def spin(top=MAGNET, y0=SPINS, h=0.5, steps=2, **words):
-    return integrate(top, y0, h, steps, **words)
 
 
 OTHERS = [  # a call, words in the message
@@ -257,17 +253,14 @@ OTHERS = [  # a call, words in the message
     ),
     (lambda: integrate(TOP, Y0, 0.1, 4, pin=1).sol([1.0]), "unknown option 'pin' of backlund at given times"),
     (lambda: prepare(BODY, np.eye(7)[0], 0.1, "generalized_alpha", rho=2), "rho must be from 0 to 1"),
-    (lambda: spin(method="theta_functions"), ".*does not take the problem magnet"),
-    *((lambda y=y: spin(y0=y), "y0") for y in (SPINS[:3], SPINS * NAN, SPINS * 1j)),
-    (lambda: spin(h=None, steps=None, t=[0.0, 1.0]), "t: backlund steps on a grid only"),
-    (lambda: spin(attitude=True), "attitude"),
-    *((lambda v=v: spin(method="scipy_dop853", rtol=v), "rtol must be") for v in ("small", 0.0, 1e-17, NAN)),
-    *((lambda v=v: spin(method="backlund_paper", factors=v), "factors must be") for v in (0, 17, 1.5, True, "2", None)),
-    (lambda: spin(lb.MAGNETS["central128"].magnet, lb.MAGNETS["central128"].spins), ".*at most 32"),
-    (lambda: spin(lb.GaudinMagnet((0, 1j, -1j, 2), 0.5)), ".*sites"),
+    (lambda: integrate(SPINNING, SPINS, 0.1, 1), ".*does not take the problem magnet"),
+    *((lambda y=y: integrate(SPINNING, y, 0.1, 1, "rk4"), "y0") for y in (SPINS[:2], SPINS * NAN, SPINS * 1j)),
+    (lambda: integrate(MAGNET, SPINS, 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),
+    (lambda: integrate_ensemble(MAGNET, [SPINS], 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),
+    (lambda: lb.GaudinMagnet((0, 1j, -1j, 2), 0.5), "sites"),
     (lambda: ensemble().motion(slice(2)), r"place must be a whole number, .*; got slice"),
-    (lambda: integrate_ensemble(MAGNET, 3, 0.1, 20, "rk4"), "Y0 must be states"),
-    (lambda: integrate_ensemble(MAGNET, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
+    (lambda: integrate_ensemble(SPINNING, 3, 0.1, 20, "rk4"), "Y0 must be states"),
+    (lambda: integrate_ensemble(SPINNING, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
     *((lambda v=v: lb.predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
     (lambda: lb.predicted_phase(TOP, Y0[:5], 0.1), "y0"),
     (lambda: lb.predicted_phase(TOP, Y0, 0.0), "h"),
@@ -317,7 +310,6 @@ OTHERS = [  # a call, words in the message
         ".*'tol' .* belongs to runs to given times t",
     ),
     (lambda: integrate(TIDE, Y0, t=[1.0], method="backlund_splitting", scheme="strang"), ".*runs by h and steps"),
-    (lambda: integrate(*central_spin(7), 0.1, 4, "scipy_dop853", atol=1.0), ".*'atol' .* mean 'rtol'.* here: rtol$"),
     (lambda: HeavyTop(1.0, 1.0, 9.81, 0.5, 0.1), "A = 0.5 is less than mass · distance² = 1: .* about the fixed point"),
     (lambda: PerturbedTop(TOP, "tide", (1.0,)), r"potential must be a Potential, such as POTENTIALS\['tide'\]"),
     (lambda: integrate(TIDE, Y0, 0.1, 4), ".*torus of an integrable top; backlund_splitting does"),

@@ -1,19 +1,17 @@
-"""Problems of one's own, bodies and magnets: every method follows them with its order, and keeps what it claims."""
+"""Problems of one's own and bodies: every method follows them with its order, and keeps what it claims."""
 
 import pickle
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagrange_bench import MAGNETS, TOPS, GaudinMagnet, LagrangeTop, PerturbedTop, Potential, Problem, WholeBody
+from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, Potential, Problem, WholeBody
 from lagrange_bench.experiments import driven as driven_tops
 from lagrange_bench.integrators import cos, free_body, integrate, kirchhoff_body, orbiting_tide, reference, sin
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.methods.explicit import explicit_stepper
-from lagrange_bench.integrators.paper.gaudin_model import central_spin, random_magnet
 from lagrange_bench.integrators.problem import free_body as euler
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import METHODS, available
@@ -63,13 +61,10 @@ PROBLEMS = {
     "whole": WholeBody(1.0, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0), (0.6, 0.0, -0.8)),
     "round": WholeBody(1.0, (0.0, 0.5, 0.0), (1.0, 0.7, 1.0), (0.0, 0.0, -0.8)),
 }
-MAGNET, SPINS = central_spin(4)
-OTHER = replace(MAGNET, site=2)
-PROBLEMS["site"], PROBLEMS["another site"] = MAGNET.problem, OTHER.problem
 
 
 def rates(name):
-    """The right-hand side: the bracket with ∇H, by complex steps; of a body or a magnet its own."""
+    """The right-hand side: the bracket with ∇H, by complex steps; of a body its own."""
     if name not in HAMILTONIANS:
         return lambda t, y: PROBLEMS[name].rhs(y, t)
     H, space, p, frame = HAMILTONIANS[name]
@@ -99,12 +94,8 @@ def end(name):
 
 
 def wanted(name, problem):
-    """Of a magnet: methods with loops over its spins, and one that has none."""
-    method, posed = METHODS[name], PROBLEMS[problem]
-    if "site" not in problem:
-        return method.needs in ("rhs", "smooth", "parts", "body") and method.takes(posed) is None
-    with_loops = method.needs == "spins" or "spins" in method.special or name == "rk4"
-    return with_loops and method.takes(posed) is None
+    method = METHODS[name]
+    return method.needs in ("rhs", "smooth", "parts", "body") and method.takes(PROBLEMS[problem]) is None
 
 
 PAIRS = [
@@ -112,7 +103,7 @@ PAIRS = [
 ]
 
 
-@pytest.mark.parametrize("problem", [name for name in PROBLEMS if "site" not in name])
+@pytest.mark.parametrize("problem", PROBLEMS)
 def test_the_right_hand_side_and_its_derivative_are_those_of_the_formula(problem):
     posed, y, f = PROBLEMS[problem], start(problem), rates(problem)
     assert np.max(np.abs(posed.rhs(y, 0.3) - f(0.3, y))) < 8 * EPS * np.max(np.abs(y)) ** 2
@@ -166,8 +157,7 @@ def test_order_and_what_is_kept(name, problem):
         assert not errors, "it is exact"
     else:
         (n, error), (m, less) = errors[-2:]
-        least = 0.95 if "site" in problem else 0.75  # magnets have reached their order
-        assert np.log(error / less) / np.log(m / n) > least * METHODS[name].order_for(PROBLEMS[problem])
+        assert np.log(error / less) / np.log(m / n) > 0.75 * METHODS[name].order_for(PROBLEMS[problem])
     assert drift < 64
 
 
@@ -313,47 +303,3 @@ def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
 
     assert missed(0.0) < 1e-14
     assert np.log2(missed(0.02) / missed(0.01)) == pytest.approx(3.0, abs=0.1)
-
-
-IN_ARRAYS = [name for name, problem in PAIRS if problem == "site" and name != "rk4"]
-TOLERANT = [name for name in IN_ARRAYS if METHODS[name].control == "tolerance"]
-
-
-def test_the_tape_and_the_arrays_are_one_problem():
-    problem, y = OTHER.problem, SPINS.ravel()
-    tape = problem._values(problem.system.rhs, y, 0.0)
-    np.testing.assert_allclose(problem.rhs(y), tape, atol=1e-15)
-    slope = [(problem.energy(y + 1e-6 * e) - problem.energy(y - 1e-6 * e)) / 2e-6 for e in np.eye(12)]
-    np.testing.assert_allclose(problem.poisson(y) @ slope, problem.rhs(y), atol=1e-9)
-    assert MAGNETS["central32"].magnet.problem.offers == {"spins"}
-
-
-@pytest.mark.parametrize("method", TOLERANT)
-def test_tolerances_are_relative_to_the_spins(method):
-    """A magnet with small spins moves slowly, and otherwise in the same way."""
-    size = 1e-100
-    field, spins = replace(MAGNET, alpha=size * MAGNET.alpha), size * SPINS
-    end = integrate(field, spins, h=0.5 / size, steps=4, method=method).y[-1] / size
-    assert np.max(np.abs(end - integrate(MAGNET, SPINS, h=2.0, steps=1, method="backlund").y[-1])) < 1e-12
-
-
-@pytest.mark.parametrize("method", IN_ARRAYS)
-def test_only_differences_of_sites_count(method):
-    magnet, spins = random_magnet(5, 1)
-    sites = [round(1024 * a) / 1024 for a in magnet.sites]
-    options = {"factors": 2} if method == "backlund_paper" else {}
-    here, *there = (
-        integrate(replace(magnet, sites=tuple(a + far for a in sites)), spins, 0.125, 16, method, **options)
-        for far in (0.0, -(2.0**30), 2.0**40)
-    )
-    for run in there:
-        assert np.max(np.abs(run.y - here.y)) < 1e-12
-        assert np.max(np.abs(run.invariants() - here.invariants())) < 1e-12
-
-
-def test_groups_of_sites_far_apart():
-    pytest.importorskip("heyoka")
-    magnet = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, site=2)
-    for h in (1.0, -5.0):
-        exact, truth = (integrate(magnet, SPINS, h, 1, method).y[-1] for method in ("backlund", "taylor"))
-        assert np.max(np.abs(exact - truth)) < 1e-13

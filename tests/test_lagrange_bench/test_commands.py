@@ -98,7 +98,7 @@ def test_methods_of_a_top(run, answer):
     words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
     assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
     refused = {method["name"] for method in answer("methods", "--top", "generic") if method["refuses"]}
-    assert refused == {name for name, method in METHODS.items() if method.needs in ("body", "spins")}
+    assert refused == {name for name, method in METHODS.items() if method.needs == "body"}
     assert "refuses" not in answer("methods")[0]
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from lagrange_bench import testing
 from lagrange_bench.experiments.measuring import check
+from lagrange_bench.experiments.measuring.states import problem
 from lagrange_bench.integrators import METHODS, LagrangeTop
-from lagrange_bench.integrators.paper.gaudin_model import central_spin
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -108,14 +108,13 @@ def test_order():
             assert_order(method, tops=tops)
 
 
-def test_bounds_and_orders_on_a_magnet():
-    magnet, spins = central_spin(3)
-    on = {"tops": [(magnet, spins)]}
-    assert_drift("rk4", **on, steps=200, H_0=1e15)
-    with pytest.raises(AssertionError, match="rk4: H_0 is off by"):
-        assert_drift("rk4", **on, steps=200, H_0=64)
-    with pytest.raises(ValueError, match=r"unknown invariant 'H'.*Known: H_0, H_1, H_2, C1, C2, C3"):
-        assert_drift("rk4", **on, H=64)
+def test_bounds_and_orders_on_spins():
+    on = {"tops": [problem("central_spin")]}
+    assert_drift("rk4", **on, steps=200, H=1e15)
+    with pytest.raises(AssertionError, match="rk4: H is off by"):
+        assert_drift("rk4", **on, steps=200, H=64)
+    with pytest.raises(ValueError, match=r"unknown invariant 'J3'.*Known: H, C1, C2, C3, C4"):
+        assert_drift("rk4", **on, J3=64)
     assert_order("rk4", **on)
     with pytest.raises(AssertionError, match="order 5: "):
         assert_order("rk4", 5, **on)

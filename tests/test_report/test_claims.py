@@ -24,7 +24,7 @@ BIASED = "biased, as the method says"
 
 
 def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
-    assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 21
+    assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 19
     assert {method for claim in promises.CLAIMS for method in claim.about} <= METHODS.keys()
     assert [group for group, _ in claims.grouped(judged)] == list(claims.GROUPS)
     assert {each.claim.id: each.verdict.word for each in judged if each.verdict.word != claims.CONFIRMED} == {}
@@ -37,7 +37,7 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
             assert bound.where, claim.id
             assert bound.missing(planned) == "", claim.id
     quick = {claim.id for claim in promises.CLAIMS if claim.profile == "quick"}
-    assert quick == {"set-up", "magnet-orders", "orders", "form-of-the-map"}
+    assert quick == {"set-up", "orders", "form-of-the-map"}
 
 
 def fields(journal):
@@ -178,7 +178,6 @@ def test_who_leads_is_told_with_set_up(setup, error, ratio):
     ("read", "line"),
     [
         (promises.kept_in_a_field, {"claimed": "", "method": "mine", "state": "weak_tide", "steps": 9}),
-        (promises.magnet_orders, {"variant": "exact", "order": np.nan}),
     ],
 )
 def test_methods_that_claim_nothing_decide_nothing(read, line, monkeypatch):
@@ -196,10 +195,6 @@ def test_times_are_judged_as_ratios(slower):
     runs = runs.assign(error=[1e-9, 1e-12, 1e-10, 1e-6], method=["backlund"] * 2 + ["taylor"] * 2)
     runs = runs.assign(part="rival", status="done")
     assert promises.batch_ratios(runs, ["taylor"]) == pytest.approx([150.0, 90.0])
-    magnets = pd.DataFrame({"seconds": [1.0, 9.0, 2.0, 0.1]}) * slower
-    magnets = magnets.assign(setup_seconds=[7 * slower, 0.0, 0.0, 0.0], error=[1e-15, 1e-12, 1e-5, np.nan], span=64.0)
-    magnets = magnets.assign(variant=["exact", "a", "b", "b"], method="rk4", part="work", status="done")
-    assert promises.magnet_runs(magnets) == pytest.approx([2 / 8, 9 / 8, 9 / 8])
 
 
 def test_an_installed_plug_in_without_rows_changes_no_verdict(monkeypatch, stored, judged):

@@ -355,10 +355,10 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser, name, top, wo
 
 def test_rows_are_a_link_away(browser, stored, tmp_path):
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    css(browser, "#gaudin a.rows").send_keys(Keys.ENTER)
-    file = tmp_path / "gaudin.csv"
+    css(browser, "#driven a.rows").send_keys(Keys.ENTER)
+    file = tmp_path / "driven.csv"
     until(browser, lambda _: file.exists() and file.stat().st_size)
-    assert pd.read_csv(file).error.dropna().tolist() == stored["gaudin"].error.dropna().tolist()
+    assert pd.read_csv(file).error.dropna().tolist() == stored["driven"].error.dropna().tolist()
 
 
 AXE = """
