@@ -35,6 +35,7 @@ SCALES = {"position": POSITIONS, "displacement": POSITIONS, "omega": {**SPEEDS, 
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention, for a hint
 RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
+OFF = 1e-3  # RᵀR − 1 of a matrix that still counts as a rotation; more, where the digits of the file are fewer
 TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
 START = 1e-9  # relative to the size of a quantity: more than that is another start
 SINGLE = 2e-7  # likewise, of a start in single precision
@@ -61,10 +62,10 @@ class Convention:
 
 
 class Frames:
-    """A case, and the turns from the world and the body of the rows to its own."""
+    """A case, and the turns from the world and the body of the rows to its own. digit : what matrices are rounded by."""
 
-    def __init__(self, case: Case, convention: Convention):
-        self.case, self.top, self.convention = case, case.top, convention
+    def __init__(self, case: Case, convention: Convention, digit: float = 0.0):
+        self.case, self.top, self.convention, self.digit = case, case.top, convention, digit
         self.world, self.body = _turn(convention.up, self.top.world[2]), _turn(convention.axis, self.top.axis).T
         x, R, omega = self.exact([0.0])
         self.start = x[0]
@@ -77,28 +78,32 @@ class Frames:
         return motion.position, motion.rotation.as_matrix(), motion.omega_body
 
     def errors(self, given: Mapping[str, Array], exact: Exact) -> dict[str, Array]:
-        """What the rows of the groups are off by, (n,) for each quantity."""
+        """What the rows are off by, (n,) for each quantity; of several groups that say the same thing, the larger error."""
         found: dict[str, Array] = {}
-        R, omega = None, None
-        if moved := {"position", "displacement"} & set(given):
-            x = given[max(moved)] @ self.world.T
-            x = x + self.start if self.convention.displaced or "position" not in given else x
-            length = np.linalg.norm(x, axis=1)
-            found = {"position": np.linalg.norm(x - exact[0], axis=1), "length": np.abs(length - self.top.distance)}
-            found["axis"] = _angle(x / length[:, None], exact[0])
-        if group := next((name for name in ATTITUDES if name in given), None):
-            R, defect = self.attitude(group, given[group])
-            found |= self._turned(exact[1].transpose(0, 2, 1) @ R) | defect
-        if "omega" in given and self.convention.omega_frame == "body":
-            omega = given["omega"] @ self.body
-            found["omega"] = np.linalg.norm(omega - exact[2], axis=1)
-        elif "omega" in given:
-            in_world = given["omega"] @ self.world.T
-            found["omega"] = np.linalg.norm(in_world - (exact[1] @ exact[2][..., None])[..., 0], axis=1)
-            omega = (in_world[:, None, :] @ R)[:, 0] if R is not None else None
-        if R is not None and omega is not None:
-            found["energy"] = np.abs(self.top.energy(R, omega) - self.energy)
-            found["momentum"] = np.abs(self.top.vertical_momentum(R, omega) - self.momentum)
+
+        def add(**errors: Array) -> None:
+            found.update({name: np.maximum(error, found.get(name, 0.0)) for name, error in errors.items()})
+
+        attitudes = [self.attitude(group, given[group]) for group in ATTITUDES if group in given]
+        for R, defect in attitudes:
+            add(**self._turned(exact[1].transpose(0, 2, 1) @ R), **defect)
+        for group in ("position", "displacement"):
+            if group in given:
+                x = given[group] @ self.world.T
+                x = x + self.start if self.convention.displaced or group == "displacement" else x
+                length = np.linalg.norm(x, axis=1)
+                add(position=np.linalg.norm(x - exact[0], axis=1), length=np.abs(length - self.top.distance))
+                if not attitudes:
+                    add(axis=_angle(x / length[:, None], exact[0]))
+        if "omega" in given:
+            body = self.convention.omega_frame == "body"
+            omega = given["omega"] @ (self.body if body else self.world.T)
+            right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
+            add(omega=np.linalg.norm(omega - right, axis=1))
+            for R, _ in attitudes:
+                in_body = omega if body else (omega[:, None, :] @ R)[:, 0]
+                add(energy=np.abs(self.top.energy(R, in_body) - self.energy))
+                add(momentum=np.abs(self.top.vertical_momentum(R, in_body) - self.momentum))
         return {name: found[name] for name in UNITS if name in found}
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
@@ -107,11 +112,17 @@ class Frames:
         return all(error <= least * self.sizes[name] + 2 * known.get(name, 0.0) for name, error in first.items())
 
     def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
-        """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1."""
+        """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1.
+
+        NaN is a matrix that is no rotation: it mirrors, or is off by more than `OFF` and the digits of the file.
+        """
         how, defect = self.convention, {}
         if group == "matrix":
             R = values.reshape(-1, 3, 3)
-            defect["orthogonality"] = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+            off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+            defect["orthogonality"] = off
+            rotation = (off <= max(OFF, 4 * self.digit)) & (np.linalg.det(R) > 0)
+            R = np.where(rotation[:, None, None], R, np.nan)
         else:
             bad = ~np.isfinite(values).all(1)
             if group == "quaternion":
@@ -129,12 +140,18 @@ class Frames:
         return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
 
     def _turned(self, E: Array) -> dict[str, Array]:
-        """Of the rotations in the body from the right attitude: their angle, its part about the axis, and the axis's own."""
+        """Of the rotations in the body from the right attitude: their angle, its part about the axis, and the axis's own.
+
+        The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
+        """
         vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
-        trace = E.trace(axis1=1, axis2=2)
+        trace, along = E.trace(axis1=1, axis2=2), E @ self.top.axis
         angle = np.arctan2(np.linalg.norm(vector, axis=1), trace - 1)
-        spin = 2 * np.abs(np.arctan2(vector @ self.top.axis, 1 + trace))
-        return {"axis": _angle(E @ self.top.axis, self.top.axis), "rotation": angle, "spin": spin}
+        chord = np.linalg.norm(E - np.eye(3), axis=(1, 2)) / math.sqrt(2)
+        # of the quaternion (w, v) of E: 4 w v·axis, 4 w² and 4 (v·axis)²; of the two ratios the one that keeps its digits
+        both, w, v = np.abs(vector @ self.top.axis), 1 + trace, 1 + 2 * along @ self.top.axis - trace
+        spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
+        return {"axis": _angle(along, self.top.axis), "rotation": np.maximum(angle, chord), "spin": spin}
 
 
 def _turn(name: str | None, to: Array) -> Array:
@@ -168,17 +185,11 @@ class Hints:
 
     def all(self) -> list[str]:
         """Every hint; a convention is tried only where something is wrong."""
-        hints = [
-            "a row or column of the matrices has the wrong sign: their determinant is negative."
-        ] * self._mirrored()
-        hints += self._conventions()
+        hints = list(self._conventions())
         hints = hints or list(self._axes())
         for each in (self._speeds, self._times, self._starts):
             hints += each()
         return hints or [*self._points(), *self._turns()]
-
-    def _mirrored(self) -> bool:
-        return "matrix" in self.given and bool(np.any(np.linalg.det(self.given["matrix"].reshape(-1, 3, 3)) < 0))
 
     def _wrong(self, judged: str) -> bool:
         return bool(self.now.get(judged, 0.0) > START)
@@ -188,7 +199,9 @@ class Hints:
 
     def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
-        frames = Frames(self.frames.case, replace(self.frames.convention, **changes)) if changes else self.frames
+        frames = self.frames
+        if changes:
+            frames = Frames(frames.case, replace(frames.convention, **changes), frames.digit)
         return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:

@@ -190,12 +190,14 @@ def _judged(
     case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float], way: str = ""
 ) -> Judgement:
     """All that is found in rows; `floor` of each group of columns; `way` to have quaternions in another order."""
-    frames, t = Frames(case, convention), _times(given["time"][:, 0])
+    frames, t = Frames(case, convention, floor.get("matrix", 0.0)), _times(given["time"][:, 0])
     with np.errstate(all="ignore"):
         exact = frames.exact(t)
         found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
         hints = Hints(frames, given, t, exact, good, way).all() if len(good) else []
+        if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
+            hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
     first = {name: float(found[name][0]) for name in frames.sizes if name in found}
@@ -231,7 +233,8 @@ def _times(t: Array) -> Array:
 def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
     bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
     if bad.any():
-        what = "a number that is missing or not finite, or a quaternion or a position of length 0"
+        what = "a number that is missing or not finite, a matrix or quaternion that is no "
+        what += "rotation, or a position of length 0"
         yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."

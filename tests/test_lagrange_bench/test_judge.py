@@ -74,6 +74,8 @@ def test_the_error_that_was_put_in_is_found():
     sums = np.cumsum(np.full(2_000_000, 1e-6))[999::1000]  # 7e-11 s from where they should be
     late = judge(sums, rotation=BRUELS.solution(np.arange(1, 2001) / 1000).rotation, case="bruels")
     assert (late.rotation.max < 1e-12, late.start["right"]) == (True, None)
+    fine = np.arange(1, 2001) / 1000 + 4e-8  # times near multiples of a microsecond are no such multiples
+    assert judge(fine, BRUELS.solution(fine).position, case="bruels").position.max < 1e-14
     once = judge(T, X + (T == 1)[:, None] * [1e-3, 0, 0], case="bruels")
     assert (once.position.max, once.position.end < 1e-14) == (pytest.approx(1e-3), True)
     assert judge([1e-17], X[:1], case="bruels").start["right"]
@@ -82,6 +84,35 @@ def test_the_error_that_was_put_in_is_found():
     mine = type(BRUELS)("mine", RigidTop(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
     assert judge(T, mine.solution(T).position, case=mine).position.max < 1e-12
     assert "mine, 401 rows to t = 2: position" in repr(judge(T, mine.solution(T).position, case=mine))
+
+
+def test_all_groups_of_columns_are_judged(tmp_path, answer):
+    for header, parts, quantity in (
+        (f"t qw qx qy qz {NINE}", (Q, M.transpose(0, 2, 1).reshape(-1, 9)), "rotation"),
+        (f"t {NINE} qw qx qy qz", (M.reshape(-1, 9), R.inv().as_quat(scalar_first=True)), "rotation"),
+        ("t x y z ux uy uz", (X, X), "position"),
+        ("t ux uy uz x y z", (X - X[0], X - X[0]), "position"),
+    ):
+        (found,) = answer("judge", write(tmp_path / "run.csv", header, T, *parts), "--case", "bruels")["files"]
+        assert found[quantity]["max"] > 0.5, header
+
+
+@pytest.mark.parametrize("factor", [0.0, 2.0, 1.01, [1, 1, -1], [1, 1, 0]], ids=str)
+def test_a_matrix_that_is_no_rotation_violates_every_bound(factor, tmp_path, run):
+    file = write(tmp_path / "run.csv", f"t {NINE} wx wy wz", T, (M * factor).reshape(-1, 9), OMEGA)
+    for name in ("axis", "rotation", "spin", "energy", "momentum"):
+        code, out, _ = run("judge", file, "--case", "bruels", "--bounds", f"{name}=1e9")
+        assert (code, f"{name} is off by nan" in out, "The start is right" in out) == (1, True, False)
+    assert judge(T, rotation=M * 1.0004, case="bruels").rotation.max == pytest.approx(4e-4 * 1.5**0.5)
+    coarse = write(tmp_path / "coarse.csv", f"t {NINE}", T[::20], M[::20].reshape(-1, 9), digits=2)
+    assert run("judge", coarse, "--case", "bruels", "--bounds", "rotation=0.03")[0] == 0
+
+
+def test_spin_at_half_a_turn():
+    for angle in np.pi - np.array([0, 1e-16, 1e-12, 1e-8, -1e-8, 1e-3]):
+        for spun in (R * Rotation.from_rotvec([0, angle, 0]), -M * [1, -1, 1]):
+            judged = judge(T, rotation=spun, case="bruels")
+            assert judged.spin.max == pytest.approx(min(angle, 2 * np.pi - angle), abs=2e-3), angle
 
 
 @pytest.mark.parametrize(
@@ -182,8 +213,8 @@ FILES = {  # what is in it → exit code, what is said
         0,
         "1 of 2 rows have a number that is missing or not finite",
     ),
-    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "a quaternion or a position of length 0, the first at t = 0.1"),
-    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, or a quaternion"),
+    "t,x,y,z\n0,0,1,0\n0.1,,1,0": (0, "or a position of length 0, the first at t = 0.1"),
+    "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, a matrix or quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case. Its errors: position 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
@@ -193,6 +224,8 @@ FILES = {  # what is in it → exit code, what is said
         "The start is right, as far as the file says: it has no angular velocity.",
     ),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (0, "The times go to 200, the case to 2 s: perhaps they are no seconds."),
+    "t,x,y,z,x\n0,0,1,0,5": (0, "The start is right"),
+    "t,x,y,z,x,y\n0,0,1,0,5,5": (0, "position x y z; not used: x y"),
     "t,px,py,pz,w,x,y,z\n0,0,1,0,1,0,0,0": (0, "position px py pz; not used: w x y z"),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
 }
@@ -229,6 +262,7 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     for file, until, code, said in (
         (gap, "0.005", 1, "position is off by nan"),
         (early, "2", 1, "the last row is at t = 0.04, before 2 s"),
+        (early, "0.055", 1, "the last row is at t = 0.04, before 0.055 s"),
         (early, "0.04", 0, "All errors are within the bounds."),
         (wild, "2", 1, "omega cannot be measured: a number is not finite"),
     ):
