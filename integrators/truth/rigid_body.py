@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from operator import mul
 from typing import Any
 
@@ -38,13 +39,14 @@ def rigid_motion(
     ----------
     mass, com (3,), inertia_com (3,) or (3, 3), gravity (3,), omega_body (3,), rotation (3, 3) : SI units, in anything that
     Fraction takes exactly: ints, doubles, decimal strings, fractions.
-    times : from 0 upwards, in order.
+    times : from 0 upwards, in order; anything else is a ValueError before the first row.
     digits : errors are below 10^-digits of the sizes of R and Ω. A motion may magnify errors by 10^10 for that.
 
     Yields
     ------
     fractions: R as three rows, Ω.
     """
+    moments = _ascending(times)
     x, G, w = ([Fraction(v) for v in values] for values in (com, gravity, omega_body))
     R = [[Fraction(v) for v in row] for row in rotation]
     inertia = about_fixed_point(Fraction(mass), x, inertia_com)
@@ -59,10 +61,10 @@ def rigid_motion(
     spins = [sum(a * b for a, b in zip(row, w, strict=True)) * unit / size for row in inertia]
     state = _fixed(spins, bits) + [v for row in R for v in _fixed(row, bits)]
     system = [_fixed(row, bits) for row in inverse], [_fixed([g * unit**2 * v for v in pull], bits) for g in G], bits
-    begin, series, length = 0, _series(state, *system), 0
+    begin, series = 0, _series(state, *system)
     length = _length(series, bits)
-    for time in times:
-        place = Fraction(time) / unit * 2**bits
+    for time in moments:
+        place = time / unit * 2**bits
         while place > begin + length:
             state, begin = _value(series, length, bits), begin + length
             series = _series(state, *system)
@@ -71,6 +73,17 @@ def rigid_motion(
         turned = [Fraction(v, 2**bits) for v in now]
         omega = [sum(a * b for a, b in zip(row, turned[:3], strict=True)) / unit for row in inverse]
         yield [turned[3:6], turned[6:9], turned[9:]], omega
+
+
+def _ascending(times: Sequence[Any]) -> Vector:
+    try:
+        moments = [Fraction(time) for time in times]
+    except (ValueError, OverflowError) as error:  # of NaN, of infinity
+        raise ValueError(f"times must be finite numbers: {error}") from None
+    for before, time in pairwise((Fraction(0), *moments)):
+        if time < before:
+            raise ValueError(f"times must ascend from 0; got {float(time):g} after {float(before):g}")
+    return moments
 
 
 def about_fixed_point(mass: Fraction, com: Vector, inertia_com: Sequence[Any]) -> Matrix:

@@ -118,6 +118,15 @@ def test_a_case_of_ones_own():
     rows = np.array([list(map(float, row)) for row in case.digits([0, "0.25", 0.5], 20)])
     assert np.max(np.abs(rows - case.doubles([0, 0.25, 0.5]))) < 1e-14
     assert [len(str(v).lstrip("-0.").replace(".", "")) for v in next(iter(case.digits([0.0], 30)))][4] >= 29
+    for wrong in (["-0.1"], [0, "0.2", "0.1"], [float("inf")], [0.1, float("nan")], ["inf"]):
+        with pytest.raises(ValueError, match="times must"):
+            next(case.digits(wrong))
+
+
+def test_digits_of_a_quaternion_have_a_scalar_that_is_not_negative():
+    rows = list(CASES["metis"].digits([k / 4 for k in range(9)], 17))
+    assert all(row[4] >= 0 for row in rows)
+    assert np.max(np.abs(np.array(rows, dtype=float) - CASES["metis"].doubles([k / 4 for k in range(9)]))) < 1e-11
 
 
 @pytest.mark.parametrize("name", ["figure1", "near_separatrix", "through_pole", "regular"])

@@ -58,6 +58,22 @@ def test_growth():
     with pytest.raises(AssertionError, match="in the last decade"):  # over both decades an oscillation makes it t^0.62
         assert_drift("rk4", growth="H", below=0.75, steps=3000)
     assert_drift("rk4", growth="J3", below=0.1, steps=100)  # no error at all has no exponent
+    for name in ("H", "J3"):
+        with pytest.raises(AssertionError, match=f"growth of {name} cannot be measured .* 2 steps: take more steps"):
+            assert_drift("rk4", growth=name, below=0.1, steps=2)
+
+
+def test_growth_that_comes_late_or_is_not_finite():
+    counts = list(range(1, 101))
+    runs = [testing.Run("generic", 0.1, counts, np.zeros((100, 1)), ("H",)) for _ in range(16)]
+    assert list(testing._grows(MINE, runs, "H", 0.75)) == []
+    for run in runs:
+        run.ulps[-3:] = 1e6
+    (line,) = testing._grows(MINE, runs, "H", 0.75)
+    assert "H is off by 1e+06 ulps at last on 16 tops" in line
+    runs[3].ulps[50] = np.nan
+    (line,) = testing._grows(MINE, runs, "H", 0.75)
+    assert "H is not finite on 16 tops" in line
 
 
 def test_a_run_that_ends_early_or_is_not_finite():
@@ -98,6 +114,9 @@ def test_order():
     assert_order(MINE)
     with pytest.raises(AssertionError, match=r"mine, order 4: \d\.\d+, bound 4 ± 0\.15; .*random000"):
         assert_order(MINE, 4)
+    for method, claimed, tops in (("rk4", 7, "hanging"), ("strang", 9, "weightless")):  # nothing moves, or all is exact
+        with pytest.raises(AssertionError, match=f"{method}, order {claimed}:.* exact up to round-off.*not judged"):
+            assert_order(method, claimed, tops=[tops])
     for method, tops, message in (
         ("backlund", ["generic"], "exact in time"),
         ("rk45", ["generic"], "chooses its own steps"),
