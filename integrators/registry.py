@@ -12,12 +12,14 @@ import copyreg
 import importlib
 import importlib.util
 import inspect
+import itertools
 import multiprocessing
 import re
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
@@ -90,6 +92,9 @@ POTENTIALS_BUILT_IN = {
 }
 
 
+BLOCKS = itertools.count(1)  # numbers of the blocks in which more is registered
+
+
 class Registry(Mapping[str, Any]):
     """Name → Method, or Potential. Listing the names imports nothing.
 
@@ -100,7 +105,8 @@ class Registry(Mapping[str, Any]):
         self.word, self.built_in, self.group = word, built_in, f"lagrange_bench.{word}s"
         self._kind = kind
         self._loaded: dict[str, tuple[EntryPoint, Any]] = {}
-        self.changes = 0  # of the names in this process: what is derived from them holds until the next one
+        # what is registered for a block only, with the number of the block: no other thread sees it
+        self._in_block: ContextVar[tuple[int, Mapping[str, Any]]] = ContextVar(f"{word}s", default=(0, {}))
 
     @cached_property
     def kind(self) -> Any:
@@ -123,6 +129,8 @@ class Registry(Mapping[str, Any]):
         return entries
 
     def __getitem__(self, name: str) -> Any:
+        if name in (own := self._in_block.get()[1]):
+            return own[name]
         if name not in self._entries:
             close = suggestion(str(name), self._entries)
             whole = f"All: lagrange-bench {self.word}s"
@@ -151,27 +159,25 @@ class Registry(Mapping[str, Any]):
         if name not in self._entries:
             _load(name, self)
             self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
-            self.changes += 1
 
     def module(self, name: str) -> str:
         """The module with the record of a registered name, or of `module:NAME`."""
         return name.partition(":")[0] if ":" in name else self._entries[name].module
 
     @contextmanager
-    def lent(self, found: Any) -> Iterator[str]:
-        """Inside, what need not be registered is known by its own name, in this process; gives the name."""
-        before, entry = self._entries, EntryPoint(found.name, "", self.group)
-        loaded = self._loaded.get(found.name)
-        self._entries, self._loaded[found.name] = {**before, found.name: entry}, (entry, found)
-        self.changes += 1
+    def temporarily_registered(self, *records: Any) -> Iterator[None]:
+        """Register records under their names while the block runs, in this thread only."""
+        own = self._in_block.get()[1]
+        token = self._in_block.set((next(BLOCKS), {**own, **{record.name: record for record in records}}))
         try:
-            yield found.name
+            yield
         finally:
-            self._entries = before
-            del self._loaded[found.name]
-            if loaded is not None:
-                self._loaded[found.name] = loaded
-            self.changes += 1
+            self._in_block.reset(token)
+
+    @property
+    def state(self) -> tuple[int, int]:
+        """Another one where the names in this thread are others: what is derived from them holds as long as it is the same."""
+        return len(self._entries), self._in_block.get()[0]
 
     def each(self) -> Iterator[tuple[str, Any, str]]:
         """Every name with what it stands for and ""; or with None and the reason why it cannot be loaded."""
@@ -182,10 +188,10 @@ class Registry(Mapping[str, Any]):
                 yield name, None, f"{type(error).__name__}: {error}"
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
+        return iter({**self._entries, **self._in_block.get()[1]})
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return len({**self._entries, **self._in_block.get()[1]})
 
 
 class TopRegistry(Registry):

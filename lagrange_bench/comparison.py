@@ -2,7 +2,6 @@
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -143,9 +142,7 @@ class Comparison:
         rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
         axes = _axes(ax, names)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
-        with ExitStack() as stack:
-            for method in self.methods:
-                stack.enter_context(METHODS.lent(method))
+        with METHODS.temporarily_registered(*self.methods):
             for place, one in enumerate(axes):
                 here = rows if len(axes) == 1 else rows[rows["top"] == names[place]]
                 self._draw(one, here, x, y)

@@ -20,7 +20,6 @@ import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -312,10 +311,9 @@ class _Asked:
     def measure(self, measure: Measure, cell: Callable[[float], Cell]) -> pd.DataFrame:
         """The rows of `measure` for each top and method, a failed one where it ends in a StepError, in both units of time."""
         rows: list[Cell] = []
-        with ExitStack() as stack, warnings.catch_warnings():
+        names = METHODS.temporarily_registered(*self.methods), NAMED_TOPS.temporarily_registered(*self.tops)
+        with names[0], names[1], warnings.catch_warnings():
             warnings.simplefilter("ignore", StepWarning)  # of steps that are tried because they are long
-            for lent in (*map(METHODS.lent, self.methods), *map(NAMED_TOPS.lent, self.tops)):
-                stack.enter_context(lent)
             for top, method in product(self.tops, self.methods):
                 asked = {"method": method.name, "state": top.name, **cell(top.unit)}
                 found = _tried(measure, asked)

@@ -190,7 +190,8 @@ def drifts(
     sizes = [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
     if not isinstance(options or {}, Mapping):
         raise ValueError(f"options must be a dict; got {options!r}")
-    with METHODS.lent(method) as name:
+    name = method.name
+    with METHODS.temporarily_registered(method):
         for label, top, y0 in tops:
             if reason := method.takes(top):
                 raise ValueError(f"tops: {reason}")

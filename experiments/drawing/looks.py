@@ -60,7 +60,7 @@ def of(method: str) -> dict[str, Any]:
 
 
 def _look(method: str) -> dict[str, Any]:
-    look = _known(METHODS.changes)[1].get(method) or _stranger(method)
+    look = _known(METHODS.state)[1].get(method) or _stranger(method)
     mine = _standing_out()
     if method not in mine and ":" not in method:
         return look
@@ -83,13 +83,13 @@ def label(method: str) -> str:
 
 def ordered(methods: Iterable[str]) -> list[str]:
     """Distinct names in legend order: the registry's, then the unknown ones by name."""
-    known = list(_known(METHODS.changes)[1])
+    known = list(_known(METHODS.state)[1])
     return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
 def family(method: str) -> str:
     """The family a method is drawn with: its own if that has colours here, else OTHERS."""
-    return _known(METHODS.changes)[0].get(method, OTHERS)
+    return _known(METHODS.state)[0].get(method, OTHERS)
 
 
 def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str, Any]]:
@@ -132,9 +132,9 @@ def bold(method: str) -> dict[str, Any]:
     return {**look, "color": main, "linestyle": "-", "linewidth": 1.9, "marker": "none"}
 
 
-@lru_cache(maxsize=1)
-def _known(changes: int) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
-    """Family and style of each registered method, as the registry is after so many changes.
+@lru_cache(maxsize=8)
+def _known(state: tuple[int, int]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
+    """Family and style of each registered method, as the registry is in this state.
 
     A method that cannot be loaded here may still have rows: it is drawn as a stranger.
     """

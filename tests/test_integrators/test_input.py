@@ -415,15 +415,15 @@ def test_steppers_of_plug_ins_are_looked_at(fault):
     build = replace(METHODS["rk4"], name="mine", needs="uniform", prepare=lambda top, y0, h: Resting(broken))
     refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
     refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
-    with METHODS.lent(build) as name:
-        refused(rf"^mine: .*{said}", lb.states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+    with METHODS.temporarily_registered(build):
+        refused(rf"^mine: .*{said}", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
 
 
 def test_other_faults_of_plug_ins():
     record = replace(METHODS["rk4"], name="mine")
     reusing_one = replace(record, prepare=lambda top, y0, h: Advancing(reusing))
-    with METHODS.lent(reusing_one) as name:
-        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, name, 0.1, [1, 2, 4])
+    with METHODS.temporarily_registered(reusing_one):
+        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
     short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
     lost = replace(

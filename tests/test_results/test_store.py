@@ -406,10 +406,10 @@ def test_a_plug_in_stands_out_and_a_few_are_all_named():
     assert {name: style.of(name) for name in METHODS} == plain
     assert style.OWN not in {look["color"] for look in plain.values()}
     assert style.of("somebody:METHOD")["color"] == style.OWN
-    with METHODS.lent(replace(METHODS["strang"], name="mine", label="Mine")):
+    with METHODS.temporarily_registered(replace(METHODS["strang"], name="mine", label="Mine")):
         looks = style.looks([*many, "mine"], named=["backlund"])
     assert (looks["mine"]["color"], looks["mine"]["label"], looks["rk4"]["label"]) == (style.OWN, "Mine", "_thin")
-    assert (style.of("mine")["label"], style.family("mine")) == ("mine", style.OTHERS), "no longer lent"
+    assert (style.of("mine")["label"], style.family("mine")) == ("mine", style.OTHERS), "no longer registered"
     few = style.looks(many[: style.FEW], named=[])
     assert not [look for look in few.values() if look["label"].startswith("_")]
     both = style.looks(["gauss4", "gauss6"], named=[])
