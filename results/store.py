@@ -36,6 +36,15 @@ ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
 LONGEST = 2000  # characters of a message
+NONE = type(None)
+SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
+    **dict.fromkeys(("key", "experiment", "status"), (str,)),
+    **dict.fromkeys(("schema", "version", "position"), (int,)),
+    **dict.fromkeys(("cell", "provenance"), (dict,)),
+    **dict.fromkeys(("rows", "warnings"), (list,)),
+    "error": (dict, NONE),
+    "seconds": (int, float),
+}
 COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # what became of a cell
 
 
@@ -369,12 +378,60 @@ class Store:
 
 
 def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if the rest of the line does not match its SHA-256."""
+    """The record in a line; None if it does not match its SHA-256, or has not the shape of a record."""
     head, _, tail = line.rpartition(b'"sha256":"')
     digest, mark, rest = tail[:64], tail[64:66], head + tail[66:]
     if mark != b'",' or hashlib.sha256(rest).hexdigest().encode() != digest:
         return None
-    return json.loads(rest)  # type: ignore[no-any-return]
+    try:
+        record = json.loads(rest)
+        if b"\\ud" in rest:
+            json.dumps(record, ensure_ascii=False).encode()  # an error with lone surrogates, which cannot be printed
+    except (ValueError, RecursionError):
+        return None
+    newer = isinstance(record, dict) and type(record.get("schema")) is int and record["schema"] != SCHEMA
+    return record if newer or _is_record(record) else None
+
+
+def _is_record(record: Any) -> bool:
+    """Whether a value has the shape of what `make_record` gives, and its rows that of `clean_rows`."""
+    if not isinstance(record, dict) or any(type(record.get(name, ...)) not in types for name, types in SHAPE.items()):
+        return False
+    cell, rows, error, facts = (record[name] for name in ("cell", "rows", "error", "provenance"))
+    texts = [*record["warnings"], *(error or {}).values()]
+    return (
+        (record["status"], error is None) in (("done", True), ("failed", False))
+        and (error is None or {"type", "message"} <= set(error))
+        and all(type(text) is str for text in texts)
+        and type(record.get("sources")) in (str, NONE)
+        and all(_is_scalar(value) for value in facts.values())
+        and all(_is_stored(value) for value in cell.values())
+        and all(type(row) is dict and _is_row(row, cell) for row in rows)
+    )
+
+
+def _is_row(row: Record, cell: Record) -> bool:
+    for name, value in row.items():
+        if not _is_scalar(value) and not (SAMPLES.search(name) and type(value) is list and all(map(_is_number, value))):
+            return False
+    return all(row[name] == cell[name] for name in row.keys() & cell.keys()) and row.keys().isdisjoint(ADDED)
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) is float or (type(value) is int and abs(value) < 2**63)
+
+
+def _is_scalar(value: Any) -> bool:
+    if type(value) is dict:
+        return set(value) == {"float"} and value["float"] in ("nan", "inf", "-inf")
+    return type(value) in (str, bool, NONE) or _is_number(value)
+
+
+def _is_stored(value: Any) -> bool:
+    """Whether `clean` gives this of some value."""
+    if type(value) is list or (type(value) is dict and set(value) != {"float"}):
+        return all(_is_stored(v) for v in (value.values() if type(value) is dict else value))
+    return _is_scalar(value) and (type(value) is not float or math.isfinite(value))
 
 
 def _append(path: Path, lines: bytes) -> None:

@@ -1,6 +1,7 @@
 """The store loses nothing it has confirmed, never takes a damaged line for a result, and shows what is chosen."""
 
 import errno
+import hashlib
 import json
 import math
 import os
@@ -129,6 +130,34 @@ def test_lines_that_are_no_record_are_skipped(filled):
     assert len(journal.rows()) == len(filled.done("toy")[0]) == 5
     damaged = [int(re.search(r"line (\d+): damaged", problem)[1]) for problem in journal.problems]
     assert damaged == [*range(6, 7 + len(lines))]
+
+
+GONE = object()
+WRONG_SHAPES = [
+    *((name, GONE) for name in record(1) if name != "sources"),
+    *((name, wrong) for name in ("schema", "version", "position", "seconds") for wrong in ("x", None, [1], True)),
+    *((name, wrong) for name in ("key", "status", "experiment") for wrong in (5, None, ["x"])),
+    *(("cell", wrong) for wrong in (None, [1], "x", {"i": {"float": "x"}}, {"i": [{"float": 1}]}, {"i": "\ud800"})),
+    *(("rows", wrong) for wrong in (None, {}, "x", [None], [[1]], [{"square": [1]}], [{"square": {"a": 1}}])),
+    *(("rows", wrong) for wrong in ([{"square": {"float": []}}], [{"key": 1}], [{"i": 2}], [{"square": 10**20}])),
+    *(("error", wrong) for wrong in ({}, "x", [], {"type": "A", "message": "b"})),  # of a cell that is done
+    *(("warnings", wrong) for wrong in (None, [5], "x")),
+    *(("provenance", wrong) for wrong in (None, [], {"cpu": ["x"]})),
+    ("status", "failed"),
+    ("sources", 5),
+]
+
+
+@pytest.mark.parametrize(("name", "wrong"), WRONG_SHAPES, ids=str)
+def test_a_record_of_the_wrong_shape_with_the_right_digest_is_damaged(filled, name, wrong):
+    shape = {field: value for field, value in {**record(5), name: wrong}.items() if value is not GONE}
+    content = json.dumps(shape, sort_keys=True, separators=(",", ":"))
+    with filled.path("toy").open("a", encoding="ascii") as file:
+        file.write(f'{{"sha256":"{hashlib.sha256(content.encode()).hexdigest()}",{content[1:]}\n')
+    journal = filled.open("toy")
+    assert (len(journal.latest), len(journal.rows()), len(journal.provenance())) == (5, 5, 5)
+    (problem,) = journal.problems
+    assert problem.endswith("line 6: damaged; skipped, its cell counts as not computed")
 
 
 def test_another_schema_is_an_error_that_says_so(filled):
