@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from lagrange_bench.integrators.words import suggestion
-from lagrange_bench.output import plain
+from lagrange_bench.output import plain, visible
 
 
 class Help(argparse.HelpFormatter):
@@ -80,6 +80,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(argv: list[str]) -> int:
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
@@ -105,14 +106,24 @@ def _run(argv: list[str]) -> int:
             import_modules(options.module)
         answer = options.run(options)
     for remark in answer.remarks if not options.quiet else ():
-        print(remark, file=sys.stderr)
-    _print(json.dumps(plain(answer.data), allow_nan=False) if options.json else answer.text)
+        print(visible(remark), file=sys.stderr)
+    _print(json.dumps(plain(answer.data), allow_nan=False) if options.json else visible(answer.text))
     return int(answer.code)
 
 
 def _report(message: str, code: int) -> int:
-    print("lagrange-bench:", " ".join(message.split()), file=sys.stderr)
+    print("lagrange-bench:", visible(" ".join(message.split())), file=sys.stderr)
     return code
+
+
+def _open_closed_streams() -> None:
+    """Connect what the caller closed, as >&- does, to nothing: a file that is opened later must not get its descriptor."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(descriptor)
+    for descriptor, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(descriptor, "w", encoding="utf-8", closefd=False))
 
 
 def _print(text: str) -> None:
@@ -129,14 +140,14 @@ COMMANDS = tuple(importlib.import_module(f"lagrange_bench.commands.{name}") for 
 
 
 def parser() -> Parser:
-    """The command line; every command has a module of its own."""
-    top = Parser(__doc__, prog="lagrange-bench")
+    """The command line; every command has a module of its own. Its docstring is its help, which python -OO leaves out."""
+    top = Parser(__doc__ or "", prog="lagrange-bench")
     top.add_argument("--version", action="store_true", help="print the version and stop")
     top.set_defaults(command="", flags=top._option_string_actions)
     commands = top.add_subparsers(metavar="COMMAND", title="commands")
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]
-        summary, _, text = str(module.__doc__).partition("\n\n")
+        summary, _, text = (module.__doc__ or "").partition("\n\n")
         command = commands.add_parser(name, text=text, help=summary.rstrip("."))
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")

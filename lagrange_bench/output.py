@@ -4,6 +4,7 @@ import importlib.util
 import io
 import math
 import os
+import re
 import shutil
 import sys
 from collections.abc import Sequence
@@ -42,6 +43,11 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
     with console.capture() as captured:
         console.print(made)
     return [line.rstrip() for line in captured.get().splitlines()]
+
+
+def visible(text: str) -> str:
+    """Text for a terminal: control characters, as in foreign names, are spelt out, but for line ends and tabs."""
+    return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda match: f"\\x{ord(match[0]):02x}", text)
 
 
 def terminal_width() -> int:

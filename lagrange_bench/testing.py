@@ -145,7 +145,8 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Sequen
 
     Raises
     ------
-    AssertionError : with the order that was found, or why none can be told. ValueError : a method exact in time, or one that chooses its steps.
+    AssertionError : with the order that was found, or why none can be told.
+    ValueError : a method exact in time, or one that chooses its steps.
     """
     found, named = find_method(method), find_all(tops)
     if not named:

@@ -96,8 +96,16 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
 
 
 def csv(frame: pd.DataFrame) -> str:
-    """Comma separated values with every digit; a missing value is an empty field."""
-    return str(frame.to_csv(index=False, lineterminator="\n"))
+    """Comma separated values with every digit; a missing value is an empty field.
+
+    A text that a spreadsheet would take for a formula begins with an apostrophe.
+    """
+    plain = frame.map(_no_formula).set_axis([_no_formula(name) for name in frame.columns], axis="columns")
+    return str(plain.to_csv(index=False, lineterminator="\n"))
+
+
+def _no_formula(value: Any) -> Any:
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "@")) else value
 
 
 def show(value: Any, pad: bool | None = None) -> str:

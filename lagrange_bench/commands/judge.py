@@ -17,10 +17,10 @@ Commas, semicolons, tabs or blanks separate them, # and % start comments, decima
 of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y. The smallest turn leads from there to the frames
 of the case; where that is half a turn, it is about x.
 
-Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for sums
-of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and displacements, the
-larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation. With --bounds a file violates them if one
-number in it is not finite, or if it ends before the case does (--until).
+Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for
+sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
+displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
+With --bounds a file violates them if one number in it is not finite, or if it ends before the case does (--until).
 
 examples:
   lagrange-bench judge run.csv --case bruels

@@ -185,6 +185,8 @@ def test_a_column_shows_three_digits_where_one_of_its_numbers_needs_them_and_who
     assert tables.markdown(frame).splitlines()[2] == "| 1.50×10⁻⁹ | 1 | 1024 | 1020 |"
     assert r"\num{1024} & \num{1020}" in tables.latex(frame)
     assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)
+    formulas = pd.DataFrame({"=1+1": ["=1+1", "@SUM(1)", "-1,2", "a=b"]})
+    assert tables.csv(formulas) == "'=1+1\n'=1+1\n'@SUM(1)\n\"-1,2\"\na=b\n"
     columns = ["ns_per_step", "setup_us", "us per use", 32.0, "1e-06"]
     assert [*map(tables.heading, columns)] == ["ns per step", "setup µs", "µs per use", "32", "10⁻⁶"]
 

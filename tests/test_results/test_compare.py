@@ -64,6 +64,28 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
     assert (code, json.loads(out)["experiments"]["toy.none"]["changed"][0]["columns"]["steps"]["new"]) == (1, 9)
 
 
+def test_a_foreign_journal_sends_nothing_to_the_terminal(run, tmp_path):
+    evil = "\x1b]0;mine\x07\x1b[2J\x9b31m\r\x7f"
+    folders = [
+        store(
+            tmp_path / text,
+            ({"i": 1, evil: evil}, [{f"{evil}2": text, "b": evil * k}]),
+            ({"i": k}, None),
+            error=f"A: {evil}{k}",
+        )
+        for k, text in enumerate(("one", "two"), 1)
+    ]
+    for words in (
+        ("compare", *folders),
+        ("compare", *folders, "--verbose"),
+        ("verify", folders[0]),
+        ("figure", "x", "--results", folders[0]),
+    ):
+        _, out, err = run(*words)
+        assert out + err
+        assert not [c for c in out + err if c != "\n" and not c.isprintable()], words
+
+
 @pytest.mark.parametrize(
     ("error", "options", "same"),
     [
