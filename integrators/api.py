@@ -205,11 +205,22 @@ def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: in
     StepError
         The image is beyond the range of doubles.
     """
-    problem: Any = getattr(top, "problem", top)
-    _check_top(problem)
+    problem = problem_of(top)
+    problem.single()
     if "uniform" not in problem.offers:
         raise ValueError("top must be a LagrangeTop or a RigidTop: the map is that of a uniform field")
     return any_parameter.two_point(problem, check_state(y, "y"), lam, sheet)
+
+
+def problem_of(top: Any) -> Any:
+    """What is integrated: of a RigidTop its LagrangeTop. ValueError: it is none."""
+    if isinstance(top, NamedTop):
+        raise ValueError(f"top must be {TOP_TYPES}; {top.name!r} has one: pass named.top, named.state")
+    problem = getattr(top, "problem", top)
+    if not isinstance(problem, (LagrangeTop, PerturbedTop, Problem)):
+        hint = ": pass its problem()" if callable(problem) else ""
+        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}{hint}")
+    return problem
 
 
 def grid_times(h: float, every: int, rows: int) -> Array:
@@ -221,10 +232,8 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 
 def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
     """The problem that is followed, of a body its top, the method and the state, all checked."""
-    plain = getattr(top, "problem", top)
-    if callable(plain):
-        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}: pass its problem()")
-    _check_top(plain)
+    plain = problem_of(top)
+    plain.single()
     found, state = find_method(method), plain.check_state(y0)
     if isinstance(top, RigidTop):
         top.check_start(y0 if isinstance(y0, BodyState) else state)
@@ -246,14 +255,6 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
         raise ValueError(f"{method.name}: prepare wrote to y0")
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
-
-
-def _check_top(top: Any) -> None:
-    if isinstance(top, NamedTop):
-        raise ValueError(f"top must be {TOP_TYPES}; {top.name!r} has one: pass named.top, named.state")
-    if not isinstance(top, (LagrangeTop, PerturbedTop, Problem)):
-        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}")
-    top.single()
 
 
 def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> Trajectory:

@@ -121,7 +121,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "a function": (callable, "prepare"),
     "a function or None": (
         lambda value: value is None or callable(value),
-        "evaluate attitude advance_many evaluate_many",
+        "evaluate attitude many",
     ),
     "a dict": (lambda value: isinstance(value, Mapping), "keeps biased special"),
     "a set, such as frozenset({'J3'})": (lambda value: isinstance(value, (set, frozenset)), "conserves if_quadratic"),
@@ -171,10 +171,9 @@ class Method:
         (problem, y0, times, **options) → states and Work: dense output or jumps.
     attitude : callable, optional
         (top, y0, times, **options) → (N, 4), see `body`.
-    advance_many, evaluate_many : callable, optional
-        Many tops in one call: their alphas (n,) in a uniform field, else a list of problems; then (n, 6) states:
-        (tops, Y0, h, steps, every, out, stopped, **options) and (tops, Y0, times, out, **options) → the tops done, a mask; see
-        `ensemble`.
+    many : callable, optional
+        Many tops in a uniform field in one call, for `integrate_ensemble`: (alphas (n,), Y0 (n, 6), h, steps, every, out,
+        stopped, **options) → the tops done, a mask. It fills `out` (steps // every, n, 6), and ends early once `stopped()`.
     requires : str, optional
         A package that may be missing on some platforms.
     engine : str
@@ -216,8 +215,7 @@ class Method:
     special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
     attitude: Callable[..., Array] | None = None
-    advance_many: Callable[..., NDArray[np.bool_]] | None = None
-    evaluate_many: Callable[..., NDArray[np.bool_]] | None = None
+    many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
     engine: str = "numba"
     keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)

@@ -24,6 +24,8 @@ from lagrange_bench.integrators import plot_and_save
 from lagrange_bench.integrators.checks import check_times, warn_caller
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem.body import RigidTop
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import scaled_size
 
 if TYPE_CHECKING:
@@ -399,6 +401,17 @@ class Trajectory(Table):
         return {"quaternion": self.rotation.as_quat(canonical=True, scalar_first=True), "omega_body": self.omega_body}
 
 
+def motion_of(top: Any, place: int) -> Any:
+    """What is followed in the motion of this place of an ensemble: of arrays of alphas or parameters its own."""
+
+    def number(value: Any) -> float:
+        return float(value[place] if np.ndim(value) else value)
+
+    if isinstance(top, PerturbedTop):
+        return top.with_parameters(number(top.alpha), tuple(map(number, top.parameters)))
+    return LagrangeTop(number(top.alpha)) if isinstance(top, LagrangeTop) else top
+
+
 @dataclass(frozen=True, repr=False, eq=False)
 class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     """Times and states of many motions: what `integrate_ensemble` returns.
@@ -417,8 +430,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         States in those of Y0; of a Problem (rows, n, size).
     end_only : bool
         Whether the one row is the end.
-    begin : callable
-        Number of a motion → its top and its start.
+    start : Start
+        How the run began: its `state` (n, 6) are those of all motions.
     """
 
     top: Any
@@ -426,7 +439,7 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     t: Array
     y: Array
     end_only: bool
-    begin: Callable[[int], tuple[Any, Start]]  # top and start of the motion of a place
+    start: Start
     _axes = 2
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
@@ -477,7 +490,8 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
-        return self._run(self.y[:, place], *self.begin(place % motions))
+        start = replace(self.start, state=self.start.state[place])
+        return self._run(self.y[:, place], motion_of(self.top, place), start)
 
     def _run(self, y: Array, top: Any, start: Start | None = None) -> Trajectory:
         problem = getattr(top, "problem", top)

@@ -1,4 +1,4 @@
-"""The time loop of many tops at once, one in each SIMD lane: the kernels are those of `loops`."""
+"""The time loop of many tops at once, one in each SIMD lane. The kernels are those of `loops`; here they cannot fail."""
 
 from __future__ import annotations
 
@@ -7,11 +7,10 @@ from collections.abc import Callable
 from functools import cache
 
 import numpy as np
-from numba import TypingError
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.compiling.compiled import inlined_copy, jit, jit_over
-from lagrange_bench.integrators.compiling.loops import FAILURE, INTERRUPTIBLE, SIZE
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, SIZE
 from lagrange_bench.integrators.compiling.numba_internals import column, put_column, strided
 from lagrange_bench.integrators.interface import Array
 
@@ -20,10 +19,8 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int, whole: bool) -> Callable:
-    """The loop around one kernel for `lanes` tops at a time, each with constants of its own, `size` for each call of it.
-
-    `whole`: a step has one part. Where all distances between state and constants are known, a kernel may take hundreds of them.
+def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with `size` constants of its own.
 
     If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
     neighbours, and all bits are those of `compile_loop`.
@@ -31,12 +28,11 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int, w
     step = inlined_copy(step)
 
     @jit_over(step, pin)
-    def run(columns, first, last, every, block, parts, tops, units, out):
-        # `columns` holds blocks of columns of `lanes` numbers: states, tallies, and the constants of the `parts` of a step. They
-        # are those of the `tops` of `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the
-        # first after `every` steps. A lane that fails goes on: what becomes of it is of no use.
+    def run(columns, first, last, every, block, tops, units, out):
+        # `columns` holds blocks of columns of `lanes` numbers: states, tallies and constants. They are those of the `tops` of
+        # `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the first after `every` steps.
         for b in range(len(tops) // lanes):
-            origin = b * (6 + SIZE + parts * size) * lanes
+            origin = b * (6 + SIZE + size) * lanes
             constants = origin + (6 + SIZE) * lanes
             i = first
             row = i // every
@@ -52,13 +48,11 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int, w
                             put_column(columns, origin + j, pin(s, c), lanes)
                 stop = min(last, next_row, next_pin)
                 for _ in range(i, stop):
-                    for part in range(1 if whole else parts):
-                        place = constants + part * size * lanes
-                        for j in range(lanes):
-                            s = column(columns, origin + j, 6, lanes)
-                            c = column(columns, place + j, size, lanes)
-                            tally = strided(columns, origin + 6 * lanes + j, lanes)
-                            put_column(columns, origin + j, step(s, c, tally), lanes)
+                    for j in range(lanes):
+                        s = column(columns, origin + j, 6, lanes)
+                        c = column(columns, constants + j, size, lanes)
+                        tally = strided(columns, origin + 6 * lanes + j, lanes)
+                        put_column(columns, origin + j, step(s, c, tally), lanes)
                 i = stop
                 if i == next_row:
                     for j in range(lanes):
@@ -98,33 +92,22 @@ def run_lanes(
     out: Array,
     stopped: Callable[[], bool],
     lanes: int = LANES,
-    size: int | None = None,
-) -> NDArray[np.bool_]:
+) -> None:
     """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
 
-    `constants` (m, k) are those of each top, of which the kernel takes `size` at a time, all by default. Rows of `out`
-    (steps // every, m, 6) are the states times `units` (m, 6) after every, 2 every, … steps. Ends early, its rows
-    unfinished, once `stopped()`. Returns which of the `tops` it did not fail for.
+    `constants` (m, k) are those of each top. Rows of `out` (steps // every, m, 6) are the states times `units` (m, 6) after
+    every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
     """
-    if np.result_type(states, constants) != np.float64:  # complex numbers
-        return np.zeros(len(tops), dtype=bool)
     step, pin, block = kernel
-    count = -(-len(tops) // lanes)
-    size = constants.shape[1] if size is None else size
-    parts = constants.shape[1] // size
-    places = np.resize(tops, count * lanes)  # tops over again in the lanes left over: their numbers do no harm
+    places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # tops over again in the lanes left over
     columns = np.empty(len(places) * (6 + SIZE + constants.shape[1]))
     fill(columns, states, constants, places, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, size, lanes, parts == 1)
-        try:
-            run(columns, 0, 0, 1, 1, parts, places, units, out)
-        except TypingError:  # a kernel of somebody else that needs its constants to be an array
-            return np.zeros(len(tops), dtype=bool)
-    stride = max(1, INTERRUPTIBLE * 4 // (len(places) * parts))
+        run = compile_lanes(step, pin, constants.shape[1], lanes)
+        run(columns, 0, 0, 1, 1, places, units, out)
+    stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):
         if stopped():
             break
-        run(columns, first, min(first + stride, steps), every, block, parts, places, units, out)
-    return columns.reshape(count, -1, lanes)[:, 6 + FAILURE].ravel()[: len(tops)] == 0.0
+        run(columns, first, min(first + stride, steps), every, block, places, units, out)

@@ -120,11 +120,6 @@ class FixedStepper(Stepper):
         Right-hand sides that a step counts.
     failures : dict, optional
         The reasons for the kernel's failure codes.
-    lane : bool or (callable, int)
-        Whether an ensemble takes its tops through this kernel in SIMD lanes. True: through `step` and `pin` as they are; both
-        should be free of loops, for a loop has the same bits in lanes but no SIMD code. Or a kernel for lanes and the number of
-        constants it takes: all of them, or those of one of the equal parts that a step consists of; it has the bits of `step`, or
-        sets FAILURE. False: one top after the other.
     size : int
         The number of components of a state.
     timed : bool
@@ -154,7 +149,6 @@ class FixedStepper(Stepper):
         leave: Callable[[Array], Array] | None = None,
         rhs_per_step: int = 0,
         failures: dict[int, str] | None = None,
-        lane: bool | tuple[Callable, int] = False,
         size: int = 6,
         timed: bool = False,
         memory: int = SIZE - MEMORY,
@@ -164,7 +158,7 @@ class FixedStepper(Stepper):
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self.step, self.pin, self.lane = step, pin, (step, len(constants)) if lane is True else lane or None
+        self.step, self.pin = step, pin
         self.size = size
         if timed:  # else it is for the class to say
             self.from_start = True

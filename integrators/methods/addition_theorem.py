@@ -275,7 +275,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     c, least = constants(units.alpha, tuple(state), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    return real_map.TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER, lane=True)
+    return real_map.TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER)
 
 
 METHOD = Method(

@@ -37,7 +37,6 @@ from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_const
 
 PIN = 8  # steps between two pins, by default
 SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
-FEW = 4  # tops below which, in longer runs, one after the other is quicker than a block of lanes
 # of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
 LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
@@ -52,7 +51,7 @@ def _stepper(
 ) -> FixedStepper:
     real_map.check_constants(name, c, h)
     back, block = (real_map.pin, pin) if pin else (None, NEVER)
-    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn, lane=True)
+    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn)
 
 
 LOOP = compile_loop(real_map.KERNELS[0], real_map.pin)
@@ -139,7 +138,7 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     return y, Work(steps=len(times))
 
 
-def advance_many(
+def many(
     alphas: Array, Y0: Array, h: float, steps: int, every: int, out: Array, stopped: Callable[[], bool],
     *, pin: int = PIN, lam: complex | None = None,
 ) -> NDArray[np.bool_]:  # fmt: skip
@@ -147,12 +146,9 @@ def advance_many(
 
     More than `SHORT` steps have the bits of `prepare_exact`.
     """
-    pin = check_count(pin, "pin")
-    n = len(Y0)
-    if lam is not None:
+    pin, n = check_count(pin, "pin"), len(Y0)
+    if lam is not None:  # another λ in the units of each top
         check_parameter(lam)
-    # one by one: λ is another in the units of each top, and a block wants to be filled
-    if lam is not None or (n < FEW and steps > SHORT):
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
@@ -169,13 +165,6 @@ def advance_many(
             run_lanes((kernel, back, block), states, c, tops, scales, parts * steps, parts * every, out, stopped)
     real_map.turn_many(out, np.flatnonzero(turned), turns, every, units)
     return forms >= 0
-
-
-def evaluate_many(alphas: Array, Y0: Array, times: Array, out: Array) -> NDArray[np.bool_]:
-    """Jumps: one two-point map from each top's initial state to each output time."""
-    done = np.empty(len(Y0), dtype=bool)
-    real_map.many_jumps(alphas, Y0, times, out, done)
-    return done
 
 
 def attitude_exact(top: LagrangeTop, y0: Array, times: Array, *, pin: int = PIN, lam: complex | None = None) -> Array:
@@ -209,13 +198,13 @@ EXACT = Method(
     name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
     conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top",
-    evaluate=evaluate_exact, attitude=attitude_exact, advance_many=advance_many, evaluate_many=evaluate_many,
+    evaluate=evaluate_exact, attitude=attitude_exact, many=many,
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    attitude=None, advance_many=partial(advance_many, pin=0), evaluate_many=None,
+    attitude=None, many=partial(many, pin=0),
 )  # fmt: skip
 PAPER = replace(
     UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,
-    advance_many=None,
+    many=None,
 )  # fmt: skip

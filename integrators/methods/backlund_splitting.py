@@ -193,7 +193,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
 
     It leaves in MEMORY the strongest kick of the run, squared, and the state after that step: there the guard looks at H.
     """
-    kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)[0]
+    kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)
     exact = called("flow", flow()) if degree else flow()
     first, stride, keep = NUMBERS + field.parameters, GROUP + table_size(degree, level), put(6)
 
@@ -225,35 +225,6 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
     return step
 
 
-@cache
-def lane_of(field: Field, level: bool, gradients: int, degree: int, groups: int) -> Any:
-    """The step of `kernel` in SIMD lanes, with its bits; fails outside of the box of its tables."""
-    kicked, look = kick_of(field, level, gradients), look_up(degree, level)[1]
-    stride, first = GROUP + table_size(degree, level), NUMBERS + field.parameters
-    place = first + (groups - 1) * stride
-    before = lane_of(field, level, gradients, degree, groups - 1) if groups > 1 else None
-
-    @unrolled(f"constants {first} {place} {stride}")
-    def last_group(c):
-        return c[NUMBERS:first], c[place : place + GROUP], c[place + GROUP : place + stride]
-
-    @jit_as(f"lane {field.digest} {level} {gradients} {degree} {groups}", forceinline=True)
-    def step(s, c, tally):
-        if before is not None:
-            s = before(s, c, tally)
-        alpha, (q, own, table) = c[ALPHA], last_group(c)
-        torus = invariants(s, alpha)
-        u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
-        if not ((abs(u) <= 1.0) & (abs(v) <= 1.0)):
-            tally[loops.FAILURE] = LOST
-            return s
-        R, eta, mr, mi = look(table, u, v)
-        s = tabled_flow(s, torus, alpha, R, eta, mr, mi, own[INVERSE])
-        return kicked(s, q, (own[KICK], own[TWIST], own[SECOND]))
-
-    return step
-
-
 @jit
 def pin(s, c):
     """Back onto C1 and C2: x along itself, then J along x."""
@@ -275,7 +246,6 @@ def pin_level(s, c):
 
 
 PIN_EVERY = 16
-LARGEST = 600  # constants of a step in SIMD lanes: with more its compilation would take long
 
 
 @cache
@@ -415,13 +385,11 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         before, after = ends_of(chosen, h, bool(corrected), kicks, fitted_corrector.SPACING)
         self._energies = energies(field)
         step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
-        laned = degree > 0 and len(c) <= LARGEST and not timed
-        lane = laned and (lane_of(field, level, gradients, degree, n), len(c))
         super().__init__(
             NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
             map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0, 0.0)),
             way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0, 0.0)),
-            rhs_per_step=n, failures=FAILURES, lane=lane, timed=timed,
+            rhs_per_step=n, failures=FAILURES, timed=timed,
         )  # fmt: skip
 
     def rows(self, out: Array, every: int) -> Array:

@@ -88,13 +88,13 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("bobenko_suris", h, c, step, enter=units.enter, leave=units.leave, lane=True)
+    return FixedStepper("bobenko_suris", h, c, step, enter=units.enter, leave=units.leave)
 
 
 def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
     """As `prepare`; the kicks are those of the whole potential, and no energy of its own is known."""
     kernel = kernel_in_field(top.field, "J3" in top.conserved)
-    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), kernel, lane=True)
+    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), kernel)
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

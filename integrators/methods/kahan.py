@@ -114,7 +114,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
 def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
     """As `prepare`."""
     step = kernel_in_field(top.field, "J3" in top.conserved)
-    return FixedStepper("kahan", h, np.array((h, *top.numbers)), step, failures=FAILURES, lane=True)
+    return FixedStepper("kahan", h, np.array((h, *top.numbers)), step, failures=FAILURES)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
@@ -122,7 +122,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES, lane=True)
+    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES)
 
 
 def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

@@ -163,7 +163,6 @@ def stepper(name: str, problem: Any, h: float, split: Split, step: Callable[...,
     size, timed = system.size, system.timed
     return FixedStepper(
         name, h, constants_for(split, problem, h), step, rhs_per_step=calls, size=size, timed=timed, memory=size,
-        lane=size == 6 and not timed,  # in SIMD lanes there is no clock
     )  # fmt: skip
 
 

@@ -191,16 +191,13 @@ def add(x, lost, change, compensated):
 
 
 @inlined
-def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once):
-    """x turned about v = part·J, |v| half the angle, and what its sums lose; False if that is too far to be done.
-
-    `at_once`: also where it takes parts.
-    """
+def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
+    """x turned about v = part·J, |v| half the angle, and what its sums lose; False if that is too far to be done."""
     v1, v2, v3 = part * J1, part * J2, part * J3
     z = (v1 * v1 + v2 * v2) + v3 * v3
     parts = 1
     if z > PART:
-        if at_once or not z <= MOST:
+        if not z <= MOST:
             return False, x1, x2, x3, l1, l2, l3
         while z > PART:
             v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
@@ -261,14 +258,11 @@ def push_in_field(field: Field, gradients: int) -> Any:
 
 
 @cache
-def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool, at_once: bool = False) -> Any:
-    """One step: rotation and kick for each group of `stride` constants. `level`: the field keeps J3.
-
-    `at_once`: fails where a turn is to be made in parts.
-    """
+def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool) -> Any:
+    """One step: rotation and kick for each group of `stride` constants. `level`: the field keeps J3."""
     kept, keep = take(5), put(5)
 
-    @jit_as(f"splitting {name} {stride} {level} {compensated} {at_once}", forceinline=True)
+    @jit_as(f"splitting {name} {stride} {level} {compensated}", forceinline=True)
     def step(s, c, tally):
         J1, J2, J3, x1, x2, x3 = s
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
@@ -277,7 +271,7 @@ def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool, at
             if not level:
                 k3 = tally[MEMORY + 5]
         for i in range(0, len(c), stride):
-            done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated, at_once)
+            done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated)
             if not done:
                 tally[FAILURE] = TOO_FAR
                 return s
@@ -295,13 +289,10 @@ def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool, at
     return step
 
 
-# in a uniform field, by `compensated`, then by the number of gradients; those for SIMD lanes take one group after the other
-KERNELS, LANES = (
-    tuple(
-        tuple(kernel(push_of(count), f"uniform {count}", STRIDE, True, compensated, at_once) for count in range(3))
-        for compensated in (False, True)
-    )
-    for at_once in (False, True)
+# in a uniform field, by `compensated`, then by the number of gradients
+KERNELS = tuple(
+    tuple(kernel(push_of(count), f"uniform {count}", STRIDE, True, compensated) for count in range(3))
+    for compensated in (False, True)
 )
 
 
@@ -389,8 +380,8 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
     force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
     scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-    step, lanes = (chosen[carried][bool(scheme.c) + bool(scheme.d)] for chosen in (KERNELS, LANES))
-    return _conjugate(name, h, scales, NOTHING, step, lanes, MAP, 0.5 * scheme.processor * force * h)
+    step = KERNELS[carried][bool(scheme.c) + bool(scheme.d)]
+    return _conjugate(name, h, scales, NOTHING, step, MAP, 0.5 * scheme.processor * force * h)
 
 
 def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
@@ -404,12 +395,11 @@ def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: b
     push, about = push_in_field(field, gradients), f"{field.digest} {gradients}"
     form = push, about, STRIDE + field.parameters, "J3" in top.conserved
     scales, numbers = np.array((0.5 * h, h, -h * (h * h), h * square(h * h))), np.array(top.numbers)
-    step, lanes, rows = kernel(*form, carried), kernel(*form, carried, True), map_over(kernel(*form, False), False)
-    return _conjugate(name, h, scales, numbers, step, lanes, rows)
+    return _conjugate(name, h, scales, numbers, kernel(*form, carried), map_over(kernel(*form, False), False))
 
 
 def _conjugate(
-    name: str, h: float, scales: Array, numbers: Array, step: Any, lanes: Any, rows: Any, processor: float = 0.0
+    name: str, h: float, scales: Array, numbers: Array, step: Any, rows: Any, processor: float = 0.0
 ) -> ConjugateStepper:
     """The stepper of a scheme; its constants are the coefficients times `scales`, and the numbers of the field."""
     steps, first = groups(SCHEMES[name])
@@ -419,7 +409,7 @@ def _conjugate(
     end = scaled(first, -scales, numbers) if len(numbers) else -begin
     return ConjugateStepper(
         name, h, constants, step, map_rows=rows, way_in=(processor, begin, 0.0), way_out=(0.0, end, -processor),
-        rhs_per_step=len(steps), failures=FAILURES, lane=(lanes, STRIDE + len(numbers)),
+        rhs_per_step=len(steps), failures=FAILURES,
     )  # fmt: skip
 
 

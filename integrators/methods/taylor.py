@@ -9,7 +9,7 @@ of order one. Their twentieth powers would under- or overflow. alpha is a runtim
 process for each tolerance and variant.
 
 `taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
-(loops over tables instead of unrolled; slower here). `advance_many` runs many tops at once, one in each SIMD lane.
+(loops over tables instead of unrolled; slower here).
 
 `taylor_fixed` sums the same series at a fixed h, by a recurrence compiled here: heyoka's is a Python call for each step.
 
@@ -21,17 +21,15 @@ Source: Jorba & Zou, Exp. Math. 14 (2005) 99; Biscani & Izzo, MNRAS 504 (2021) 2
 
 from __future__ import annotations
 
-import contextlib
 import copy
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_flag, check_real
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
@@ -40,7 +38,6 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense, sides
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
@@ -239,106 +236,6 @@ def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, hig
     return g / np.linalg.norm(g, axis=1, keepdims=True)
 
 
-# ------------------------------------------------------------------------------------ many tops at once, heyoka
-
-
-def _batches(form: Form, numbers: Array, Y0: Array, times: Array, tol: float, width: int) -> Array:
-    """States (len(times), n, 6) of n tops from Y0 (n, 6), each on natural steps of its own, `width` tops in one SIMD register.
-
-    `numbers` (n, k) are alpha and the parameters of a potential; `times` lead away from 0 (which may be among them) in one
-    direction. |J| and |x| should be between 2^-FAR and 2^FAR.
-    """
-    n, out = len(Y0), np.empty((len(times), len(Y0), 6))
-    moving = times != 0.0
-    out[~moving] = Y0
-    if not np.any(moving) or n == 0:
-        return out
-    ta = copy.deepcopy(compile_batch(tol, width, form))
-    for first in range(0, n, width):
-        places = np.minimum(np.arange(first, first + width), n - 1)  # the last top fills up the last register
-        ta.set_time(0.0)
-        set_numbers(ta, numbers[places].T)
-        ta.state[:] = Y0[places].T
-        states = _batch_on_grid(ta, times[moving], first)
-        out[moving, first : first + width] = states.transpose(0, 2, 1)[:, : n - first]
-    if not np.all(np.isfinite(out)):
-        raise StepError("taylor", "in a batch, a state left the range of floating-point numbers")
-    return out
-
-
-def advance_many(
-    tops: Array | Sequence[PerturbedTop], Y0: Array, h: float, steps: int, every: int, out: Array,
-    stopped: Callable[[], bool], *, tol: float = EPS, high_accuracy: bool = False,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """Natural steps of many tops, in heyoka's batch mode; what it refuses, and compensated sums, are taken one by one.
-
-    In a potential tops that keep J3 and tops that do not are in batches of their own.
-    """
-    import heyoka as hy
-
-    done, tol, width = np.zeros(len(Y0), dtype=bool), check_tolerance(tol), int(hy.recommended_simd_size())
-    if high_accuracy or not math.isfinite(h * steps):
-        return done
-    times = h * every * np.arange(1.0, steps // every + 1)
-    for form, places, numbers in _groups(tops):
-        size = np.linalg.norm(Y0[places, 3:], axis=1)
-        rate = np.linalg.norm(Y0[places, :3], axis=1) + np.sqrt(np.abs(numbers[:, 0]) * size)
-        low, high = 2.0**-FAR, 2.0**FAR  # what is beyond needs units: see `far_units`
-        near = (size > low) & (size < high) & (rate > low) & (rate < high)
-        places, numbers = places[near], numbers[near]
-        with contextlib.suppress(StepError):
-            if not stopped():
-                out[:, places] = _batches(form, numbers, Y0[places], times, tol, width)
-                done[places] = True
-    return done
-
-
-def _groups(tops: Array | Sequence[PerturbedTop]) -> list[tuple[Form, NDArray[np.intp], Array]]:
-    """(form, places in the list, numbers) of tops with one form of equations."""
-    if isinstance(tops, np.ndarray):
-        return [(Form(uniform_system()), np.arange(len(tops)), tops[:, None])]
-    kinds: dict[Form, list[int]] = {}
-    for i, problem in enumerate(tops):
-        kinds.setdefault(Form(problem.system), []).append(i)
-    return [(form, np.array(places), np.array([tops[i].numbers for i in places])) for form, places in kinds.items()]
-
-
-@lru_cache(maxsize=16)
-def compile_batch(tol: float, width: int, form: Form | None = None) -> Any:
-    """heyoka's integrator for `width` tops at once. It has a state: take a copy."""
-    import heyoka as hy
-
-    return hy.taylor_adaptive_batch(equations(form), np.ones((6, width)), tol=tol, compact_mode=False)
-
-
-def _batch_on_grid(ta: Any, times: Array, first: int) -> Array:
-    """States (len(times), 6, width) from the present one, at time 0; `first` is the number of the first top."""
-    start = ta.state.copy()
-    for limit in ({"max_steps": INTERRUPTIBLE}, {"callback": lambda ta: True}):  # as in `_on_grid`
-        ta.set_time(0.0)
-        ta.state[:] = start
-        if len(times) == 1:
-            ta.propagate_until(np.full(ta.batch_size, times[0]), **limit)
-            states: Array = ta.state.copy()[None]
-        else:
-            grid = np.repeat(np.concatenate(((0.0,), times))[:, None], ta.batch_size, axis=1)
-            states = ta.propagate_grid(grid, **limit)[1][1:]
-        if not _limited(ta, first):
-            break
-    return states
-
-
-def _limited(ta: Any, first: int) -> bool:
-    """Whether a lane stopped for the limit of steps; StepError if one stopped for a reason of its own."""
-    import heyoka as hy
-
-    good = (hy.taylor_outcome.time_limit, hy.taylor_outcome.step_limit, hy.taylor_outcome.success)
-    for lane, (outcome, _, _, steps) in enumerate(ta.propagate_res):
-        if outcome not in good:
-            raise StepError("taylor", f"heyoka: {outcome.name}, top {first + lane} of the batch", step=steps)
-    return any(result[0] != hy.taylor_outcome.time_limit for result in ta.propagate_res)
-
-
 # ------------------------------------------------------------------------------------ fixed steps, compiled
 
 
@@ -526,14 +423,14 @@ PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
     name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
-    attitude=attitude, requires="heyoka", engine="heyoka", advance_many=advance_many, needs="smooth",
+    attitude=attitude, requires="heyoka", engine="heyoka", needs="smooth",
 )  # fmt: skip
 
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
     return replace(
-        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None, advance_many=None,
+        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None,
     )  # fmt: skip
 
 

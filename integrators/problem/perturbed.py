@@ -103,14 +103,10 @@ class PerturbedTop(Top):
         """The parameters, of many tops those of the first."""
         return tuple(float(v[0]) if isinstance(v, np.ndarray) else v for v in self.parameters)
 
-    def like(self, alpha: float, parameters: tuple[float, ...], nature: Nature | None) -> PerturbedTop:
-        """A top in the same potential with other numbers, which are taken as checked; its nature if that is known."""
-        other = object.__new__(PerturbedTop)
-        vars(other).update(
-            top=LagrangeTop(alpha), parameters=parameters, potential=self.potential, formula=self.formula
-        )
-        if nature is not None:
-            vars(other)["nature"] = nature
+    def with_parameters(self, alpha: float, parameters: tuple[float, ...]) -> PerturbedTop:
+        """A top in the same potential with other numbers, which are taken as checked."""
+        other, top = object.__new__(PerturbedTop), LagrangeTop(alpha)
+        vars(other).update(top=top, parameters=parameters, potential=self.potential, formula=self.formula)
         return other
 
     @cached_property

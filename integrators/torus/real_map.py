@@ -21,7 +21,7 @@ from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mu
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.problem.units import LARGEST_SPAN, MODERATE, Units, exponents, own_units
+from lagrange_bench.integrators.problem.units import Units, own_units
 from lagrange_bench.integrators.torus import attitude as at
 from lagrange_bench.integrators.torus import time_step as ts
 
@@ -332,29 +332,6 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
         alpha, span = enter(alphas, Y, h, i, states, units)
         if span != math.inf:
             set_up(alpha, span, i, states, c, forms, turns)
-
-
-@jit
-def many_jumps(alphas, Y, times, out, done):
-    """`time_step.flow` for each top, in its own units; `done` is False for a top of extreme size or times."""
-    longest = 0.0
-    for t in times:
-        longest = max(longest, abs(t))
-    spans = np.empty(len(times))
-    for i in range(len(Y)):
-        y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
-        rate, length = exponents(alphas[i], y, longest if longest > 0.0 else 1.0)
-        done[i] = max(abs(rate), abs(length)) < MODERATE and math.ldexp(longest, rate) < LARGEST_SPAN
-        if not done[i]:
-            continue
-        for k in range(len(times)):
-            spans[k] = math.ldexp(times[k], rate)
-        J, x = math.ldexp(1.0, -rate), math.ldexp(1.0, -length)
-        s = (y[0] * J, y[1] * J, y[2] * J, y[3] * x, y[4] * x, y[5] * x)
-        found = ts.flow(math.ldexp(alphas[i], length - 2 * rate), s, spans)
-        for k in range(len(times)):
-            for j in range(6):
-                out[k, i, j] = y[j] if times[k] == 0.0 else math.ldexp(found[k, j], rate if j < 3 else length)
 
 
 @jit

@@ -16,7 +16,6 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit, jit_as
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
-from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.torus.plain_step import parameter
 
@@ -26,12 +25,13 @@ GRIDS = (6, 14)  # nodes along each side, tried in turn
 
 
 @cache
-def look_up(degree: int, level: bool) -> tuple[Any, Any]:
-    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]², for an array c; and the same for a tuple.
+def look_up(degree: int, level: bool) -> Any:
+    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
 
     Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
     """
 
+    @jit_as(f"look up {degree} {level}", forceinline=True)
     def look(c, first, u, v):
         p = q = r = s = 0.0
         place = first
@@ -45,11 +45,7 @@ def look_up(degree: int, level: bool) -> tuple[Any, Any]:
             p, q, r, s = p * u + d, q * u + e, r * u + f, s * u + g
         return p, q, r, s
 
-    @unrolled(f"look up {degree} {level}")
-    def look_in_lane(table, u, v):
-        return look(table, 0, u, v)
-
-    return jit_as(f"look up {degree} {level}", forceinline=True)(look), look_in_lane
+    return look
 
 
 def table_size(degree: int, level: bool) -> int:
