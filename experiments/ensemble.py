@@ -276,7 +276,7 @@ def _measure_many(cell: dict) -> dict:
 # ---------------------------------------------------------------- rivals
 
 
-def _batches(alphas: Array, Y: Array, span: float, tol: float) -> Callable[[], Array]:
+def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Callable[[], Array]:
     """What follows the tops by heyoka's batch mode: one top in each lane of a SIMD register, on natural steps of its own."""
     import heyoka as hy
 
@@ -308,7 +308,7 @@ def _measure_rival(cell: dict) -> dict:
         return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
 
     if cell["method"] == "taylor":
-        run = _batches(alphas, Y, span, **options)
+        run = follow_in_batches(alphas, Y, span, **options)
     right = partial(truth, method=METHODS[cell["method"]], h=span / steps, counts=[steps])
     return _judged(run, lambda one, y0: right(one, y0)[0], map(LagrangeTop, alphas), Y, span)
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from lagrange_bench import METHODS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, Work, metrics
+from lagrange_bench.experiments import ensemble
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import exact, integrate, prepare, reference
 from lagrange_bench.integrators.methods import taylor
@@ -84,24 +85,11 @@ def test_heyoka_compiles_once_for_each_formula(monkeypatch):
     assert taylor.compile_integrator.cache_info().misses == 2
 
 
-def batches(alphas, Y0, times, tol=taylor.EPS):
-    return taylor._batches(None, alphas[:, None], Y0, np.array(times, dtype=float), tol, 4)
-
-
-def test_taylor_batch_in_pieces_meets_its_tolerance_and_says_which_top_failed(monkeypatch):
+def test_batches_of_heyoka_meet_their_tolerance():
+    """In the experiment `ensemble`, whose rival they are; the last register is not full."""
     installed("taylor")
-    draw = np.random.default_rng(6)
-    alphas, Y0 = draw.normal(size=6), draw.normal(size=(6, 6))
-    grids = [30.0], [10.0, 20.0, 30.0]
-    whole = [batches(alphas, Y0, t) for t in grids]
-    monkeypatch.setattr(taylor, "INTERRUPTIBLE", 7)
-    assert all(np.array_equal(batches(alphas, Y0, t), states) for t, states in zip(grids, whole, strict=True))
-    loose = batches(alphas, Y0, [20.0], tol=1e-6)
-    for i, alpha in enumerate(alphas):
-        top = LagrangeTop(alpha)
-        truth = exact.solution(top, Y0[i], [20.0])[0]
-        assert 1e-10 < metrics.scaled_error(top, Y0[i], loose[0, i], truth) < 1e-3
-    Y0[5] *= 1e200  # its series overflows
-    for times in ([1.0], [0.5, 1.0]):
-        with pytest.raises(StepError, match=r"taylor.*heyoka: err_nf_state, top 5 of the batch"):
-            batches(alphas, Y0, times)
+    alphas, states = ensemble.alphas_and_states(6)
+    for tol, low, high in ((1e-6, 1e-10, 1e-3), (EPS, 0.0, 1e-12)):
+        for alpha, y0, end in zip(alphas, states, ensemble.follow_in_batches(alphas, states, 20.0, tol)(), strict=True):
+            top = LagrangeTop(alpha)
+            assert low < metrics.scaled_error(top, y0, end, exact.solution(top, y0, [20.0])[0]) < high
