@@ -41,7 +41,7 @@ def differences(reference: dict[str, Any]) -> str:
     if "omega_y_world" in reference:
         found.append(f"{abs(exact.rotation.apply(exact.omega_body)[0, 1] - reference['omega_y_world']):.0e} rad/s")
     if "energy" in reference:
-        energy = case.top.energy(exact.rotation, exact.omega_body)[0]
+        energy = case.body.energy_of(exact.rotation, exact.omega_body)[0]
         found.append(f"{abs(energy - reference['energy']):.1e} J")
     return ", ".join(found)
 

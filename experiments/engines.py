@@ -77,7 +77,7 @@ def words(values: Any) -> str:
 
 def moments(case: Case) -> Array:
     """(3,), about the centre of mass."""
-    return np.diag(case.top.inertia_com)
+    return np.diag(case.body.inertia_com)
 
 
 def loop(step: Callable[[], Any]) -> Callable[[int], None]:
@@ -94,8 +94,8 @@ def bench(_: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     if kind == "backlund":  # the exact step; the attitude comes with the rows
         runs: list[Any] = []
         return (
-            lambda n: runs.append(integrate(case.top, case.state, h=h, steps=n, method=kind).rotation[-1]),
-            lambda: (runs[-1].apply(case.top.com), runs[-1].as_matrix()),
+            lambda n: runs.append(integrate(case.body, case.state, h=h, steps=n, method=kind).rotation[-1]),
+            lambda: (runs[-1].apply(case.body.com), runs[-1].as_matrix()),
         )
     body, y0 = heavy_top.motion(case.name)
     stepper, y = prepare(body, y0, h, kind), [y0]
@@ -108,7 +108,7 @@ def bench(_: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
 
 
 def mujoco(mj: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top = case.top
+    top = case.body
     model = mj.MjModel.from_xml_string(f"""
         <mujoco><option timestep="{h!r}" integrator="{kind}" gravity="{words(top.gravity)}"/>
         <worldbody><body><joint type="{"slide" if rail else "ball"}"/>
@@ -136,7 +136,7 @@ def exudyn(exu: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     """A ball joint is a constraint. What needs an ordinary differential equation has a free body with the moments about the
     fixed point, and the torque of the weight: its rotation is that of the top."""
     importlib.import_module("exudyn.utilities")
-    tools, top, mbs = exu.utilities, case.top, exu.SystemContainer().AddSystem()
+    tools, top, mbs = exu.utilities, case.body, exu.SystemContainer().AddSystem()
     mass, com, weight = top.mass, np.asarray(top.com), top.mass * np.asarray(top.gravity)
     inertia, joint = np.diag(moments(case)), kind == "generalized-alpha"
     if not joint:
@@ -177,7 +177,7 @@ def exudyn(exu: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
 def drake(pydrake: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     """The turned frames make the spin the roll. The joint is singular along z of its frame: where the axis comes least near."""
     every = importlib.import_module("pydrake.all")
-    top, com = case.top, np.asarray(case.top.com)
+    top, com = case.body, np.asarray(case.body.com)
     angles = np.linspace(0.0, np.pi, 37)
     across = np.stack((np.cos(angles), np.zeros(37), np.sin(angles)))
     z = across[:, np.argmin(np.max(np.abs(case.solution(np.linspace(0.0, UNTIL, 2001)).position @ across), axis=0))]
@@ -210,7 +210,7 @@ def drake(pydrake: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
 
 def pinocchio(pin: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
     """It has the dynamics (`aba`) and the exponential map (`integrate`), but no integrator: the loops are written here."""
-    top, model = case.top, pin.Model()
+    top, model = case.body, pin.Model()
     number = model.addJoint(0, pin.JointModelPX() if rail else pin.JointModelSpherical(), pin.SE3.Identity(), "joint")
     inertia = pin.Inertia(top.mass, np.asarray(top.com), np.diag(moments(case)))
     model.appendBodyToJoint(number, inertia, pin.SE3.Identity())
@@ -250,7 +250,7 @@ def pinocchio(pin: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
 
 
 def pybullet(pb: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top = case.top
+    top = case.body
     if pb.isConnected():
         pb.disconnect()
     pb.connect(pb.DIRECT)
@@ -277,7 +277,7 @@ def pybullet(pb: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
 
 
 def dart(dartpy: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top, world, skeleton = case.top, dartpy.simulation.World(), dartpy.dynamics.Skeleton()
+    top, world, skeleton = case.body, dartpy.simulation.World(), dartpy.dynamics.Skeleton()
     world.setGravity(list(top.gravity))
     world.setTimeStep(h)
     made = skeleton.createPrismaticJointAndBodyNodePair if rail else skeleton.createBallJointAndBodyNodePair
@@ -352,7 +352,7 @@ def measure(cell: dict) -> list[dict]:
     right = heavy_top.end(cell["case"])
     off = Rotation.from_matrix(right).inv() * Rotation.from_matrix(matrix)
     row = {
-        "position": rounded(float(np.linalg.norm(found - right @ case.top.com))),
+        "position": rounded(float(np.linalg.norm(found - right @ case.body.com))),
         "rotation": rounded(float(off.magnitude())),
         "ns_per_step": rounded(seconds / steps * 1e9),
         "version": engine.version or "",

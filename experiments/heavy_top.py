@@ -1,6 +1,6 @@
 """Heavy tops of multibody dynamics: how well do integrators follow position and rotation of a whole body?
 
-Every method with a fixed step that takes a `WholeBody` follows four motions: `bruels`, the usual test of codes for multibody
+Every method with a fixed step that takes a `RigidBody` follows four motions: `bruels`, the usual test of codes for multibody
 dynamics, 300 rad of spin; `slow`, the same with a fifteenth of the spin; `simo_wong`; and Kovalevskaya's body, which is not
 symmetric. Errors at the end are those of the centre of mass (m), of the rotation (rad), of a symmetric body also of its spin
 (rad); beside them are those of energy and of the momentum about the vertical, relative to their terms. Truth is the closed
@@ -22,7 +22,7 @@ from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import rounded
-from lagrange_bench.integrators import CASES, METHODS, WholeBody, available, integrate, prepare
+from lagrange_bench.integrators import CASES, METHODS, RigidBody, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
@@ -62,13 +62,12 @@ def cells(profile: str) -> list[dict]:
     ]
 
 
-def motion(case: str) -> tuple[WholeBody, Array]:
+def motion(case: str) -> tuple[RigidBody, Array]:
     """The body and its state at t = 0."""
     if case == "kovalevskaya":
-        body = WholeBody(*KOVALEVSKAYA)
+        body = RigidBody(*KOVALEVSKAYA)
         return body, body.state(rotation=np.array(START[0]), omega_body=START[1])
-    body = WholeBody.of(CASES[case].top)
-    return body, body.state(rotation=CASES[case].rotation, omega_body=CASES[case].omega_body)
+    return CASES[case].body, CASES[case].state
 
 
 @cache

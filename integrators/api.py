@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -14,39 +13,38 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, Work
-from lagrange_bench.integrators.problem import body
-from lagrange_bench.integrators.problem.body import BodyState, HeavyTop, RigidTop
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
-from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.registry import find_method, find_top
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import Start, Trajectory
 
 FEW = 8  # numbers for which Python is quicker than NumPy
-TOP_TYPES = "a LagrangeTop, a RigidTop, a PerturbedTop or a Problem"
+TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
 
 def prepare(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
-    y0: ArrayLike,
+    top: LagrangeTop | PerturbedTop | Problem | NamedTop | str,
+    y0: ArrayLike | None,
     h: float,
-    method: str | Method = "backlund",
+    method: str | Method | None = None,
     **options: Any,
 ) -> Stepper:
     """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop or Problem
+    top : LagrangeTop, PerturbedTop, RigidBody or Problem
         What to follow.
     y0 : (6,)
         A state, as for `integrate`.
     h : float
         The step, not 0, in the units of the top.
-    method : str or Method
-        A name in METHODS, or a record.
+    method : str or Method, optional
+        A name in METHODS, or a record. By default the exact step, backlund, where there is one.
     **options : dict
         The method's own.
 
@@ -63,19 +61,18 @@ def prepare(
     StepError
         The method cannot be prepared for this top and step.
     """
-    problem, found, state = _look_up(top, y0, method)
+    problem, found, state, _ = _look_up(top, y0, method)
     return _prepare(found, problem, state, check_step(h), options)
 
 
 def integrate(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
-    y0: ArrayLike,
+    top: LagrangeTop | PerturbedTop | Problem | NamedTop | str,
+    y0: ArrayLike | None = None,
     h: float | None = None,
     steps: int | None = None,
-    method: str | Method = "backlund",
+    method: str | Method | None = None,
     every: int | None = None,
     t: ArrayLike | None = None,
-    attitude: bool | ArrayLike = False,
     **options: Any,
 ) -> Trajectory:
     """Follow a top, or a problem of your own, from y0.
@@ -87,32 +84,29 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop or Problem
-        What to follow.
-    y0 : (6,)
-        Initial (J, x); of a Problem as many numbers as its space has.
+    top : LagrangeTop, PerturbedTop, RigidBody, Problem, NamedTop or str
+        What to follow; a name such as "generic" stands for that named top.
+    y0 : (6,), optional
+        By default that of a named top. Initial (J, x); of a Problem as many numbers as its space has; of a RigidBody what its
+        `state` returns.
     h : float
-        The step, in the top's own unit of time, 1 over the unit of J; of a RigidTop in s. A negative one runs backwards.
+        The step, in the top's own unit of time, 1 over the unit of J; of a RigidBody in s. A negative one runs backwards.
     steps : int
         Number of steps.
-    method : str or Method
-        A name in METHODS, or a record.
+    method : str or Method, optional
+        A name in METHODS, or a record. By default the exact step, backlund, where there is one.
     every : int
         Record every so many steps; must divide `steps`.
     t : (N,)
         Finite times, in the unit of h.
-    attitude : bool or (4,)
-        True, or a unit quaternion, scalar first: the initial attitude of a HeavyTop, or of the body with equal moments of inertia
-        that a LagrangeTop is. A state from `RigidTop.state` has its own.
     **options : dict
         The method's own.
 
     Returns
     -------
     Trajectory
-        t (N,), y (N, 6), of a Problem (N, size), and work; `rotation` where the start has one. Of a
-        RigidTop and a WholeBody also `position`, `omega_body`, `omega_world` and `energy`, in SI units. The rotation of a top
-        is followed when it is first asked for, by backlund, theta_functions and taylor; the rotation of a WholeBody is in y.
+        t (N,), y (N, 6), of a Problem (N, size), and work. Of a RigidBody y is (N, 7), of one that flies
+        (N, 13), and there are `position`, `rotation`, `omega_body`, `omega_world`, `energy` and `momentum`, in SI units.
 
     Raises
     ------
@@ -121,17 +115,7 @@ def integrate(
     StepError
         The method failed.
     """
-    problem, found, state = _look_up(top, y0, method)
-    wanted = attitude is not False and attitude is not None
-    if wanted and "uniform" not in problem.offers:
-        kind, advice = type(top).__name__, "is not followed; give a LagrangeTop or a HeavyTop"
-        advice = "has its rotation in y; leave attitude out" if "body" in problem.offers else advice
-        raise ValueError(f"attitude: the body of a {kind} {advice}")
-    if wanted and isinstance(top, RigidTop) and not isinstance(top, HeavyTop):
-        raise ValueError("attitude: a RigidTop starts from top.state(rotation=…, omega_body=…), which has it")
-    turn = getattr(y0, "rotation", None)
-    if wanted and (turn is None or attitude is not True):
-        turn = body.check_attitude(attitude, state)
+    problem, found, state, flight = _look_up(top, y0, method)
     if t is None and (h is None or steps is None):
         found.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
@@ -139,19 +123,9 @@ def integrate(
         run = _evaluate(found, problem, state, times, options)
     else:
         run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
-    if "body" in problem.offers:
-        return replace(run, body=problem)
-    if "uniform" not in problem.offers:
-        return run
-    first = y0 if isinstance(y0, BodyState) else state
-    follow = None if turn is None else partial(body.follow, found, top, first, turn, run.t, run.y, h, options)
-    if isinstance(top, RigidTop):
-        spin = getattr(first, "spin", None)
-        run = replace(run, follow=follow, body=top, spin=None if spin is None else float(spin))
-    elif follow:
-        run = replace(run, follow=follow)
-    if wanted:
-        run.attitude  # noqa: B018 - now, so that it fails here
+    if flight is not None:
+        start = replace(run.start, flight=flight)  # type: ignore[type-var]
+        return replace(run, y=np.hstack((run.y, problem.flown(flight, run.t))), start=start)
     return run
 
 
@@ -174,7 +148,7 @@ def _advance(
     return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work, start=start)
 
 
-def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
     """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
 
     At a root of Q the two sheets meet: within 1e-14 of a simple root, or 1e-8 of a double one, round-off decides which is which.
@@ -183,7 +157,7 @@ def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: in
 
     Parameters
     ----------
-    top : LagrangeTop or RigidTop
+    top : LagrangeTop
         The top.
     y : (6,)
         The state.
@@ -205,22 +179,18 @@ def two_point(top: LagrangeTop | RigidTop, y: ArrayLike, lam: complex, sheet: in
     StepError
         The image is beyond the range of doubles.
     """
-    problem = problem_of(top)
-    problem.single()
-    if "uniform" not in problem.offers:
-        raise ValueError("top must be a LagrangeTop or a RigidTop: the map is that of a uniform field")
-    return any_parameter.two_point(problem, check_state(y, "y"), lam, sheet)
+    check_problem(top).single()
+    if not isinstance(top, LagrangeTop):
+        raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
+    return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
 
 
-def problem_of(top: Any) -> Any:
-    """What is integrated: of a RigidTop its LagrangeTop. ValueError: it is none."""
-    if isinstance(top, NamedTop):
-        raise ValueError(f"top must be {TOP_TYPES}; {top.name!r} has one: pass named.top, named.state")
-    problem = getattr(top, "problem", top)
-    if not isinstance(problem, (LagrangeTop, PerturbedTop, Problem)):
-        hint = ": pass its problem()" if callable(problem) else ""
+def check_problem(top: Any) -> Any:
+    """A problem as it is; ValueError if it is none."""
+    if not isinstance(top, (LagrangeTop, PerturbedTop, Problem)):
+        hint = ": pass its problem()" if callable(getattr(top, "problem", None)) else ""
         raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}{hint}")
-    return problem
+    return top
 
 
 def grid_times(h: float, every: int, rows: int) -> Array:
@@ -230,14 +200,29 @@ def grid_times(h: float, every: int, rows: int) -> Array:
     return h * (every * np.arange(rows, dtype=np.float64))
 
 
-def _look_up(top: Any, y0: ArrayLike, method: str | Method) -> tuple[Any, Method, Array]:
-    """The problem that is followed, of a body its top, the method and the state, all checked."""
-    plain = problem_of(top)
-    plain.single()
-    found, state = find_method(method), plain.check_state(y0)
-    if isinstance(top, RigidTop):
-        top.check_start(y0 if isinstance(y0, BodyState) else state)
-    return plain, found, state
+def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tuple[Any, Method, Array, Array | None]:
+    """The problem, the method and the state, all checked; and of a flying body position and velocity."""
+    if isinstance(top, str):
+        top = find_top(top)
+    if isinstance(top, NamedTop):
+        top, y0 = top.top, top.state if y0 is None else y0
+    check_problem(top).single()
+    if y0 is None:
+        raise ValueError("y0: give the initial state; named tops, such as 'generic', have their own")
+    y0, flight = top.parted(y0) if isinstance(top, RigidBody) else (y0, None)
+    state = top.check_state(y0)
+    return top, find_method(_default(top) if method is None else method), state, flight
+
+
+def _default(problem: Any) -> str:
+    """The exact method of a problem. ValueError where there is none."""
+    if not {"uniform", "symmetric"}.isdisjoint(problem.offers):
+        return "backlund"
+    raise ValueError(
+        "method: no exact one is known here; name one, such as taylor (round-off at every step) or blanes_moan6 (a splitting, "
+        "which keeps the energy near its start in long runs)"
+        + (", or backlund_splitting (the exact step in a weak field)" if "top" in problem.offers else "")
+    )
 
 
 def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:

@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks, machine
-from lagrange_bench.integrators.api import grid_times, integrate, problem_of
+from lagrange_bench.integrators.api import check_problem, grid_times, integrate
 from lagrange_bench.integrators.interface import Array, Method, StepError
-from lagrange_bench.integrators.problem.body import RigidTop, has_unit_axis
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -32,7 +31,7 @@ CHUNK = 1024  # tops in one call, at most: their constants stay in the processor
 
 
 def integrate_ensemble(
-    top: LagrangeTop | RigidTop | PerturbedTop | Problem,
+    top: LagrangeTop | PerturbedTop | Problem,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -47,7 +46,7 @@ def integrate_ensemble(
 
     Parameters
     ----------
-    top : LagrangeTop, RigidTop, PerturbedTop or Problem
+    top : LagrangeTop, PerturbedTop, RigidBody or Problem
         The same for all; or LagrangeTop(alpha=array) with one alpha for each; of a PerturbedTop alpha and every parameter may be
         such an array.
     Y0 : (n, 6)
@@ -81,7 +80,7 @@ def integrate_ensemble(
         Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
     """
     found, states = find_method(method), _check_states(top, Y0)
-    n, problem = len(states), problem_of(top)
+    n, problem = len(states), check_problem(top)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
     times, sample = checks.check_times_or_grid(t, h, steps, every), motion_of(problem, 0) if n else LagrangeTop()
@@ -176,7 +175,7 @@ class _Work:
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop the caller's own memory where that is what it holds."""
-    problem = problem_of(top)
+    problem = check_problem(top)
     if not isinstance(problem, LagrangeTop):
         try:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
@@ -198,8 +197,6 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
         _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
-    if isinstance(top, RigidTop):
-        _refuse(~has_unit_axis(states), "has |x| not 1: the axis of a RigidTop is the direction x", states)
     _check_numbers(problem, len(states))
     return states
 

@@ -104,7 +104,8 @@ NEEDS = {
     "parts": "a Hamiltonian of parts with closed flows",
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
     "smooth": "a Hamiltonian without corners",
-    "body": "a rigid body in a uniform field, a WholeBody (WholeBody.of(top) makes one of a RigidTop)",
+    "body": "a rigid body in a uniform field, a RigidBody",
+    "symmetric": "a symmetric RigidBody",
     "top": "a Hamiltonian |J|²/2 + U(t, x)",
     "force": "a Hamiltonian |J|²/2 + U(x)",
     "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
@@ -121,7 +122,7 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "a function": (callable, "prepare"),
     "a function or None": (
         lambda value: value is None or callable(value),
-        "evaluate attitude many",
+        "evaluate many",
     ),
     "a dict": (lambda value: isinstance(value, Mapping), "keeps biased special"),
     "a set, such as frozenset({'J3'})": (lambda value: isinstance(value, (set, frozenset)), "conserves if_quadratic"),
@@ -169,8 +170,6 @@ class Method:
         Builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there.
     evaluate : callable, optional
         (problem, y0, times, **options) → states and Work: dense output or jumps.
-    attitude : callable, optional
-        (top, y0, times, **options) → (N, 4), see `body`.
     many : callable, optional
         Many tops in a uniform field in one call, for `integrate_ensemble`: (alphas (n,), Y0 (n, 6), h, steps, every, out,
         stopped, **options) → the tops done, a mask. It fills `out` (steps // every, n, 6), and ends early once `stopped()`.
@@ -214,7 +213,6 @@ class Method:
     exact_for: str = ""
     special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
-    attitude: Callable[..., Array] | None = None
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
     engine: str = "numba"
@@ -280,8 +278,7 @@ class Method:
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
         build = self._special_for(problem) or self._for_form(problem, self.prepare)
-        at_times = self.evaluate if self._follows(problem) else None
-        check_options(self.name, build, options or {}, at_times, "runs to given times t")
+        check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
         return build
 
     def evaluate_for(
@@ -296,9 +293,12 @@ class Method:
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        if self.evaluate is None or not self._follows(problem):
+        if self.evaluate is None:
             return None
-        evaluate, by_steps = self._for_form(problem, self.evaluate), self._special_for(problem) or self.prepare
+        special = self._special_for(problem)
+        evaluate, by_steps = (
+            (self.evaluate, special) if special else (self._for_form(problem, self.evaluate), self.prepare)
+        )
         check_options(f"{self.name} at given times", evaluate, options or {}, by_steps, "runs by h and steps")
         return evaluate
 

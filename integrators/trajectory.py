@@ -11,9 +11,8 @@ from __future__ import annotations
 import math
 import textwrap
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import plot_and_save
-from lagrange_bench.integrators.checks import check_times, warn_caller
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.problem.body import RigidTop
+from lagrange_bench.integrators.checks import check_times
+from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import scaled_size
 
@@ -38,6 +37,7 @@ MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
     "position": ("px", "py", "pz"),
     "quaternion": ("qw", "qx", "qy", "qz"),
     "omega_body": ("wx", "wy", "wz"),
+    "velocity": ("vx", "vy", "vz"),
 }
 
 
@@ -46,13 +46,14 @@ class Start:
     """How a run began: what a trajectory needs to be judged, or evaluated at other times.
 
     state : (n,) numbers. method : the method's record. h : the step, None of jumps and of methods that choose their own steps.
-    options : those of the method.
+    options : those of the method. flight : of a flying body (6,), position and velocity.
     """
 
     state: Array
     method: Method
     h: float | None
     options: Mapping[str, Any]
+    flight: Array | None = None
 
 
 class Table:
@@ -64,10 +65,10 @@ class Table:
     y: Array
     _axes = 1  # of y, before those of a state
 
-    @cached_property
+    @property
     def problem(self) -> Any:
-        """What was integrated: of a body its top."""
-        return getattr(self.top, "problem", self.top)
+        """What was followed."""
+        return self.top
 
     def columns(self) -> tuple[str, ...]:
         """The names of the n numbers of a state.
@@ -99,8 +100,9 @@ class Table:
 
     @property
     def states(self) -> Array:
-        """(N, n), of an ensemble (rows, motions, n): `y` with one row of numbers for each state."""
-        return self.y.reshape(*self.y.shape[: self._axes], math.prod(self.y.shape[self._axes :]))
+        """(N, n), of an ensemble (rows, motions, n): `y` with one row for each state, without the place of a flying body."""
+        rows = self.y.reshape(*self.y.shape[: self._axes], math.prod(self.y.shape[self._axes :]))
+        return rows[..., : self.problem.space.size]
 
     def invariants(self) -> Array:
         """The invariants of the problem at all times.
@@ -123,13 +125,13 @@ class Table:
         Returns
         -------
         DataFrame
-            t, the place of the motion in an ensemble, and the numbers of the state. Of a RigidTop or a WholeBody also
-            the position px py pz, and where the method follows the rotation its quaternion qw qx qy qz and the angular velocity
-            in the body wx wy wz, in SI units. Last the invariants, if asked for.
+            t, the place of the motion in an ensemble, and the numbers of the state. Of a RigidBody also the position px py pz,
+            the quaternion qw qx qy qz, the angular velocity in the body wx wy wz, and where it flies the velocity vx vy vz, in
+            SI units. Last the invariants, if asked for.
         """
         import pandas as pd
 
-        parts = {self.columns(): self.y, **{MOTION_COLUMNS[name]: part for name, part in self._motion().items()}}
+        parts = {self.columns(): self.states, **{MOTION_COLUMNS[name]: part for name, part in self._motion().items()}}
         parts |= {self.problem.names: self.invariants()} if invariants else {}
         columns = self._places()
         for names, values in parts.items():
@@ -139,7 +141,7 @@ class Table:
     def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
         """Write times and states, every double exactly.
 
-        A table is that of `to_frame`; .npz has the arrays t and y, and of a body position, quaternion and omega_body.
+        A table is that of `to_frame`; .npz has the arrays t and y, and of a body position, quaternion, omega_body and velocity.
 
         Parameters
         ----------
@@ -182,17 +184,11 @@ class Trajectory(Table):
     t : (N,)
         Times in the units of h.
     y : (N, 6)
-        States in those of y0; of a Problem (N, size).
+        States in those of y0; of a Problem (N, size), of a flying body (N, 13).
     work : Work
         The work they took.
-    follow : callable, optional
-        () → (N, 4), the attitudes, where the start has one; called when they are first asked for.
     start : Start, optional
         How the run began.
-    body : RigidTop or WholeBody, optional
-        The body that moves, in SI units. It gives `position`, `omega_world`, `omega_body` and `energy`.
-    spin : float, optional
-        Of a RigidTop, its angular velocity about the axis in rad/s, where the start has it.
     """
 
     top: Any
@@ -200,10 +196,7 @@ class Trajectory(Table):
     t: Array
     y: Array
     work: Work
-    follow: Callable[[], Array] | None = None
     start: Start | None = None
-    body: Any = None
-    spin: float | None = None
 
     def __repr__(self) -> str:
         count = len(self.t)
@@ -262,13 +255,15 @@ class Trajectory(Table):
         if evaluate is None:
             raise ValueError(f"sol: {self.method} steps on a grid only; record more states with `every`")
         states, _ = evaluate(self.problem, start.state, np.atleast_1d(times), **start.options)
+        if start.flight is not None:
+            states = np.hstack((states, self.problem.flown(start.flight, np.atleast_1d(times))))
         return states.reshape(*times.shape, *self.y.shape[1:])
 
     def _origin(self) -> dict[str, Any]:
         origin = super()._origin()
         if (start := self.start) is not None:
             origin |= {"y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
-        return origin | ({} if self.body in (None, self.top) else {"body": repr(self.body)})
+        return origin
 
     def _started(self, word: str) -> Start:
         if self.start is None:
@@ -300,36 +295,25 @@ class Trajectory(Table):
     # ------------------------------------------------------------------ the body
 
     @property
-    def _in_state(self) -> bool:
-        """Whether the rotation of the body is a part of the state."""
-        return "body" in self.problem.offers
+    def _body(self) -> RigidBody:
+        """The body that moves. AttributeError: there is none."""
+        if not isinstance(self.problem, RigidBody):
+            raise AttributeError(f"{self.top!r} has no rotation or position: follow a RigidBody")
+        return self.problem
 
-    def _moving(self) -> Any:
-        """The body. AttributeError: there is none."""
-        if self.body is None:
-            raise AttributeError(f"{self.top!r} is no rigid body in SI units: follow a RigidTop or a WholeBody")
-        return self.body
-
-    @cached_property
-    def attitude(self) -> Array | None:
-        """(N, 4) unit quaternions, scalar first, body to world; None where the start has none. Followed when first asked."""
-        if self._in_state:
-            return self.rotation.as_quat(scalar_first=True)
-        return self.follow() if self.follow else None
+    def _with_rotation(self) -> NDArray[np.bool_]:
+        """The rows that have a rotation, a mask: not those where the method failed."""
+        with np.errstate(over="ignore"):
+            size = np.sum(self.y[:, :4] ** 2, axis=1)
+        return (size > 0.0) & (size < math.inf)
 
     @property
     def rotation(self) -> Rotation:
-        """The body's N rotations, a SciPy Rotation from the body's frame to the world's."""
-        from scipy.spatial.transform import Rotation
-
-        if self._in_state:
-            if not (known := self._turned()).all():
-                lost = self.y[~known][0]
-                raise ValueError(f"there is no rotation where the method failed: the state is {lost.tolist()}")
-            return self.problem.rotations(self.y)
-        if self.attitude is None:
-            raise ValueError("y0 has no rotation: start from top.state(rotation=…), or integrate(…, attitude=True)")
-        return Rotation.from_quat(self.attitude, scalar_first=True)
+        """The N rotations of a RigidBody, a SciPy Rotation from the body's frame to the world's."""
+        body = self._body
+        if not (known := self._with_rotation()).all():
+            raise ValueError(f"there is no rotation where the method failed: the state is {self.y[~known][0].tolist()}")
+        return body.rotations(self.y)
 
     def euler_angles(self) -> Array:
         """Euler angles of the body.
@@ -347,58 +331,56 @@ class Trajectory(Table):
 
     @property
     def position(self) -> Array:
-        """The centre of mass of the body in the world's frame, m, shape (N, 3)."""
-        body = self._moving()
-        return self.rotation.apply(body.com) if self._in_state else body.positions(self.y)
+        """The centre of mass of a RigidBody in the world's frame, m, shape (N, 3)."""
+        return self.rotation.apply(self._body.com) if self._body.fixed else self.y[:, 7:10]
 
     @property
-    def omega_world(self) -> Array:
-        """Angular velocity of the body in the world's frame, rad/s, shape (N, 3)."""
-        body = self._moving()
-        if self._in_state:
-            return self.rotation.apply(self.omega_body)
-        return np.einsum("ij,jk->ik", body.angular_velocity(self.y, self.spin), body.world)
+    def velocity(self) -> Array:
+        """The velocity of the centre of mass of a RigidBody in the world's frame, m/s, shape (N, 3)."""
+        return np.cross(self.omega_world, self.position) if self._body.fixed else self.y[:, 10:]
 
     @property
     def omega_body(self) -> Array:
-        """Angular velocity of the body in its own frame, rad/s, shape (N, 3)."""
-        body = self._moving()
-        return body.angular_velocity(self.y) if self._in_state else self.rotation.apply(self.omega_world, inverse=True)
+        """Angular velocity of a RigidBody in its own frame, rad/s, shape (N, 3)."""
+        return self._body.angular_velocity(self.y)
+
+    @property
+    def omega_world(self) -> Array:
+        """Angular velocity of a RigidBody in the world's frame, rad/s, shape (N, 3)."""
+        return self.rotation.apply(self.omega_body)
 
     @property
     def energy(self) -> Array:
-        """Kinetic plus potential energy of the body, J, shape (N,)."""
-        return self._moving().energy(self.y)
+        """Kinetic plus potential energy of a RigidBody, J, shape (N,); 0 at rest at the height of the origin."""
+        body, turning = self._body, self.problem.energy(self.states)
+        if body.fixed:
+            return turning
+        return turning + body.mass * (np.sum(self.velocity**2, axis=1) / 2 - self.position @ body.gravity)
 
-    def _turned(self) -> NDArray[np.bool_]:
-        """The rows of a WholeBody that have a rotation, a mask: not those where the method failed."""
-        with np.errstate(over="ignore"):
-            size = np.sum(self.y[:, :4] ** 2, axis=1)
-        return (size > 0.0) & (size < math.inf)
+    @property
+    def momentum(self) -> Array:
+        """Angular momentum of a RigidBody about its fixed point (or its centre of mass, if it flies) in the world's frame.
+
+        kg m²/s, shape (N, 3).
+        """
+        return self.rotation.apply(self.y[:, 4:7] @ self._body.axes)
 
     def _motion(self) -> dict[str, Array]:
-        if self.body is None:
+        if not isinstance(self.problem, RigidBody):
             return {}
-        if self._in_state:
-            known = self._turned()
-            motion = {name: np.full((len(known), len(columns)), np.nan) for name, columns in MOTION_COLUMNS.items()}
-            if known.any():  # SciPy 1.15 makes no Rotation of none
-                run = replace(self, y=self.y[known])
-                for name, part in {"position": run.position, **run._turning()}.items():
-                    motion[name][known] = part
-            return motion
-        place = {"position": self.position}
-        try:
-            return place if self.attitude is None else {**place, **self._turning()}
-        except ValueError:  # the method does not follow the rotation
-            return place
-        except StepError as lost:
-            warn_caller(f"the table has no rotation: {lost}", RuntimeWarning)
-            return place
-
-    def _turning(self) -> dict[str, Array]:
-        """Rotation and angular velocity of the body."""
-        return {"quaternion": self.rotation.as_quat(canonical=True, scalar_first=True), "omega_body": self.omega_body}
+        known, names = self._with_rotation(), ["position", "quaternion", "omega_body"]
+        names += [] if self.problem.fixed else ["velocity"]
+        motion = {name: np.full((len(known), len(MOTION_COLUMNS[name])), np.nan) for name in names}
+        if known.any():  # SciPy 1.15 makes no Rotation of none
+            run = replace(self, y=self.y[known])
+            for name in names:
+                part = (
+                    run.rotation.as_quat(canonical=True, scalar_first=True)
+                    if name == "quaternion"
+                    else getattr(run, name)
+                )
+                motion[name][known] = part
+        return motion
 
 
 def motion_of(top: Any, place: int) -> Any:
@@ -494,16 +476,13 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         return self._run(self.y[:, place], motion_of(self.top, place), start)
 
     def _run(self, y: Array, top: Any, start: Start | None = None) -> Trajectory:
-        problem = getattr(top, "problem", top)
-        body = top if isinstance(top, RigidTop) or "body" in problem.offers else None
-        top = problem if isinstance(top, RigidTop) else top
-        return Trajectory(top, self.method, self.t, y, Work(), start=start, body=body)
+        return Trajectory(top, self.method, self.t, y, Work(), start=start)
 
     def _motion(self) -> dict[str, Array]:
-        if not isinstance(self.top, RigidTop) and self.columns() != BODY_COLUMNS:
+        if not isinstance(self.problem, RigidBody):
             return {}
-        known = self._run(self.y.reshape(-1, self.y.shape[2]), self.top)._motion()  # all motions are of the same body
-        return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in known.items()}
+        motion = self._run(self.y.reshape(-1, self.y.shape[2]), self.top)._motion()  # all motions are of the same body
+        return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in motion.items()}
 
     def _places(self) -> dict[str, Array]:
         """Times and numbers of the motions."""

@@ -65,12 +65,16 @@ class Frames:
     """A case, and the turns from the world and the body of the rows to its own. digit : what matrices are rounded by."""
 
     def __init__(self, case: Case, convention: Convention, digit: float = 0.0):
-        self.case, self.top, self.convention, self.digit = case, case.top, convention, digit
-        self.world, self.body = _turn(convention.up, self.top.world[2]), _turn(convention.axis, self.top.axis).T
+        if case.body.axis is None:
+            raise ValueError(f"case {case.name}: only symmetric bodies are judged so far")
+        self.case, self.moving, self.axis = case, case.body, case.body.axis
+        self.convention, self.digit = convention, digit
+        self.world, self.body = _turn(convention.up, self.moving.up), _turn(convention.axis, self.axis).T
         x, R, omega = self.exact([0.0])
+        self.length = float(np.linalg.norm(self.moving.com))
         self.start = x[0]
-        self.sizes = {"position": self.top.distance, "rotation": 1.0, "omega": float(np.linalg.norm(omega))}
-        self.energy, self.momentum = self.top.energy(R, omega), self.top.vertical_momentum(R, omega)
+        self.sizes = {"position": self.length, "rotation": 1.0, "omega": float(np.linalg.norm(omega))}
+        self.energy, self.momentum = self.moving.energy_of(R, omega), self.moving.momentum_of(R, omega) @ self.moving.up
 
     def exact(self, t: ArrayLike) -> Exact:
         """The motion of the case."""
@@ -92,7 +96,7 @@ class Frames:
                 x = given[group] @ self.world.T
                 x = x + self.start if self.convention.displaced or group == "displacement" else x
                 length = np.linalg.norm(x, axis=1)
-                add(position=np.linalg.norm(x - exact[0], axis=1), length=np.abs(length - self.top.distance))
+                add(position=np.linalg.norm(x - exact[0], axis=1), length=np.abs(length - self.length))
                 if not attitudes:
                     add(axis=_angle(x / length[:, None], exact[0]))
         if "omega" in given:
@@ -102,8 +106,8 @@ class Frames:
             add(omega=np.linalg.norm(omega - right, axis=1))
             for R, _ in attitudes:
                 in_body = omega if body else (omega[:, None, :] @ R)[:, 0]
-                add(energy=np.abs(self.top.energy(R, in_body) - self.energy))
-                add(momentum=np.abs(self.top.vertical_momentum(R, in_body) - self.momentum))
+                add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
+                add(momentum=np.abs(self.moving.momentum_of(R, in_body) @ self.moving.up - self.momentum))
         return {name: found[name] for name in UNITS if name in found}
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
@@ -145,13 +149,13 @@ class Frames:
         The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
         """
         vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
-        trace, along = E.trace(axis1=1, axis2=2), E @ self.top.axis
+        trace, along = E.trace(axis1=1, axis2=2), E @ self.axis
         angle = np.arctan2(np.linalg.norm(vector, axis=1), trace - 1)
         chord = np.linalg.norm(E - np.eye(3), axis=(1, 2)) / math.sqrt(2)
         # of the quaternion (w, v) of E: 4 w v·axis, 4 w² and 4 (v·axis)²; of the two ratios the one that keeps its digits
-        both, w, v = np.abs(vector @ self.top.axis), 1 + trace, 1 + 2 * along @ self.top.axis - trace
+        both, w, v = np.abs(vector @ self.axis), 1 + trace, 1 + 2 * along @ self.axis - trace
         spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
-        return {"axis": _angle(along, self.top.axis), "rotation": np.maximum(angle, chord), "spin": spin}
+        return {"axis": _angle(along, self.axis), "rotation": np.maximum(angle, chord), "spin": spin}
 
 
 def _turn(name: str | None, to: Array) -> Array:

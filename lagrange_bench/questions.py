@@ -232,7 +232,7 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     Parameters
     ----------
     methods : list of str or Method
-        Those that take a `WholeBody`.
+        Those that take a `RigidBody`.
     tops : str or list of str
         "bruels", "slow", "simo_wong" or "kovalevskaya". For a body of your own ask `work_precision` or `drift`.
 
@@ -357,9 +357,8 @@ def _placed(top: Any) -> _Placed:
 
 
 def _problem(thing: Any) -> Any:
-    """What is integrated for a top, a problem or a body; None if it is none of these."""
-    problem = getattr(thing, "problem", thing)
-    return problem if hasattr(problem, "check_state") and hasattr(problem, "scales") else None
+    """A top, a problem or a body; None if it is none of these."""
+    return thing if hasattr(thing, "check_state") and hasattr(thing, "scales") else None
 
 
 def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:

@@ -212,7 +212,7 @@ def find(word: Top) -> Named:
     if isinstance(word, str):
         return word, *check.find(word)
     pair = isinstance(word, (tuple, list)) and len(word) == 2
-    problem: Any = getattr(word[0], "problem", word[0]) if pair else None  # of a body
+    problem: Any = word[0] if pair else None
     if not hasattr(problem, "check_state"):
         raise ValueError(f"tops: a top is a name or a pair (top or Problem, y0); got {word!r}")
     y0 = problem.check_state(word[1])

@@ -5,7 +5,7 @@ knows a method: steppers are made by `Method.prepare` and used through `advance`
 for every initial state, since a method may belong to a torus. Spans are steps in units of the top's own time scale.
 
 A method that takes a top in a potential is judged there, too, by the same functions: in a tide, which is quadratic and breaks
-the symmetry, and near a charge on the vertical, which is neither. A method of rigid bodies is judged on a `WholeBody`, and any
+the symmetry, and near a charge on the vertical, which is neither. A method of rigid bodies is judged on a `RigidBody`, and any
 method on a problem and a state of the user's own.
 """
 
@@ -28,8 +28,8 @@ from numpy.typing import ArrayLike
 from lagrange_bench.experiments.measuring import first_step, metrics, states
 from lagrange_bench.integrators import POTENTIALS, PerturbedTop
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
-from lagrange_bench.integrators.problem.whole_body import WholeBody
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.truth import truths
 
@@ -538,7 +538,7 @@ def _claims(
 
 # ---------------------------------------------------------------- on other problems
 
-BODY = WholeBody(0.8, (0.1, -0.3, 0.9), np.diag((0.4, 0.5, 0.3)), (0.0, 0.0, -9.81))
+BODY = RigidBody(0.8, (0.1, -0.3, 0.9), np.diag((0.4, 0.5, 0.3)), (0.0, 0.0, -9.81))
 BODY_START = np.array((0.8, 0.2, -0.4, 0.4, 0.3, -0.9, 3.0))
 NEAR_STATES = 8
 
@@ -551,9 +551,8 @@ def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
 
 def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     """The claims on a problem at a state and near it. ValueError: it is none, the method does not take it, or y0 is no state."""
-    given, problem = problem, getattr(problem, "problem", problem)
     if not hasattr(problem, "offers"):
-        raise ValueError(f"problem must be a Problem or a top; got {type(given).__name__}")
+        raise ValueError(f"problem must be a Problem or a top; got {type(problem).__name__}")
     if reason := method.takes(problem):
         raise ValueError(f"problem: {reason}")
     if y0 is None:

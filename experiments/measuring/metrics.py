@@ -45,7 +45,7 @@ def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
 
 def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
     """The largest |δvector|/scale, of a top of δJ and δx, of states (..., n); the scales are those of y0; shape (...,)."""
-    return scaled_size(getattr(problem, "problem", problem), y0, _floats(y) - _floats(y_exact))
+    return scaled_size(problem, y0, _floats(y) - _floats(y_exact))
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:

@@ -30,12 +30,11 @@ PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  #
 @cache
 def problem(name: str) -> tuple[Any, Array]:
     """Problem and initial state of a name in PROBLEMS: four spins, and one of each kind of `problem`."""
-    from lagrange_bench.integrators.problem.free_body import free_body
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 
     if name == "free_body":
-        return free_body(1.0, 2.0, 3.0), np.array([0.3, -0.4, 1.2])
+        return Problem("free_body", "so3", free_body, (1.0, 2.0, 3.0), frame="body"), np.array([0.3, -0.4, 1.2])
     if name == "vibrating_pivot":
         return vibrating_pivot(1.0, 0.5, 2.0), np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
     if name == "kirchhoff_body":
@@ -43,6 +42,11 @@ def problem(name: str) -> tuple[Any, Array]:
         return body, np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
     spins = np.array([(0.6, 0.0, 0.8), (0.0, 1.0, 0.0), (0.8, 0.6, 0.0), (-0.48, 0.64, 0.6)])
     return Problem("central_spin", 4, central_spin, (0.8, 0.5, 0.3)), spins.ravel()
+
+
+def free_body(t: Any, y: Any, p: Any) -> Any:
+    """Euler's free body: H of the angular momentum in its frame, with moments of inertia p."""
+    return (y[0] * y[0] / p[0] + y[1] * y[1] / p[1] + y[2] * y[2] / p[2]) / 2.0
 
 
 def central_spin(t: Any, y: Any, p: Any) -> Any:

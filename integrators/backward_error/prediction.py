@@ -32,7 +32,6 @@ from lagrange_bench.integrators.checks import check_state, check_step, check_tim
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.paper.interpolating_flow import time_and_turn
 from lagrange_bench.integrators.precision import workdps
-from lagrange_bench.integrators.problem.body import RigidTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.registry import find_method
@@ -100,13 +99,13 @@ class PredictedPhase:
 
 
 def predicted_phase(
-    top: LagrangeTop | RigidTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
+    top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
 ) -> PredictedPhase:
     """How the phases of `method` go wrong, and where it will be, by backward error analysis; without taking a step.
 
     Parameters
     ----------
-    top, y0, h, method : LagrangeTop or RigidTop, (6,), float, str or Method
+    top, y0, h, method : LagrangeTop, (6,), float, str or Method
         As of `integrate`; `top` in a uniform field.
     lam : complex, optional
         Parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.
@@ -123,9 +122,9 @@ def predicted_phase(
     ValueError
         An argument that makes no sense; the message names it.
     """
-    plain: Any = getattr(top, "problem", top)
-    if "uniform" not in getattr(plain, "offers", ()):
-        raise ValueError(f"top must be a LagrangeTop or a RigidTop; got {type(top).__name__}")
+    plain = top
+    if not isinstance(top, LagrangeTop):
+        raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
     plain.single()
     found, state, h = find_method(method), check_state(y0), check_step(h)
     if lam is not None and "lam" not in found.options:

@@ -1,4 +1,4 @@
-"""Named motions of real tops with their exact solution: what any program that follows a rigid body can be compared with.
+"""Named motions of rigid bodies with their exact solution: what any program that follows a rigid body can be compared with.
 
 Their numbers are decimals in a TOML file each, for the digits are part of a case. `Case.solution` gives doubles from the closed
 form, a microsecond a time; `Case.digits` gives as many digits as are wanted from Taylor series in integers, which share nothing
@@ -20,7 +20,8 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.checks import check_count
-from lagrange_bench.integrators.problem.body import BodyState, RigidTop, as_rotation
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
+from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.problem.top import Named
 from lagrange_bench.integrators.trajectory import Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
@@ -38,14 +39,14 @@ wx wy wz: angular velocity in the body, rad/s."""
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """The motion of a top from a given start.
+    """The motion of a rigid body from a given start.
 
     Parameters
     ----------
     name : str
         What tables call it.
-    top : RigidTop
-        The body.
+    body : RigidBody
+        What moves.
     rotation : Rotation, (3, 3) or (4,)
         At t = 0, from body to world; a quaternion has its scalar first.
     omega_body : (3,)
@@ -59,7 +60,7 @@ class Case:
     """
 
     name: str
-    top: RigidTop
+    body: RigidBody
     rotation: Rotation | ArrayLike
     omega_body: ArrayLike
     until: float = 1.0
@@ -70,16 +71,16 @@ class Case:
     exact: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
-    def state(self) -> BodyState:
-        """What `integrate(case.top, case.state, …)` takes."""
-        return self.top.state(rotation=self.rotation, omega_body=self.omega_body)
+    def state(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """What `integrate(case.body, case.state, …)` takes."""
+        return self.body.state(rotation=self.rotation, omega_body=self.omega_body)
 
     def solution(self, t: ArrayLike) -> Trajectory:
         """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
 
         Doubles, from theta functions; errors are of the size of round-off, 1e-15 for each radian that the body turns.
         """
-        return integrate(self.top, self.state, t=t, method="theta_functions")
+        return integrate(self.body, self.state, t=t, method="theta_functions")
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.
@@ -99,7 +100,7 @@ class Case:
 
     def _facts(self) -> dict[str, Any]:
         """The numbers of a case of one's own: the doubles themselves."""
-        facts = {name: getattr(self.top, name) for name in ("mass", "com", "inertia_com", "gravity")}
+        facts = {name: getattr(self.body, name) for name in ("mass", "com", "inertia_com", "gravity")}
         start = as_rotation(self.rotation).as_quat(scalar_first=True)
         return {**facts, "quaternion": start, "omega_body": self.omega_body}
 
@@ -158,7 +159,9 @@ def load(name: str) -> Case:
         np.array(facts[key], dtype=float) for key in ("mass", "com", "inertia_com", "gravity", "omega_body")
     )
     rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
-    return Case(name, RigidTop(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts)
+    return Case(
+        name, RigidBody(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts
+    )
 
 
 class Cases(Named):

@@ -28,6 +28,8 @@ from lagrange_bench.integrators.compiling.interpreted import at_first_interprete
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.methods import symmetric_body
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, own_units, shift
 from lagrange_bench.integrators.torus import real_map
@@ -130,6 +132,8 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """Jumps: one two-point map from y0 to each output time, whatever the distance."""
+    if "symmetric" in top.offers:
+        return symmetric_body.evaluated("backlund", top, y0, times, evaluate_exact, frames_exact)  # type: ignore[arg-type]
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     y = units.leave(first_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
     y[times == 0.0] = y0
@@ -167,17 +171,15 @@ def many(
     return forms >= 0
 
 
-def attitude_exact(top: LagrangeTop, y0: Array, times: Array, *, pin: int = PIN, lam: complex | None = None) -> Array:
+def frames_exact(top: LagrangeTop, y0: Array, times: Array, pin: int = PIN) -> Array:
     """The frame that turns with J, quaternions (N, 4): exact steps from one time to the next, see `torus.attitude`."""
-    if lam is not None:
-        raise ValueError("lam: the attitude is that of the exact step; it cannot be followed for another parameter")
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
     # whole nutations have no λ of their own: steps of at most half of one, or of LONGEST_TURN where it takes for ever
     longest = 0.5 * min(ts.nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
     if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")
-    block = check_count(pin, "pin") or NEVER
+    block = pin or NEVER
     g = np.empty((len(spans), 4))
     g[:] = 1.0, 0.0, 0.0, 0.0
     for sign in (1.0, -1.0):
@@ -190,6 +192,13 @@ def attitude_exact(top: LagrangeTop, y0: Array, times: Array, *, pin: int = PIN,
     return g
 
 
+def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> symmetric_body.BodyStepper:
+    """The exact step of a symmetric body, `pin` as in `prepare_exact`."""
+    pin = check_count(pin, "pin")
+    frames = partial(frames_exact, pin=pin)
+    return symmetric_body.prepared("backlund", body, y0, h, prepare_exact, frames, pin=pin)
+
+
 ALL = frozenset({"H", "J3", "C1", "C2"})
 SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/0403028, section 5.5"
 
@@ -198,11 +207,12 @@ EXACT = Method(
     name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
     conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     uniform_only="it is a map of the torus of an integrable top",
-    evaluate=evaluate_exact, attitude=attitude_exact, many=many,
+    evaluate=evaluate_exact, many=many,
+    special={"symmetric": prepare_body},
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    attitude=None, many=partial(many, pin=0),
+    many=partial(many, pin=0), special={},
 )  # fmt: skip
 PAPER = replace(
     UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,

@@ -37,7 +37,7 @@ from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import Problem, Run, dense, sides
+from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
@@ -209,31 +209,6 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
         return True
     at = f" at t = {ta.time:g}" if math.isfinite(ta.time) else ""
     raise StepError("taylor", f"heyoka: {outcome.name}{at}", step=steps)
-
-
-@lru_cache(maxsize=8)
-def compile_body(tol: float, high_accuracy: bool) -> Any:
-    """heyoka's integrator for (J, x) and the quaternion g of the frame that turns with J, g' = J g/2."""
-    import heyoka as hy
-
-    system = equations()
-    J1, J2, J3, a, b, c, d = hy.make_vars("J1", "J2", "J3", "a", "b", "c", "d")
-    system += [(a, -0.5 * (J1 * b + J2 * c + J3 * d)), (b, 0.5 * (J1 * a + J2 * d - J3 * c))]
-    system += [(c, 0.5 * (J2 * a + J3 * b - J1 * d)), (d, 0.5 * (J3 * a + J1 * c - J2 * b))]
-    return hy.taylor_adaptive(system, [1.0] * 10, pars=[1.0], tol=tol, high_accuracy=high_accuracy, compact_mode=False)
-
-
-def attitude(top: LagrangeTop, y0: Array, times: Array, *, tol: float = EPS, high_accuracy: bool = False) -> Array:
-    """The frame that turns with J, quaternions (N, 4): integrated alongside, with dense output."""
-    ta = copy.deepcopy(compile_body(check_tolerance(tol), bool(high_accuracy)))
-    units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    ta.pars[0], spans = units.alpha, units.spans("taylor", times)
-    g = np.empty((len(spans), 4))
-    g[:] = 1.0, 0.0, 0.0, 0.0
-    start = np.array((*units.enter(y0), 1.0, 0.0, 0.0, 0.0))
-    for side, grid, places in sides(spans):
-        g[side] = _on_grid(ta, start, grid)[0][:, 6:][places]
-    return g / np.linalg.norm(g, axis=1, keepdims=True)
 
 
 # ------------------------------------------------------------------------------------ fixed steps, compiled
@@ -423,14 +398,14 @@ PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
     name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
-    attitude=attitude, requires="heyoka", engine="heyoka", needs="smooth",
+    requires="heyoka", engine="heyoka", needs="smooth",
 )  # fmt: skip
 
 
 def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
     prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
     return replace(
-        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate, attitude=None,
+        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate,
     )  # fmt: skip
 
 

@@ -38,9 +38,11 @@ from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul
 from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.methods import symmetric_body
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
 from lagrange_bench.integrators.methods.lie_group import cross, times
-from lagrange_bench.integrators.problem.body import quaternion_product
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
+from lagrange_bench.integrators.problem.rotation import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus.time_step import largest_root
@@ -562,17 +564,24 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
+    if "symmetric" in top.offers:
+        return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
     states = units.leave(positions(scaled, c))
     states[times == 0.0] = y0  # also what is lost beside |x| on the way through the formulas
     return states, Work(steps=len(times))
 
 
-def attitude(top: LagrangeTop, y0: Array, times: Array) -> Array:
+def frames_of(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
     units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
     return frames(scaled, turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO, c)
+
+
+def prepare_body(body: RigidBody, y0: Array, h: float) -> symmetric_body.BodyStepper:
+    """The closed form of a symmetric body at every multiple of h."""
+    return symmetric_body.prepared(NAME, body, y0, h, prepare, frames_of)
 
 
 def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array, Array]:
@@ -586,5 +595,5 @@ METHOD = Method(
     conserves=frozenset({"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
     uniform_only="it is the closed form of an integrable top",
-    evaluate=evaluate, attitude=attitude,
+    evaluate=evaluate, special={"symmetric": prepare_body},
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Methods of multibody dynamics for a `WholeBody`: states (q, L), all in the frame of the body's principal axes.
+"""Methods of multibody dynamics for a `RigidBody`: states (q, L), all in the frame of the body's principal axes.
 
     rattle            symplectic: half a kick, the discrete Moser–Veselov step of the free body, half a kick
     simo_wong         turns by the mean angular velocity, by Cayley's formula; the torque of the mean position keeps the energy
@@ -39,7 +39,7 @@ from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.methods.runge_kutta import constants_of, followed_by
 from lagrange_bench.integrators.methods.tableaux import RK4
-from lagrange_bench.integrators.problem.whole_body import WholeBody
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
 # iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
@@ -261,17 +261,17 @@ def generalized_alpha(s, c, tally):
 free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
 
 
-def constants(body: WholeBody, h: float, *options: float) -> Array:
+def constants(body: RigidBody, h: float, *options: float) -> Array:
     """What the kernels take."""
     return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
 
 
-def prepare(name: str, step: Callable[..., Any], body: WholeBody, y0: Array, h: float) -> FixedStepper:
+def prepare(name: str, step: Callable[..., Any], body: RigidBody, y0: Array, h: float) -> FixedStepper:
     """One step is solved to round-off."""
     return FixedStepper(name, h, constants(body, h), step, failures=FAILURES, size=7)
 
 
-def prepare_alpha(body: WholeBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
+def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
     """`rho`: the spectral radius at infinite frequency, from 0, which damps most, to 1, which does not."""
     rho = check_real(rho, "rho")
     if not 0.0 <= rho <= 1.0:
@@ -291,13 +291,13 @@ def normalized(s, c, tally):
     return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]
 
 
-def prepare_normalized(body: WholeBody, y0: Array, h: float) -> FixedStepper:
+def prepare_normalized(body: RigidBody, y0: Array, h: float) -> FixedStepper:
     """RK4 on the seven numbers."""
     step = followed_by(RK4, body.system, normalized)
     return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
 
 
-of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.whole_body`
+of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.rigid_body`
 
 RATTLE = of_bodies(
     name="rattle", label="RATTLE", order=2, symmetric=True, poisson=True, conserves=frozenset({"J3", "C1", "C2"}),

@@ -91,7 +91,7 @@ CHARGE = Potential(
 )  # fmt: skip
 
 # V = b·x: a dipole along the axis in a uniform field b that is tilted. With the weight it is a Lagrange top about another
-# vertical: for the exact step turn the frame, or give a RigidTop its gravity. Source: Jackson, section 4.2.
+# vertical: for the exact step turn the frame, or give a RigidBody its gravity. Source: Jackson, section 4.2.
 DIPOLE = Potential(
     "dipole", _dipole, parameters=("b1", "b2", "b3"),
     note="b·x: a dipole in a tilted uniform field; b in units of J²/x",

@@ -247,7 +247,7 @@ class Problem(Dynamics):
         functions. A splitting keeps a component if all parts do.
         """
         conserves, if_quadratic = claims.conserves, claims.if_quadratic
-        if claims.needs == "body":
+        if claims.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
             return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()

@@ -88,11 +88,14 @@ class BodySpace(Space):
     def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
         return [(g[4:], y[:4]), (g[4:], y[4:])]
 
-    def flow(self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0) -> tuple[Any, ...]:
+    def flow(
+        self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0, relative: Any = None
+    ) -> tuple[Any, ...]:
+        """See `Space.flow`; `relative`: ∂H/∂L but for a multiple of L, which turns no L."""
         scalar, q = 0.5 * y[0], [0.5 * v for v in y[1:4]]
         (g0, *gq), omega = (scale * v for v in g[:4]), [scale * v for v in g[4:]]
         along = [scalar * w + v for w, v in zip(omega, turn(g[4:], q), strict=True)]
-        own, pull = turn(g[4:], y[4:]), turn(g[1:4], q)  # of which the second is −q × g/2
+        own, pull = turn(relative or g[4:], y[4:]), turn(g[1:4], q)  # of which the second is −q × g/2
         torque = [g0 * v - scalar * w + u for v, w, u in zip(q, gq, pull, strict=True)]
         return -dot(omega, q), *along, *(a + b for a, b in zip(own, torque, strict=True))
 
@@ -120,7 +123,8 @@ class System:
     """H(t, y, p) on a space, recorded; inputs of all programs are t, the numbers of y, those of p.
 
     gradient : ∂H/∂y, if it is not to be derived. kept : components of y that the motion keeps for other reasons than their
-    formula shows: their rates are 0. body : the bracket is that of the body's frame.
+    formula shows: their rates are 0. body : the bracket is that of the body's frame. turning : of a whole body ∂H/∂L but for a
+    multiple of L, from (t, y, p): it alone turns L.
     """
 
     space: Space
@@ -128,11 +132,19 @@ class System:
     gradient: Program
     body: bool = False
     kept: frozenset[int] = frozenset()
+    turning: Program | None = None
 
     @cached_property
     def digest(self) -> str:
         """Identity of the formulas, hexadecimal."""
-        words = (self.space.name, self.energy.digest, self.gradient.digest, self.body, sorted(self.kept))
+        words: tuple[Any, ...] = (
+            self.space.name,
+            self.energy.digest,
+            self.gradient.digest,
+            self.body,
+            sorted(self.kept),
+        )
+        words += (self.turning.digest,) if self.turning else ()
         return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
 
     def __hash__(self) -> int:
@@ -165,7 +177,8 @@ class System:
             plain = map(tape.constant, product(a, b))
             return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
 
-        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h))
+        more = {"relative": tape.run(self.turning, t, *y, *p)} if self.turning else {}
+        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h, **more))
         return tuple(tape.constant(0.0) if i in self.kept else rate for i, rate in enumerate(rates))
 
     def record(self, formula: Callable[..., Iterable[Any]]) -> Program:

@@ -19,7 +19,7 @@ import math
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, div, mul, neg, small_turn, sqrt, sub
-from lagrange_bench.integrators.problem.body import quaternion_product
+from lagrange_bench.integrators.problem.rotation import quaternion_product
 from lagrange_bench.integrators.torus import time_step as ts
 
 

@@ -54,7 +54,7 @@ def head(case: Any) -> list[str]:
 
     from lagrange_bench.integrators.cases import COLUMNS, CONVENTIONS
 
-    top, start = case.top, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
+    top, start = case.body, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
     facts = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
     title = f"{case.name}: {case.title}" if case.title else case.name
     words = [f"{title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]

@@ -164,7 +164,7 @@ def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) ->
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     """Name, top and initial state."""
-    from lagrange_bench.integrators import HeavyTop, LagrangeTop
+    from lagrange_bench.integrators import LagrangeTop
     from lagrange_bench.integrators.checks import check_state
     from lagrange_bench.integrators.registry import find_top
 
@@ -180,16 +180,32 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
         top = LagrangeTop(1.0 if options.alpha is None else options.alpha)
         state = check_state(options.state, "--state")
     elif options.physical is not None:
-        values = dict(options.physical)
-        angles, rates = (tuple(values.pop(d + angle) for angle in ("theta", "phi", "psi")) for d in ("", "d"))
-        if abs(angles[0]) > 2 * math.pi:
-            raise ValueError(f"--physical: theta = {angles[0]:g} is in rad, not in degrees, and at most 2π")
-        heavy = HeavyTop(**values)
-        top, state = heavy.top, heavy.state(angles, rates)
+        top, state = _of_body(**options.physical)
     else:
         named = find_top(options.top or "generic")
         name, top, state = named.name, named.top, named.state
     return name, arguments.in_potential(top, options), state
+
+
+def _of_body(
+    *, mass: float, distance: float, gravity: float, A: float, C: float,
+    theta: float, phi: float, psi: float, dtheta: float, dphi: float, dpsi: float,
+) -> tuple[Any, Any]:  # fmt: skip
+    """The Lagrange top in a heavy top with the moments A and C about its tip, and the state for Euler angles and their rates."""
+    from scipy.spatial.transform import Rotation
+
+    from lagrange_bench.integrators import RigidBody
+
+    if abs(theta) > 2 * math.pi:
+        raise ValueError(f"--physical: theta = {theta:g} is in rad, not in degrees, and at most 2π")
+    across = A - mass * distance * distance
+    body = RigidBody(mass, (0.0, 0.0, distance), (across, across, C), (0.0, 0.0, -gravity))
+    rotation = Rotation.from_euler("ZYZ", (phi, theta, psi))
+    # ω = θ' node + φ' e3 + ψ' axis
+    node, axis = (-math.sin(phi), math.cos(phi), 0.0), rotation.apply((0.0, 0.0, 1.0))
+    omega = [dtheta * n + dpsi * a for n, a in zip(node, axis, strict=True)]
+    omega[2] += dphi
+    return body.top, body.reduced(body.state(rotation=rotation, omega_world=omega))
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:

@@ -12,10 +12,10 @@ from toys import multistep
 from lagrange_bench.experiments.measuring import check, first_step
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, Problem, StepError
 from lagrange_bench.integrators.interface import Stepper
-from lagrange_bench.integrators.problem import free_body
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
 from tests.installed import in_uniform_fields
+from tests.reference import free_body
 from tests.sabotage import failed
 
 ALL = frozenset({"H", "J3", "C1", "C2"})
@@ -278,7 +278,7 @@ def test_methods_are_judged_where_they_go(short):
     assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
 
-BODY, START = free_body.free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
+BODY, START = free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
 SPINS = Problem(
     "spins", 2, lambda t, y, p: p[0] * (y[0] * y[3] + y[1] * y[4] + y[2] * y[5]) + y[2] + 2.0 * y[5], (1.0,)
 )

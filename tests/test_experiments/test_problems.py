@@ -11,10 +11,11 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.experiments import cost, drift, engines, heavy_top, perturbed, phase, work_precision
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.states import PROBLEMS, find
-from lagrange_bench.integrators import METHODS, Problem, StepError, cos, free_body, integrate, sin
+from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integrate, sin
 from lagrange_bench.results.store import Store, StoreError, make_record
 from lagrange_bench.runner import verify
 from lagrange_bench.runner.engine import run
+from tests.reference import free_body
 
 SPINS = {"method": "rk4", "state": "central_spin"}
 
@@ -87,7 +88,7 @@ def start(advance, _, case, kind, h, rail):
     """The exact end, turned by h² about the vertical."""
     turn = Rotation.from_rotvec((0.0, 0.0, h * h)) * Rotation.from_matrix(heavy_top.end(case.name))
     matrix = turn.as_matrix() * (np.nan if kind == "nan" else 1.0)
-    return advance, lambda: (matrix @ case.top.com, matrix)
+    return advance, lambda: (matrix @ case.body.com, matrix)
 
 
 def fake(advance=lambda n: None, package="numpy", release=""):

@@ -8,11 +8,12 @@ import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 
-from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, Comparison, LagrangeTop, Problem, free_body, integrate, load
+from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, Comparison, LagrangeTop, Problem, integrate, load
 from lagrange_bench.data import in_both_units
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
 from lagrange_bench.results.store import REFERENCE, Store, make_record
+from tests.reference import free_body
 
 BODY = (free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2))
 MINE = Problem("mine", "e3", lambda t, y, p: (y[0] ** 2 + 2 * y[1] ** 2) / 2 + y[5], ())

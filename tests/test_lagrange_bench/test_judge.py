@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import judge
 from lagrange_bench.experiments import heavy_top
-from lagrange_bench.integrators import CASES, RigidTop, integrate
+from lagrange_bench.integrators import CASES, RigidBody, integrate
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)
@@ -81,7 +81,7 @@ def test_the_error_that_was_put_in_is_found():
     assert judge([1e-17], X[:1], case="bruels").start["right"]
     odd = np.random.default_rng(0).uniform(0, 2, 3)
     assert judge(np.sort(odd), BRUELS.solution(np.sort(odd)).position, case="bruels").position.max < 1e-15
-    mine = type(BRUELS)("mine", RigidTop(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
+    mine = type(BRUELS)("mine", RigidBody(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
     assert judge(T, mine.solution(T).position, case=mine).position.max < 1e-12
     assert "mine, 401 rows to t = 2: position" in repr(judge(T, mine.solution(T).position, case=mine))
 

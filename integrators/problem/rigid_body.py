@@ -1,0 +1,392 @@
+"""A rigid body in SI units: symmetric or not, heavy or free, with one point fixed or flying.
+
+    H = Σ L_i²/(2 I_i) + w·Γ,   w = m |g| X,   Γ = Rᵀ(up)
+
+y = (q, L) are seven numbers: the unit quaternion of R, scalar first, and the angular momentum about the fixed point (of a flying
+body about the centre of mass) along the principal axes of inertia. H depends on q by the quadratic form q̄ up q. So |q| and the
+momentum about the vertical are conserved for any |q|, and H is quadratic: what conserves quadratic functions conserves energy.
+The invariants have the names of the top's: C1 is |q|², J3 the momentum about the vertical, and C2, of a symmetric body only, the
+momentum about its axis. A body that flies turns as a free one, and its centre of mass is at x + v t + g t²/2.
+
+A multiple of |L|² turns no L, so L' is computed from D_i = 1/I_i − 1/I_r alone, r one of the two nearest moments, and
+D_i = (I_r − I_i)/(I_i I_r) has no cancellation: nearly equal moments keep the digits of their difference.
+
+**The Lagrange top inside.** With the moments A across and C along the axis of a symmetric body, J = R L/A and the direction x of
+the axis in the world are the state of a Lagrange top with alpha = |w|/A, in a frame whose third axis points up.
+
+Source: Arnold, Mathematical Methods of Classical Mechanics (1989), sections 29 and 30.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real, warn_caller
+from lagrange_bench.integrators.compiling.expression import Tape
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.rotation import as_motion, real_array
+from lagrange_bench.integrators.problem.top import LagrangeTop
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+UNIT = 1e-6  # largest difference of |q| from 1: what poor methods lose in a long run may be continued
+ULP = 2.0**-52
+DECIMAL, TURNED = 4 * ULP, 64 * ULP  # relative: what rounding leaves of zero in moments, and in a matrix of turned axes
+UNREAL = 1e-12  # relative: moments that no body has miss the triangle inequality by more
+
+
+class RigidBody(Problem):
+    """A rigid body, with one point fixed or flying, in a uniform field; SI units.
+
+    Parameters
+    ----------
+    mass : float
+        In kg.
+    com : (3,)
+        In m, the centre of mass in the body's frame, from the fixed point; of a flying body from where its frame is.
+    inertia_com : (3,) or (3, 3)
+        In kg m², about the centre of mass: moments along the axes of the body's frame, or a matrix. A warning says if no body
+        has such moments, as in some books and papers.
+    gravity : (3,)
+        In m/s², in the world's frame.
+    fixed : bool
+        Whether the origin of the body's frame stays where it is. A body that flies is followed by its centre of mass.
+
+    Attributes
+    ----------
+    inertia : (3,)
+        In kg m², principal moments about the fixed point, of a flying body about the centre of mass.
+    axes : (3, 3)
+        Their axes as rows, in the body's frame.
+    symmetry : int or None
+        The number of the axis about which a turn changes nothing; None if there is none.
+    weight, up : (3,)
+        w in the principal frame, and the direction against gravity in the world's.
+
+    Raises
+    ------
+    ValueError
+        A malformed number, or a moment of inertia about the fixed point that is not positive.
+    """
+
+    def __init__(
+        self,
+        mass: float,
+        com: ArrayLike,
+        inertia_com: ArrayLike,
+        gravity: ArrayLike = (0.0, 0.0, -9.81),
+        fixed: bool = True,
+    ) -> None:
+        self.mass, self.fixed = check_real(mass, "mass"), check_flag(fixed, "fixed")
+        self.com, self.gravity = real_array(com, "com", (3,)), real_array(gravity, "gravity", (3,))
+        moments = real_array(inertia_com, "inertia_com", (3,), (3, 3))
+        self.facts = {
+            **{"mass": self.mass, "com": self.com.tolist(), "inertia_com": moments.tolist()},
+            **{"gravity": self.gravity.tolist(), "fixed": self.fixed},
+        }
+        if self.mass <= 0:
+            raise ValueError(f"mass must be positive; got {mass}")
+        self.inertia_com = np.diag(moments) if moments.ndim == 1 else moments
+        _check_inertia(self.inertia_com)
+        size, lever = math.hypot(*self.gravity.tolist()), self.com if self.fixed else np.zeros(3)
+        self.up = -self.gravity / size if size else np.array((0.0, 0.0, 1.0))
+        self.inertia, self.axes, self.symmetry = _principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
+        weight = self.mass * size * (self.axes @ lever)
+        self.weight = np.where(np.abs(weight) > TURNED * np.max(np.abs(weight)), weight, 0.0)
+        r, differences = _differences(self.inertia)
+        numbers = (1.0 / self.inertia[r], *differences, *self.weight, *self.up)
+        invariants = {"J3": self._vertical_momentum}
+        if (axis := self.symmetry) is not None:
+            invariants["C2"] = lambda t, y, p: y[4 + axis]
+        super().__init__("rigid_body", "body", self._hamiltonian, numbers, invariants=invariants, frame="body")
+        tape = Tape()
+        y, p = [tape.input() for _ in range(8)][1:], [tape.input() for _ in numbers]
+        differing = [p[1 + i] * y[4 + i] if differences[i] else tape.constant(0.0) for i in range(3)]
+        self.system = replace(self.system, turning=tape.program(differing))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"
+
+    def _vertical_axis(self, y: Any, p: Any) -> list[Any]:
+        """|q|² Rᵀ(up), components of `up` that are 0 or 1 as constants."""
+        up = [float(v) if v in (0.0, 1.0) else p[7 + i] for i, v in enumerate(self.up.tolist())]
+        q0, q = y[0], y[1:4]
+        scalar, along = q0 * q0 - sum(v * v for v in q), 2.0 * sum(v * u for v, u in zip(q, up, strict=True))
+        pairs = [(1, 2), (2, 0), (0, 1)]
+        across = [2.0 * q0 * (q[j] * up[k] - q[k] * up[j]) for j, k in pairs]
+        return [scalar * u + along * v - w for u, v, w in zip(up, q, across, strict=True)]
+
+    def _hamiltonian(self, t: Any, y: Any, p: Any) -> Any:
+        """|L|²/(2 I_r) + Σ D_i L_i²/2 + w·Γ; p = (1/I_r, D, w, up)."""
+        differences = _differences(self.inertia)[1]
+        kinetic = p[0] * sum(v * v for v in y[4:7]) / 2.0
+        kinetic = kinetic + sum(p[1 + i] * (y[4 + i] * y[4 + i]) / 2.0 for i in range(3) if differences[i])
+        heights = enumerate(self._vertical_axis(y, p))
+        return kinetic + sum(p[4 + i] * height for i, height in heights if self.weight[i])
+
+    def _vertical_momentum(self, t: Any, y: Any, p: Any) -> Any:
+        return sum(v * w for v, w in zip(y[4:7], self._vertical_axis(y, p), strict=True))
+
+    @cached_property
+    def offers(self) -> frozenset[str]:
+        """As any problem's, and "body"; "symmetric" where a Lagrange top is inside."""
+        return super().offers | {"body", *(("symmetric",) if self.symmetry is not None else ())}
+
+    # ------------------------------------------------------------------ states
+
+    def state(
+        self,
+        *,
+        rotation: Rotation | ArrayLike,
+        omega_body: ArrayLike | None = None,
+        omega_world: ArrayLike | None = None,
+        position: ArrayLike | None = None,
+        velocity: ArrayLike | None = None,
+    ) -> Array:
+        """The state that `integrate` takes.
+
+        Parameters
+        ----------
+        rotation : Rotation, (3, 3) or (4,)
+            A SciPy Rotation, a matrix or a unit quaternion, scalar first, that takes vectors of the body to the world.
+        omega_body, omega_world : (3,)
+            Angular velocity in rad/s, in the frame of the body or of the world: one of the two.
+        position, velocity : (3,)
+            Of a flying body its centre of mass in the world, m and m/s; 0 by default.
+
+        Returns
+        -------
+        (7,) or (13,)
+            (q, L), of a flying body with position and velocity.
+
+        Raises
+        ------
+        ValueError
+            A malformed number, or a position of a body with a fixed point.
+        """
+        from scipy.spatial.transform import Rotation
+
+        turn, omega = as_motion(rotation, omega_body, omega_world)
+        q = (turn * Rotation.from_matrix(self.axes.T)).as_quat(scalar_first=True)
+        y = np.concatenate((q, self.inertia * (self.axes @ omega)))
+        if self.fixed:
+            if position is not None or velocity is not None:
+                raise ValueError("position and velocity are those of a body that flies: RigidBody(…, fixed=False)")
+            return y
+        flight = [
+            np.zeros(3) if v is None else real_array(v, name, (3,))
+            for name, v in (("position", position), ("velocity", velocity))
+        ]
+        return np.concatenate((y, *flight))
+
+    def parted(self, y: Any) -> tuple[Any, Array | None]:
+        """A state in two: (q, L), and of a flying body position and velocity (6,), 0 where y has (q, L) only."""
+        if self.fixed:
+            return y, None
+        if np.size(y) == 7:
+            return y, np.zeros(6)
+        return tuple(np.split(check_numbers(y, "y0", 13), [7]))  # type: ignore[return-value]
+
+    def flown(self, flight: Array, t: Array) -> Array:
+        """Position and velocity (N, 6) of the centre of mass at times (N,), from those at t = 0."""
+        t, g = t[:, None], self.gravity
+        return np.hstack((flight[:3] + t * (flight[3:] + (0.5 * t) * g), flight[3:] + t * g))
+
+    def check_state(self, y: Any, name: str = "y0") -> Array:
+        """As of any problem; ValueError also for a quaternion that is no unit one."""
+        state = super().check_state(y, name)
+        length = float(np.linalg.norm(state[:4]))
+        if abs(length - 1.0) > UNIT:
+            raise ValueError(f"{name}: the quaternion must be a unit one; its length is {length:.9g}")
+        return state
+
+    # ------------------------------------------------------------------ what is seen of states (N, 7)
+
+    def rotations(self, y: ArrayLike) -> Rotation:
+        """From the body's frame to the world's."""
+        from scipy.spatial.transform import Rotation
+
+        quaternions = np.asarray(y, dtype=float)[..., :4]
+        return Rotation.from_quat(quaternions, scalar_first=True) * Rotation.from_matrix(self.axes)
+
+    def angular_velocity(self, y: ArrayLike) -> Array:
+        """ω in the body's frame, rad/s, shape (N, 3)."""
+        return (np.asarray(y, dtype=float)[..., 4:7] / self.inertia) @ self.axes
+
+    def energy_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
+        """Kinetic energy of the turn plus potential energy of the weight, J, shape (...,).
+
+        rotation : a Rotation or matrices (..., 3, 3), body to world. omega_body : (..., 3) rad/s.
+        """
+        omega = np.asarray(omega_body, dtype=float) @ self.axes.T
+        kinetic = np.sum(self.inertia * omega * omega, axis=-1) / 2
+        return kinetic + (_matrices(rotation) @ (self.weight @ self.axes)) @ self.up
+
+    def momentum_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
+        """Angular momentum in the world's frame, kg m²/s, shape (..., 3); arguments as of `energy_of`."""
+        omega = np.asarray(omega_body, dtype=float) @ self.axes.T
+        return (_matrices(rotation) @ ((self.inertia * omega) @ self.axes)[..., None])[..., 0]
+
+    def errors(self, y: ArrayLike, rotation: ArrayLike) -> dict[str, Array]:
+        """How far states (N, 7) are from the rotations (N, 3, 3) of another solution, body to world.
+
+        position : m, of the centre of mass. rotation : rad, the angle between the two. spin : rad, of a symmetric body,
+        the part of it about the axis.
+        """
+        from scipy.spatial.transform import Rotation
+
+        matrices = np.asarray(rotation, dtype=float)
+        off = Rotation.from_matrix(matrices).inv() * self.rotations(y)
+        errors = {
+            "position": np.linalg.norm(self.rotations(y).apply(self.com) - matrices @ self.com, axis=-1),
+            "rotation": off.magnitude(),
+        }
+        if self.symmetry is not None:
+            q = off.as_quat(scalar_first=True)
+            twist = 2.0 * np.arctan2(q[..., 1:] @ self.axes[self.symmetry], q[..., 0])
+            errors["spin"] = np.abs(np.remainder(twist + math.pi, 2.0 * math.pi) - math.pi)
+        return errors
+
+    # ------------------------------------------------------------------ the Lagrange top inside a symmetric body
+
+    @cached_property
+    def axis(self) -> Array | None:
+        """A unit vector in the body along the axis of symmetry, towards the centre of mass; None if there is none."""
+        return None if self.symmetry is None else self._towards * self.axes[self.symmetry]
+
+    @property
+    def _towards(self) -> float:
+        """1 if the centre of mass is on the positive side of the axis of symmetry, else -1."""
+        return -1.0 if self.weight[self.symmetry] < 0.0 else 1.0
+
+    @property
+    def across(self) -> float:
+        """A in kg m², the moment of inertia across the axis of symmetry."""
+        assert self.symmetry is not None
+        return float(self.inertia[(self.symmetry + 1) % 3])
+
+    @property
+    def top(self) -> LagrangeTop:
+        """The Lagrange top of a symmetric body, alpha = |w|/A in 1/s²; its J is angular momentum over A (1/s), its |x| is 1.
+
+        Raises
+        ------
+        ValueError
+            The body is not symmetric.
+        """
+        if self.symmetry is None:
+            raise ValueError(f"no Lagrange top is in a body that is not symmetric; moments {self.inertia.tolist()}")
+        return LagrangeTop(abs(float(self.weight[self.symmetry])) / self.across)
+
+    @cached_property
+    def world(self) -> Array:
+        """(3, 3): rows are the frame of `top` in the world; the third points up."""
+        return _upright(self.up)
+
+    def reduced(self, y: Array) -> Array:
+        """(J, x) of `top`, shape (6,), for one state (7,)."""
+        to_frame = self.world @ self.rotations(y).as_matrix() @ self.axes.T
+        assert self.symmetry is not None
+        return np.concatenate((to_frame @ (y[4:7] / self.across), self._towards * to_frame[:, self.symmetry]))
+
+
+# ------------------------------------------------------------------------------------------------ moments of inertia
+
+
+def _check_inertia(inertia: Array) -> None:
+    """ValueError for a matrix that is not symmetric; a warning for moments that no body has."""
+    size = float(np.max(np.abs(inertia)))
+    if np.max(np.abs(inertia - inertia.T)) > UNREAL * size:
+        raise ValueError(f"inertia_com must be a symmetric matrix; got {inertia.tolist()}")
+    least, middle, most = np.linalg.eigvalsh(inertia).tolist()
+    if least < -UNREAL * size or most > least + middle + UNREAL * size:
+        warn_caller(
+            f"inertia_com: no body of matter has the moments {[least, middle, most]} about its centre of mass; "
+            "they are taken as they are",
+            RuntimeWarning,
+        )
+
+
+def _principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tuple[Array, Array, int | None]:
+    """Principal moments about the fixed point, their axes as rows, and the number of the axis of symmetry.
+
+    `lever` leads from the fixed point to the centre of mass. Moments are made equal where they differ by rounding only.
+    """
+    diagonal = not np.count_nonzero(inertia_com - np.diag(np.diag(inertia_com)))
+    straight = diagonal and np.count_nonzero(lever) <= 1
+    slack = (DECIMAL if straight else TURNED) * float(np.max(np.abs(inertia_com)))
+    along = lever if np.any(lever) else None
+    if along is not None and (pair := _about(inertia_com, along, slack)) is not None:
+        C, A = pair
+        A += Fraction(mass) * _dot(along, along)
+        if straight:
+            k, axes = int(np.flatnonzero(lever)[0]), np.eye(3)
+        else:
+            k, axes = 2, _upright(along / np.linalg.norm(along))
+        inertia = np.array([float(C) if i == k else float(A) for i in range(3)])
+        return _positive(inertia), axes, k
+    inertia = inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    if straight:
+        moments, axes = np.diag(inertia).copy(), np.eye(3)
+    else:
+        moments, columns = np.linalg.eigh(inertia)
+        axes = columns.T * np.linalg.det(columns)
+    slack = (DECIMAL if straight else TURNED) * float(np.max(np.abs(moments)))
+    pairs = [(i, j, k) for i, j, k in ((0, 1, 2), (1, 2, 0), (0, 2, 1)) if abs(moments[i] - moments[j]) <= slack]
+    for i, j, _ in pairs:
+        moments[j] = moments[i]
+    free = not (heavy and np.any(lever))
+    return _positive(moments), axes, max((k for *_, k in pairs), default=None) if free else None
+
+
+def _positive(moments: Array) -> Array:
+    if np.min(moments) <= 0.0:
+        raise ValueError(f"inertia_com: moments about the fixed point must be positive; got {moments.tolist()}")
+    return moments
+
+
+def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fraction] | None:
+    """Moments along and across a direction of symmetry, exact; None if it is none, rounding apart."""
+    direction = along / np.linalg.norm(along)
+    C = direction @ inertia @ direction
+    A = (np.trace(inertia) - C) / 2
+    if np.max(np.abs(inertia - A * np.eye(3) - (C - A) * np.outer(direction, direction))) > slack:
+        return None
+    rows = [_dot(row, along) for row in inertia]
+    exact = sum((v * Fraction(float(a)) for v, a in zip(rows, along, strict=True)), Fraction(0)) / _dot(along, along)
+    return exact, (sum(map(Fraction, np.diag(inertia).tolist()), Fraction(0)) - exact) / 2
+
+
+def _dot(a: Array, b: Array) -> Fraction:
+    return sum((Fraction(v) * Fraction(w) for v, w in zip(a.tolist(), b.tolist(), strict=True)), Fraction(0))
+
+
+def _differences(inertia: Array) -> tuple[int, list[float]]:
+    """r and D_i = 1/I_i − 1/I_r, without cancellation; r is one of the two nearest moments."""
+    I = inertia.tolist()
+    r = min(((0, 1), (1, 2), (2, 0)), key=lambda pair: abs(I[pair[0]] - I[pair[1]]) / (I[pair[0]] * I[pair[1]]))[0]
+    return r, [(I[r] - v) / I[r] / v for v in I]
+
+
+def _upright(up: Array) -> Array:
+    """(3, 3): rows of a frame whose third is `up`; along an axis without rounding."""
+    if up[2] == 1.0:
+        return np.eye(3)
+    first = np.zeros(3)
+    first[(np.argmax(np.abs(up)) + 1) % 3] = 1.0
+    first -= (first @ up) * up
+    first /= np.linalg.norm(first)
+    return np.array((first, np.cross(up, first), up))
+
+
+def _matrices(rotation: Any) -> Array:
+    """Of a Rotation, or the matrices themselves."""
+    return rotation.as_matrix() if hasattr(rotation, "as_matrix") else np.asarray(rotation, dtype=float)

@@ -1,0 +1,79 @@
+"""Rotations and angular velocities as users pass them in, and the product of quaternions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import Array, warn_caller
+from lagrange_bench.integrators.compiling.compiled import jit
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
+
+EXACT, ROUNDED = (
+    1e-12,
+    1e-6,
+)  # distance from a rotation: taken as it is; scaled with a warning, as 7 printed digits need
+
+
+def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
+    """`values` as a fresh array of finite doubles."""
+    try:
+        v = np.array(values)
+    except ValueError:
+        v = np.empty(0)
+    if v.shape not in shapes or v.dtype.kind not in "iuf" or not np.all(np.isfinite(v)):
+        raise ValueError(f"{name} must be finite real numbers, shape {' or '.join(map(str, shapes))}; got {values!r}")
+    return v.astype(np.float64)
+
+
+def as_rotation(rotation: Any) -> Rotation:
+    """A single SciPy Rotation, from one, a matrix (3, 3) or a unit quaternion (4,), scalar first.
+
+    Warns where the quaternion or matrix is off by more than 1e-12, as printed digits and single precision are.
+
+    Raises
+    ------
+    ValueError
+        It is none of these, or off by more than 1e-6.
+    """
+    from scipy.spatial.transform import Rotation  # not at the start: it takes 0.2 s
+
+    if isinstance(rotation, Rotation):
+        if not rotation.single:
+            raise ValueError(f"rotation must be a single one; got {len(rotation)}")
+        return rotation
+    R = real_array(rotation, "rotation", (3, 3), (4,))
+    if R.shape == (4,):
+        what, off = "a unit quaternion, scalar first", abs(float(np.linalg.norm(R)) - 1.0)
+    else:
+        what, off = "an orthogonal matrix with determinant 1", float(np.max(np.abs(R.T @ R - np.eye(3))))
+        off = off if np.linalg.det(R) > 0 else np.inf
+    if not off <= ROUNDED:
+        raise ValueError(f"rotation must be {what}; got {R.tolist()}")
+    if off > EXACT:
+        warn_caller(f"rotation is {what}, but for {off:.1e}: it is scaled", RuntimeWarning)
+    return Rotation.from_quat(R, scalar_first=True) if R.shape == (4,) else Rotation.from_matrix(R)
+
+
+def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotation, Array]:
+    """A Rotation and the angular velocity in the body's frame, from that in one of the two frames."""
+    turn = as_rotation(rotation)
+    if (omega_body is None) == (omega_world is None):
+        raise ValueError("give either omega_body or omega_world")
+    if omega_world is None:
+        return turn, real_array(omega_body, "omega_body", (3,))
+    return turn, turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
+
+
+@jit
+def quaternion_product(a: Any, b: Any) -> Any:
+    """The product of two quaternions, scalar first, given by their components."""
+    return (
+        a[0] * b[0] - (a[1] * b[1] + a[2] * b[2] + a[3] * b[3]),
+        a[0] * b[1] + a[1] * b[0] + (a[2] * b[3] - a[3] * b[2]),
+        a[0] * b[2] + a[2] * b[0] + (a[3] * b[1] - a[1] * b[3]),
+        a[0] * b[3] + a[3] * b[0] + (a[1] * b[2] - a[2] * b[1]),
+    )
