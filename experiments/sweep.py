@@ -343,7 +343,7 @@ def _truth(rows: pd.DataFrame) -> str:
     """What the errors of the rows are measured against."""
     if "potential" not in rows or rows.potential.isna().all():
         return "the exact solution"
-    return "the exact solution (in a potential: a reference solution in quadruple precision)"
+    return "the exact solution (where there is none: a reference solution in quadruple precision)"
 
 
 def draw(rows: pd.DataFrame) -> dict[str, Any]:

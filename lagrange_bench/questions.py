@@ -118,7 +118,7 @@ def phase(
     step = _step(h, h_scaled, 0.25)
     asked = _Asked(methods, tops)
     for top in asked.tops:
-        if "uniform" not in top.top.offers and step(top.unit) * steps > truths.LONGEST:
+        if not truths.closed_form(top.top) and step(top.unit) * steps > truths.LONGEST:
             beyond = f"beyond {truths.LONGEST:g} time scales; take fewer"
             raise ValueError(f"steps: {top.name} has no reference solution {beyond}")
     frame = asked.measure(phase_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})

@@ -17,19 +17,21 @@ def free_body(*moments):
     return Problem("free_body", "so3", hamiltonian, moments, frame="body")
 
 
-def flows(alpha, y, times, digits=40):
-    """States at `times`, monotone from 0; numbers are multiples of 2^-bits, eight steps to the unit 1/(|J| + √(|alpha||x|))."""
+def flows(alpha, y, times, digits=40, k=0.0):
+    """States at `times`, monotone from 0, in V = k x3²/2; numbers are multiples of 2^-bits.
+
+    Eight steps to the unit 1/(|J| + √(|alpha||x|) + √|k| |x|).
+    """
     bits = int(3.33 * digits) + 60
-    rate = Fraction(
-        math.hypot(*map(float, y[:3])) + math.sqrt(abs(float(alpha))) * math.sqrt(math.hypot(*map(float, y[3:])))
-    )
-    alpha, y = _fixed(_exactly(alpha), bits), [_fixed(_exactly(v), bits) for v in y]
+    J, x = (math.hypot(*map(float, part)) for part in (y[:3], y[3:]))
+    rate = Fraction(J + math.sqrt(abs(float(alpha))) * math.sqrt(x) + math.sqrt(abs(float(k))) * x)
+    alpha, k, *y = (_fixed(_exactly(v), bits) for v in (alpha, k, *y))
     now, states = Fraction(0), []
     for t in map(_exactly, times):
         steps = math.ceil(8 * rate * abs(t - now)) or 1
         h, now = _fixed((t - now) / steps, bits), t
         for _ in range(steps):
-            y = _step(alpha, y, h, bits)
+            y = _step(alpha, k, y, h, bits)
         with mp.workprec(bits + 60):
             states.append([mp.ldexp(mpf(v), -bits) for v in y])
     return np.array(states, dtype=object)
@@ -44,25 +46,27 @@ def _fixed(q, bits):
     return (q.numerator << bits) // q.denominator
 
 
-def _step(alpha, y, h, bits):
-    """The terms of order k + 1 from those up to k, with h^k in them, until they vanish."""
+def _step(alpha, k, y, h, bits):
+    """The terms of order n + 1 from those up to n, with h^n in them, until they vanish."""
     J1, J2, J3, x1, x2, x3 = series = [[v] for v in y]
-    k = 0
-    while k == 0 or any(c[-1] or c[-2] for c in series):
+    force = []  # alpha + k x3
+    n = 0
+    while n == 0 or any(c[-1] or c[-2] for c in series):
 
         def product(a, b):
             return sum(map(mul, a, reversed(b)))
 
+        force.append((k * x3[n] >> bits) + (0 if n else alpha))
         rates = (
-            -alpha * x2[k],
-            alpha * x1[k],
+            -product(force, x2),
+            product(force, x1),
             0,
             product(J2, x3) - product(J3, x2),
             product(J3, x1) - product(J1, x3),
             product(J1, x2) - product(J2, x1),
         )
-        k += 1
-        new = [(r * h >> 2 * bits) // k for r in rates]
+        n += 1
+        new = [(r * h >> 2 * bits) // n for r in rates]
         new = [0 if v == -1 else v for v in new]  # rounding is downwards: -1 would never vanish
         for c, v in zip(series, new, strict=True):
             c.append(v)

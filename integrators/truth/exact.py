@@ -1,8 +1,8 @@
-"""The closed-form solution of the top: the truth every method is judged by.
+"""The closed-form solution of the top, in a uniform field or in a vertical tide: the truth every method is judged by.
 
-Theta functions, valid for every alpha, |x| > 0, initial state and time: `truth.orbit` has the formulas. Their
-constants are found once per (alpha, y0), in mpmath, and kept. Nothing here uses a method of the bench, and the initial
-doubles are taken as they are: |x| is not normalised.
+Theta functions, valid for every alpha, k, |x| > 0, initial state and time: `truth.orbit` has the formulas for alpha x3,
+`truth.tide` for alpha x3 + k x3²/2. Their constants are found once per (alpha, k, y0), in mpmath, and kept. Nothing here
+uses a method of the bench, and the initial doubles are taken as they are: |x| is not normalised.
 
 In doubles the error is below 4e-15 of `LagrangeTop.scales`, the same at t = 1 and t = 1e6: whole periods, known to
 twice the precision, are taken off t without rounding before anything else is computed.
@@ -11,6 +11,8 @@ twice the precision, are taken off t without rounding before anything else is co
 from __future__ import annotations
 
 import math
+import random
+from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,7 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation, Series, find_orbit, position
+from lagrange_bench.integrators.truth import orbit as uniform
+from lagrange_bench.integrators.truth import tide
+from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation
 
 __all__ = ["after_steps", "nutation_period", "precession_per_nutation", "regime", "roots", "solution"]
 
@@ -31,31 +35,33 @@ Pieces = tuple[float, float, float]  # a number in three parts, the first two of
 DIGITS = 40  # of the constants behind the doubles: periods to 105 bits, with a margin
 MOST_DIGITS = 1000  # that can be asked for: they take seconds, ten times as many take minutes
 MOST_PERIODS = 2.0**45  # where a double t still resolves 1/256 of a period
+RATIONAL = {"add", "sub", "mul", "div", "neg"}  # operations
 LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
 
 
-def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
+def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
     ----------
-    top, y0 : the top and a state (6,); x not 0. Their doubles are taken as exact.
+    top, y0 : a top with a closed form, see `vertical_field`, and a state (6,); x not 0. Their doubles are taken as exact.
     t : a time or a sequence (n,) of times, of any sign, in any order; with `digits` mpmath numbers are welcome.
     digits : None for doubles, or the number of decimal digits wanted, up to 1000.
 
     Returns
     -------
-    (n, 6) for n times, (6,) for one. Doubles, with errors below 4e-15 of the scales of J and x of `LagrangeTop.scales`
-    at every t; or with `digits` mpmath.mpf in an object array, with errors below 10^-digits of these scales.
+    (n, 6) for n times, (6,) for one. Doubles, with errors below 4e-15 of the scales of J and x at every t (2e-14 in a tide,
+    if 1e-20 of the scales would put the state on a separatrix); or with `digits` mpmath.mpf in an object array, with
+    errors below 10^-digits of them. The scales are those of `top.scales`, that of J at least √|k| |x|.
 
     Raises
     ------
     ValueError : an argument is malformed, the state overflows, or, without `digits`, |t| exceeds 2^45 periods.
 
-    Source: `truth.orbit`. The first call for a (top, y0) takes about 5 ms, up to 100 ms if the sizes in y0 differ
-    enormously; then it is 0.3 ms a call and 1 μs a time. With digits=30 it is 0.5 ms a time.
+    Source: `truth.orbit`, `truth.tide`. The first call for a (top, y0) takes about 5 ms, in a tide 30 ms, and far more if the
+    sizes in y0 differ enormously; then it is 0.3 ms a call and some μs a time. With digits=30 it is some ms a time.
     """
-    key = (_alpha_of(top), tuple(check_state(y0).tolist()))
+    key = _key(top, y0)
     if digits is None:
         times = check_times(t)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
@@ -68,17 +74,53 @@ def solution(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None)
     return np.array(states, dtype=object).reshape(*times.shape, 6)
 
 
+@lru_cache(maxsize=256)
+def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
+    """alpha and k if the energy is |J|²/2 + alpha x3 + k x3²/2, up to a multiple of |x|² and a constant; None if it is not.
+
+    The formula is evaluated in rational numbers, at places that fix these coefficients, and at one of random integers: two
+    rational functions that agree there are the same.
+    """
+    if isinstance(problem, LagrangeTop):
+        return Fraction(problem.single()), Fraction(0)
+    top = None if getattr(problem, "timed", True) else getattr(problem, "as_top", None)
+    if top is None or not {operation for operation, *_ in top.field.potential.lines} <= RATIONAL:
+        return None
+    energy, numbers = top.field.potential.python(Fraction), [Fraction(v) for v in top.numbers]
+    draw = random.Random("a place")
+    places = (0, 0, 0), (0, 0, 1), (0, 0, -1), (1, 0, 0), [draw.getrandbits(64) for _ in range(3)]
+    try:
+        base, up, down, aside, there = (energy(*map(Fraction, x), *numbers)[0] for x in places)
+    except ZeroDivisionError:
+        return None
+    alpha, c, (x1, x2, x3) = (up - down) / 2, aside - base, places[-1]
+    k = up + down - 2 * aside
+    same = there == base + alpha * x3 + k * x3**2 / 2 + c * (x1**2 + x2**2 + x3**2)
+    return (alpha, k) if same else None
+
+
+def _key(top: Any, y0: ArrayLike) -> tuple[Fraction, Fraction, tuple[float, ...]]:
+    """alpha, k and the state. ValueError: there is no closed form here."""
+    known = vertical_field(top) if hasattr(top, "scales") else None
+    if known is None:
+        raise _refusal("a LagrangeTop, in a uniform field, or a top in alpha x3 + k x3²/2", top)
+    return *known, tuple(check_state(y0).tolist())
+
+
+def _refusal(wanted: str, top: Any) -> ValueError:
+    attached = hasattr(top, "top") and not hasattr(top, "potential")
+    advice = "take its .top" if attached else "a run's .error() compares it"
+    return ValueError(f"top must be {wanted}; got a {type(top).__name__}: {advice}")
+
+
 def _alpha_of(top: LagrangeTop) -> float:
-    """The alpha of a single LagrangeTop. ValueError: it is none, and of nothing else is the motion known here."""
+    """The alpha of a single LagrangeTop. ValueError: it is none."""
     if not isinstance(top, LagrangeTop):
-        advice = (
-            "take its .top" if hasattr(top, "top") and not hasattr(top, "potential") else "a run's .error() compares it"
-        )
-        raise ValueError(f"top must be a LagrangeTop, in a uniform field; got a {type(top).__name__}: {advice}")
+        raise _refusal("a LagrangeTop, in a uniform field", top)
     return top.single()
 
 
-def after_steps(top: LagrangeTop, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
+def after_steps(top: Any, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
     """States after 0, 1, 2, … steps of h: at the times n·h themselves, not at the doubles next to them.
 
     The product of a double and a whole number is rounded by up to half an ulp, 6e-11 at t = 10⁶: as much as a good
@@ -97,7 +139,7 @@ def after_steps(top: LagrangeTop, y0: ArrayLike, h: float, counts: ArrayLike) ->
     if n.ndim != 1 or n.dtype.kind not in "iu" or np.any(np.abs(n) > 2**53):
         raise ValueError("counts must be a sequence of whole numbers up to 2^53")
     times = check_times(h * n.astype(float))
-    orbit, clock = prepared(_alpha_of(top), tuple(check_state(y0).tolist()))
+    orbit, clock = prepared(*_key(top, y0))
     return in_doubles(orbit, clock, times, rounded_off(h, n.astype(float)))
 
 
@@ -160,8 +202,8 @@ def roots(top: LagrangeTop, y0: ArrayLike) -> tuple[float, float, float]:
 
 
 @lru_cache(maxsize=1024)
-def find(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
-    return find_orbit(alpha, y0, digits)
+def find(alpha: float | Fraction, y0: tuple[float, ...], digits: int, k: float | Fraction = 0) -> Orbit:
+    return tide.find_orbit(alpha, k, y0, digits) if k else uniform.find_orbit(alpha, y0, digits)
 
 
 def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
@@ -175,23 +217,30 @@ class Clock(NamedTuple):
     t0: Pieces
     turns: Pieces  # per period, mod 1
     offset: float  # turns at n = 0
+    around: Pieces  # period of a uniform turn about e3 besides
+
+
+NOTHING, NEVER = (0.0, 0.0, 0.0), (math.inf, 0.0, 0.0)
 
 
 @lru_cache(maxsize=1024)
-def prepared(alpha: float, y0: tuple[float, ...]) -> tuple[Orbit, Clock]:
+def prepared(alpha: Fraction, k: Fraction, y0: tuple[float, ...]) -> tuple[Orbit, Clock]:
     """The orbit with its constants rounded to doubles, and its clock."""
-    orbit = find(alpha, y0, DIGITS)
+    orbit = find(alpha, y0, DIGITS, k)
     motion = orbit.motion
     with workdps(DIGITS + 15):
-        if isinstance(motion, Rotation):
-            t0 = turns = phase = mpf(0)
-        else:
-            t0, turns, phase = motion.t0, motion.advance / (2 * mp.pi), motion.phase / (2 * mp.pi)
+        t0 = turns = phase = mpf(0)
+        around = NEVER
+        if not isinstance(motion, Rotation):
+            t0, phase = motion.t0, motion.phase / (2 * mp.pi)
+        if isinstance(motion, tide.Tide) and abs(motion.turn) * LONGEST > 1:
+            around = split(2 * mp.pi / motion.turn, 2 * mp.pi / motion.turn)
         if motion.period > LONGEST:
-            period, unit, turns = (math.inf, 0.0, 0.0), t0, mpf(0)
+            period, unit = NEVER, t0
         else:
             period, unit = split(motion.period, motion.period), motion.period
-        clock = Clock(period, split(t0, unit), split(turns - mp.nint(turns), mpf(1)), float(phase))
+            turns = motion.advance / (2 * mp.pi) if isinstance(motion, Nutation) else turns
+        clock = Clock(period, split(t0, unit), split(turns - mp.nint(turns), mpf(1)), float(phase), around)
     return orbit._replace(motion=rounded(motion)), clock
 
 
@@ -205,10 +254,9 @@ def split(value: mpf, unit: mpf) -> Pieces:
 
 def rounded(value: Any) -> Any:
     """The same constants as float and complex."""
-    if isinstance(value, (Nutation, Rotation, Series)):
-        return type(value)(*map(rounded, value))
     if isinstance(value, tuple):
-        return tuple(map(rounded, value))
+        parts = map(rounded, value)
+        return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
     if isinstance(value, mp.mpc):
         return complex(value)
     return value if value is None else float(value)
@@ -227,8 +275,13 @@ def in_doubles(orbit: Orbit, clock: Clock, times: Array, more: Array | float = 0
             angle = motion.rate * r[:, None]
             y[:] = motion.centre + np.cos(angle) * motion.cosine + np.sin(angle) * motion.sine
         else:
-            J, x, x3 = position(motion, r, np.exp)
             turn = np.exp(2j * np.pi * turned(clock, n))
+            if isinstance(motion, tide.Tide):
+                J, x, x3 = tide.position(motion, r, np)
+                _, since = reduced(clock._replace(period=clock.around, t0=NOTHING), np.ldexp(times, orbit.rate))
+                turn *= np.exp(1j * motion.turn * (since + np.ldexp(more, orbit.rate)))
+            else:
+                J, x, x3 = uniform.position(motion, r, np.exp)
             J, x = J * turn, x * turn
             y[:] = np.stack((J.real, J.imag, np.full(x3.shape, motion.J3), x.real, x.imag, x3), axis=-1)
         y[:, :3] = np.ldexp(y[:, :3], orbit.rate)
@@ -273,14 +326,14 @@ def fraction(a: Array) -> Array:
     return np.asarray(a - np.rint(a))
 
 
-def in_mpmath(alpha: float, y0: tuple[float, ...], times: list[Any], digits: int) -> list[list[mpf]]:
+def in_mpmath(alpha: Fraction, k: Fraction, y0: tuple[float, ...], times: list[Any], digits: int) -> list[list[mpf]]:
     """States at `times`, to `digits` digits."""
     with workdps(digits + 10):
-        rate = find(alpha, y0, DIGITS).rate
+        rate = find(alpha, y0, DIGITS, k).rate
         latest = max((abs(mp.ldexp(mpf(t), rate)) for t in times), default=mpf(0))
         guard = 10 + max(0, int(mp.log10(latest + 1)))  # periods and phases grow with t
     needed = -(-(digits + guard) // 16) * 16  # in steps, so that orbits are found again
-    orbit = find(alpha, y0, needed)
+    orbit = find(alpha, y0, needed, k)
     with workdps(needed + 15):
         states = [in_mpmath_at(orbit, mp.ldexp(mpf(t), rate)) for t in times]
     with workdps(digits):
@@ -295,8 +348,12 @@ def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
         y = [a + b * cosine + c * sine for a, b, c in parts]
     else:
         n = 0 if mp.isinf(motion.period) else mp.nint((t - motion.t0) / motion.period)
-        J, x, x3 = position(motion, t - motion.t0 - (n * motion.period if n else 0), mp.exp)
-        turn = mp.expj(motion.phase + (n * motion.advance if n else 0))
+        r = t - motion.t0 - (n * motion.period if n else 0)
+        if isinstance(motion, tide.Tide):
+            (J, x, x3), angle = tide.position(motion, r, mp), motion.turn * t
+        else:
+            (J, x, x3), angle = uniform.position(motion, r, mp.exp), n * motion.advance if n else 0
+        turn = mp.expj(motion.phase + angle)
         J, x = J * turn, x * turn
         y = [J.real, J.imag, motion.J3, x.real, x.imag, x3]
     return [mp.ldexp(v, orbit.rate) for v in y[:3]] + [orbit.sign * mp.ldexp(v, orbit.size) for v in y[3:]]

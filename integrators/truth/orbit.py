@@ -97,11 +97,12 @@ class Orbit(NamedTuple):
 
 @dataclass(frozen=True)
 class State:
-    """alpha >= 0, J and x, and what follows from them, as rationals of order 1."""
+    """alpha, J and x in V = k x3²/2, and what follows from them, as rationals of order 1."""
 
-    alpha: Fraction
+    alpha: Fraction  # not negative, where k is 0
     J: tuple[Fraction, ...]
     x: tuple[Fraction, ...]
+    k: Fraction = Fraction(0)
 
     @property
     def m(self) -> Fraction:
@@ -117,7 +118,7 @@ class State:
 
     @cached_property
     def H(self) -> Fraction:
-        return dot(self.J, self.J) / 2 + self.alpha * self.x[2]
+        return dot(self.J, self.J) / 2 + self.alpha * self.x[2] + self.k * self.x[2] ** 2 / 2
 
     @cached_property
     def velocity(self) -> Fraction:
@@ -128,10 +129,15 @@ class State:
     def acceleration(self) -> Fraction:
         """x3''."""
         across, x3 = dot(self.J[:2], self.x[:2]), self.x[2]
-        return self.m * across - self.alpha * dot(self.x[:2], self.x[:2]) - x3 * dot(self.J[:2], self.J[:2])
+        return self.m * across - self.force * dot(self.x[:2], self.x[:2]) - x3 * dot(self.J[:2], self.J[:2])
+
+    @property
+    def force(self) -> Fraction:
+        """dV/dx3 and the weight."""
+        return self.alpha + self.k * self.x[2]
 
 
-def find_orbit(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
+def find_orbit(alpha: float | Fraction, y0: tuple[float, ...], digits: int) -> Orbit:
     """The orbit of `y0`, its constants good to `digits` decimal digits."""
     rate, size = units(alpha, y0)
     sign, two = -1 if alpha < 0 else 1, Fraction(2)
@@ -150,10 +156,11 @@ def find_orbit(alpha: float, y0: tuple[float, ...], digits: int) -> Orbit:
     return orbit._replace(rate=rate, size=size, sign=sign)
 
 
-def units(alpha: float, y0: tuple[float, ...]) -> tuple[int, int]:
-    """Binary exponents, to a bit or two, of the larger of |J| and sqrt(|alpha||x|), and of |x|."""
+def units(alpha: float | Fraction, y0: Sequence[float], k: float | Fraction = 0) -> tuple[int, int]:
+    """Binary exponents, to a bit or two, of the largest of |J|, sqrt(|alpha||x|) and sqrt(|k|)|x|, and of |x|."""
     (J, J_exponent), (_, size) = (math.frexp(max(map(abs, part))) for part in (y0[:3], y0[3:]))
     rates = ([J_exponent] if J else []) + ([(math.frexp(alpha)[1] + size) // 2] if alpha else [])
+    rates += [math.frexp(k)[1] // 2 + size] if k else []
     return max(rates, default=0), size
 
 
@@ -230,18 +237,9 @@ def free(state: State) -> Orbit:
 
 
 def equilibrium(state: State) -> Orbit:
-    """x3 constant: J and x turn about e3 at the rate Omega, alpha x_perp = Omega J_perp (from J' = alpha e3 × x)."""
-    (J1, J2, m), (x1, x2, x3) = state.J, state.x
-    across = J1 * J1 + J2 * J2
-    # where J_perp = 0, x3'' = 0 says x_perp = 0: sleeping or hanging
-    rate = state.alpha * (J1 * x1 + J2 * x2) / across if across else Fraction(0)
-    motion = Rotation(
-        2 * mp.pi / real(abs(rate)) if rate else mpf("inf"),
-        real(rate),
-        reals(0, 0, m, 0, 0, x3),
-        reals(J1, J2, 0, x1, x2, 0),
-        reals(-J2, J1, 0, -x2, x1, 0),
-    )
+    """x3 constant."""
+    m, x3, rate = state.m, state.x[2], precession_rate(state)
+    motion = steady(state, rate)
     square = 2 * state.H - 6 * state.alpha * x3  # -f''/2, the squared frequency of small oscillations of x3
     period, swept = mpf("inf"), mpf("nan")
     if square > 0:
@@ -250,6 +248,26 @@ def equilibrium(state: State) -> Orbit:
         swept = real(rate) * period if rate else past_poles(real(m) * period / 2, 1)
     e = heights(state, cubic(state)[0])
     return Orbit("precession" if rate else "equilibrium", motion, e, period, swept)
+
+
+def precession_rate(state: State) -> Fraction:
+    """Omega where x3 is constant: force x_perp = Omega J_perp, from J' = force e3 × x; or J vertical, x' = J × x."""
+    (J1, J2, m), (x1, x2, _) = state.J, state.x
+    if across := J1 * J1 + J2 * J2:
+        return state.force * (J1 * x1 + J2 * x2) / across
+    return m if x1 or x2 else Fraction(0)  # x vertical, too: sleeping or hanging
+
+
+def steady(state: State, rate: Fraction) -> Rotation:
+    """J and x turn about e3 at the rate Omega."""
+    (J1, J2, m), (x1, x2, x3) = state.J, state.x
+    return Rotation(
+        2 * mp.pi / real(abs(rate)) if rate else mpf("inf"),
+        real(rate),
+        reals(0, 0, m, 0, 0, x3),
+        reals(J1, J2, 0, x1, x2, 0),
+        reals(-J2, J1, 0, -x2, x1, 0),
+    )
 
 
 def past_poles(swept: mpf, poles: int) -> mpf:

@@ -1,7 +1,7 @@
 """Follow one top with one method.
 
 Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution (in a potential: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
+solution (where there is none: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
 --draw shows the axis on its sphere.
 
 examples:
