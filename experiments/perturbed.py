@@ -2,7 +2,8 @@
 
 A top in a uniform field has a closed form and needs no integrator. In most other fields (a tilted tide, a magnet, an uneven
 field) it has none. The full profile has ten such tops, the quick profile one, in a weak tide. Most are nearly integrable: a
-weak field of size ε bends the tori a little. One is close to a separatrix; one is chaotic, and an ulp grows to 1e-6 in about 600 units.
+weak field of size ε bends the tori a little. One is close to a separatrix; one is chaotic, and an ulp grows to 1e-6 in about
+600 units.
 
 Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
 error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The
