@@ -44,7 +44,7 @@ def prepare(
     h : float
         The step, not 0, in the units of the top.
     method : str or Method, optional
-        A name in METHODS, or a record. By default the exact step, backlund, where there is one.
+        A name in METHODS, or a record. By default the exact step, backlund, where there is one; of a free body the closed form.
     **options : dict
         The method's own.
 
@@ -94,7 +94,7 @@ def integrate(
     steps : int
         Number of steps.
     method : str or Method, optional
-        A name in METHODS, or a record. By default the exact step, backlund, where there is one.
+        A name in METHODS, or a record. By default the exact step, backlund, where there is one; of a free body the closed form.
     every : int
         Record every so many steps; must divide `steps`.
     t : (N,)
@@ -218,6 +218,8 @@ def _default(problem: Any) -> str:
     """The exact method of a problem. ValueError where there is none."""
     if not {"uniform", "symmetric"}.isdisjoint(problem.offers):
         return "backlund"
+    if "free" in problem.offers:
+        return "theta_functions"
     raise ValueError(
         "method: no exact one is known here; name one, such as taylor (round-off at every step) or blanes_moan6 (a splitting, "
         "which keeps the energy near its start in long runs)"

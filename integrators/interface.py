@@ -106,6 +106,7 @@ NEEDS = {
     "smooth": "a Hamiltonian without corners",
     "body": "a rigid body in a uniform field, a RigidBody",
     "symmetric": "a symmetric RigidBody",
+    "free": "a RigidBody without torque",
     "top": "a Hamiltonian |J|²/2 + U(t, x)",
     "force": "a Hamiltonian |J|²/2 + U(x)",
     "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",

@@ -38,7 +38,7 @@ from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul
 from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
-from lagrange_bench.integrators.methods import symmetric_body
+from lagrange_bench.integrators.methods import free_body, symmetric_body
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
 from lagrange_bench.integrators.methods.lie_group import cross, times
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
@@ -564,6 +564,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
+    if "free" in top.offers:
+        return free_body.evaluate(top, y0, times)  # type: ignore[arg-type]
     if "symmetric" in top.offers:
         return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
@@ -593,7 +595,7 @@ def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array
 METHOD = Method(
     name=NAME, label="Theta functions", family="closed-form", order=None, symmetric=True, poisson=True,
     conserves=frozenset({"H", "J3", "C1", "C2"}),
-    source="Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
+    source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
     uniform_only="it is the closed form of an integrable top",
-    evaluate=evaluate, special={"symmetric": prepare_body},
+    evaluate=evaluate, special={"symmetric": prepare_body, "free": free_body.prepare},
 )  # fmt: skip

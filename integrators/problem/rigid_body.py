@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real, warn_caller
 from lagrange_bench.integrators.compiling.expression import Tape
+from lagrange_bench.integrators.problem import free_motion
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rotation import as_motion, real_array
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -137,8 +138,23 @@ class RigidBody(Problem):
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """As any problem's, and "body"; "symmetric" where a Lagrange top is inside."""
-        return super().offers | {"body", *(("symmetric",) if self.symmetry is not None else ())}
+        """As any problem's, and "body"; "symmetric" where a Lagrange top is inside; "free" without a torque."""
+        more = {"symmetric": self.symmetry is not None, "free": not np.any(self.weight)}
+        return super().offers | {"body", *(word for word, offered in more.items() if offered)}
+
+    def period(self, y: ArrayLike) -> float:
+        """Of a free body: the time after which ω comes back in the body's frame, s.
+
+        0 where ω is constant there, inf on the separatrix. The rotation does not come back.
+
+        Raises
+        ------
+        ValueError
+            A weight acts on the body.
+        """
+        if "free" not in self.offers:
+            raise ValueError("period: only the motion of a free body has one; of a heavy top see exact.nutation_period")
+        return free_motion.period(self.inertia, self.check_state(self.parted(y)[0])[4:])
 
     # ------------------------------------------------------------------ states
 

@@ -68,12 +68,14 @@ def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotatio
     return turn, turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
 
 
-@jit
-def quaternion_product(a: Any, b: Any) -> Any:
-    """The product of two quaternions, scalar first, given by their components."""
+def product(a: Any, b: Any) -> Any:
+    """The product of two quaternions, scalar first, given by their components: numbers or arrays."""
     return (
         a[0] * b[0] - (a[1] * b[1] + a[2] * b[2] + a[3] * b[3]),
         a[0] * b[1] + a[1] * b[0] + (a[2] * b[3] - a[3] * b[2]),
         a[0] * b[2] + a[2] * b[0] + (a[3] * b[1] - a[1] * b[3]),
         a[0] * b[3] + a[3] * b[0] + (a[1] * b[2] - a[2] * b[1]),
     )
+
+
+quaternion_product = jit(product)  # for kernels

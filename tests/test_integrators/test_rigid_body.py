@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators import integrate
 from lagrange_bench.integrators.cases import matrix
+from lagrange_bench.integrators.methods import free_body
 from lagrange_bench.integrators.truth.rigid_body import about_fixed_point, rigid_motion
 from tests.reference import largest
 
@@ -144,6 +145,94 @@ def test_a_body_that_flies():
     assert np.allclose(dense.sol(2.0)[7:], run.y[-1, 7:], rtol=1e-14)
     with pytest.raises(ValueError, match="position and velocity are those of a body that flies"):
         held.state(**WHOLE, position=place)
+
+
+def ulps_of_start(body, y0, times, digits=20):
+    """Errors of the closed form, in units of what the last digits of the start do to the exact motion.
+
+    Truth is the series in integers; L is the start's double, so ω is the fraction L/I.
+    """
+    inertia = [Fraction(v) for v in body.inertia.tolist()]
+    start = matrix(y0[:4])
+
+    def exact(L):
+        omega = [Fraction(v) / w for v, w in zip(L, inertia, strict=True)]
+        found = rigid_motion(1, (0, 0, 0), inertia, (0, 0, 0), start, omega, times, digits)
+        return [
+            np.array([*np.ravel(R), *(w * v / size for w, v in zip(omega, inertia, strict=True))]) for R, omega in found
+        ]
+
+    size = Fraction(float(np.linalg.norm(y0[4:])))
+    true = exact(y0[4:].tolist())
+    nearby = [
+        [Fraction(v) * (1 + (n == m) * Fraction(2) ** -52) for m, v in enumerate(y0[4:].tolist())] for n in range(3)
+    ]
+    moved = [exact(L) for L in nearby]
+    y, _ = free_body.evaluate(body, y0, np.array([float(t) for t in times]))
+    R = Rotation.from_quat(y[:, :4], scalar_first=True).as_matrix().reshape(-1, 9)
+    ulps = []
+    for k, row in enumerate(true):
+        given = np.array([*map(Fraction, R[k].tolist()), *(Fraction(v) / size for v in y[k, 4:].tolist())])
+        error = float(max(map(abs, given - row)))
+        change = sum(float(max(map(abs, other[k] - row))) for other in moved)
+        ulps.append(error / (change + 2.0**-52))
+    return ulps
+
+
+def free_bodies():
+    """Moments and L: any; and within 1e-3 … 1e-15 of the separatrix, of equal moments, of an axis."""
+    rng = np.random.default_rng(31)
+    for n in range(16):
+        moments, L, near = 10 ** rng.uniform(-1, 1, 3), rng.normal(size=3), 10 ** rng.uniform(-15, -3)
+        i, j, k = np.argsort(moments)
+        kind = n % 4
+        if kind == 1:
+            a = 1 / moments
+            L[i] = L[k] * np.sqrt((a[j] - a[k]) / (a[i] - a[j])) * (1 + near)
+        elif kind == 2:
+            moments[j] = moments[i] * (1 + near)
+        elif kind == 3:
+            L[[i, j, k]] *= np.roll((1.0, near, near), n // 4)
+        yield moments, L
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize(("moments", "L"), list(free_bodies()))
+@pytest.mark.filterwarnings("ignore:inertia_com")
+def test_the_closed_form_of_the_free_body(moments, L):
+    body = RigidBody(1.0, (0, 0, 0), moments)
+    turn = np.max(np.abs(L / body.inertia))
+    y0 = np.concatenate(((0.5, -0.5, 0.1, 0.7), L))
+    y0[:4] /= np.linalg.norm(y0[:4])
+    times = [Fraction(float(v / turn)) for v in (0.4, 6.0)]
+    assert max(ulps_of_start(body, y0, times)) < 16
+
+
+@pytest.mark.filterwarnings("ignore:inertia_com")
+def test_the_free_body_near_its_middle_axis():
+    """Values of two independent programs; and how long L_2 takes from one zero to the next."""
+    body = RigidBody(1.0, (0, 0, 0), (3.0, 5.0, 9.0))
+    run = integrate(body, (1, 0, 0, 0, 0, 5, 9e-6), t=[20.0, 40.0, 0.0])
+    assert run.method == "theta_functions"
+    assert np.max(np.abs(run.y[0, 4:] - (-0.196222000288240777, 4.99036494822845638, 0.240321888675745775))) < 1e-12
+    assert (
+        np.max(np.abs(run.y[1, 4:] - (-0.00380972495884358551, -4.99999637149761789, 0.00466594978466910196))) < 1e-12
+    )
+    assert body.period((1, 0, 0, 0, 0, 2, 0.01)) / 2 == pytest.approx(59.0554435231928720, rel=1e-14)
+    assert body.period((1, 0, 0, 0, 0, 2, 0)) == 0.0
+    slow = RigidBody(1.0, (0, 0, 0), (1.0, 2.0, 3.0))
+    right = (1.0, 8.37911827794993e-09, -4.72681527835209e-09)
+    assert integrate(slow, (1, 0, 0, 0, 1, 1e-8, 0), t=[1.0]).y[0, 4:] == pytest.approx(right, rel=1e-13)
+    other = RigidBody(1.0, (0, 0, 0), (10, 20, 26))
+    start = other.state(rotation=np.eye(3), omega_body=(1, 15, 1))
+    omega = (
+        integrate(other, start, h=-10.0, steps=1).omega_body[-1],
+        integrate(other, start, h=5.0, steps=2).omega_body[-1],
+    )
+    assert np.max(np.abs(omega[1] - (-8.93297814787053809, 10.9515235719156112, 7.17715832767186367))) < 1e-12
+    assert np.max(np.abs(omega[0] - integrate(other, start, t=[-10.0], method="taylor").omega_body[0])) < 1e-11
+    with pytest.raises(ValueError, match="period: only the motion of a free body"):
+        SKEW.period(SKEW.state(**WHOLE))
 
 
 def test_books_have_bodies_that_no_matter_has():

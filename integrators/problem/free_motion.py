@@ -1,0 +1,91 @@
+"""The free rigid body in its own frame: Euler's equations and the constants of their solution.
+
+    L' = L × ω,   ω = L/I,   a = 1/I,   G = |L|,   D = Σ a L²
+
+L goes round axis k, that of the largest or of the smallest moment, as D is below or above a_j G², j the middle axis, i the third:
+
+    L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ t + u0
+    α² = (D − a_k G²)/(a_i − a_k)      β² = (D − a_k G²)/(a_j − a_k)      γ² = (a_i G² − D)/(a_i − a_k)
+    λ² = (a_j − a_k)(a_i G² − D)       1 − k² = (a_i − a_k)(a_j G² − D)/λ²
+
+1 − k² is 0 on the separatrix. All differences are of the doubles themselves, in fractions: nothing cancels.
+
+Source: Landau & Lifshitz, Mechanics (1976), section 37.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import Array
+
+MARGIN = 200  # bits: of quotients and roots
+
+
+class FreeMotion(NamedTuple):
+    """Constants of the motion through one L. `axes` are the numbers of i, j, k."""
+
+    axes: tuple[int, int, int]
+    amplitudes: tuple[float, float, float]  # α, β, γ with their signs: u0 is within a quarter period of 0
+    rate: float  # λ
+    complement: float  # 1 − k²
+    momentum: float  # G
+    across: float  # a_i − a_k, 1/(kg m²)
+    last: float  # a_i
+    ratio: float  # (a_i − a_j)/(a_j − a_k), not negative
+    start: tuple[float, float]  # sn and cn of u0
+
+
+def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
+    """The constants of the motion through L (3,), with the principal moments (3,); None where L stays as it is."""
+    I, J = (tuple(map(Fraction, v.tolist())) for v in (inertia, L))
+    a = [1 / v for v in I]
+    if all(J[n] * J[m] * (a[n] - a[m]) == 0 for n, m in ((0, 1), (1, 2), (2, 0))):
+        return None
+    squares = [v * v for v in J]
+    i, j, k = sorted(range(3), key=lambda n: -a[n])
+    # a_j G² − D; where it is 0 the two choices of k are the same motion
+    if (a[j] - a[i]) * squares[i] + (a[j] - a[k]) * squares[k] < 0 or a[j] == a[k]:
+        i, k = k, i
+    differences = a[i] - a[j], a[j] - a[k], a[i] - a[k]
+    ij, jk, ik = differences
+    low = ik * squares[i] + jk * squares[j]  # D − a_k G²
+    high = ij * squares[j] + ik * squares[k]  # a_i G² − D
+    middle = jk * squares[k] - ij * squares[i]  # a_j G² − D
+    odd = (i, j, k) in ((0, 2, 1), (2, 1, 0), (1, 0, 2))
+    alpha, beta, gamma = _root(low / ik), _root(low / jk), _root(high / ik)
+    alpha, gamma = math.copysign(alpha, L[i]), math.copysign(gamma, L[k])
+    turn = (-1.0 if odd else 1.0) * math.copysign(1.0, alpha) * math.copysign(1.0, gamma) * (1.0 if ik > 0 else -1.0)
+    beta *= turn  # L_j' = ± (a_i − a_k) L_k L_i
+    sine, cosine = turn * math.copysign(_root(squares[j] * jk / low), L[j]), _root(squares[i] * ik / low)
+    return FreeMotion(
+        axes=(i, j, k),
+        amplitudes=(alpha, beta, gamma),
+        rate=_root(jk * high),
+        complement=float(ik * middle / (jk * high)),
+        momentum=_root(sum(squares, Fraction(0))),
+        across=float(ik),
+        last=float(a[i]),
+        ratio=float(ij / jk),
+        start=(sine, cosine),
+    )
+
+
+def _root(square: Fraction) -> float:
+    """The root, rounded once."""
+    p, q = square.numerator, square.denominator
+    shift = max(0, MARGIN - p.bit_length() + q.bit_length())
+    shift += shift & 1
+    return float(Fraction(math.isqrt((p << shift) // q), 1 << (shift // 2)))
+
+
+def period(inertia: Array, L: Array) -> float:
+    """The time after which L comes back, s: that of ω in the body; 0 where L stays, inf on the separatrix."""
+    from scipy.special import ellipkm1
+
+    motion = free_motion(inertia, L)
+    return 0.0 if motion is None else float(4.0 * ellipkm1(motion.complement) / np.float64(motion.rate))
