@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
-from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
-from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, Work
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
@@ -134,13 +133,6 @@ def _advance(
 ) -> Trajectory:
     """`integrate` by steps of h."""
     start = Start(state, found, h if found.control == "step" else None, options)
-    at_once = getattr(found.prepare, "at_once", None)
-    if at_once and steps <= INTERRUPTIBLE and "uniform" in top.offers and not options:
-        y = at_once(top, state, h, steps, every)
-        if y is not None and math.isfinite(h * steps):
-            if len(y) != steps // every + 1:
-                check_rows(found.name, "at_once", y, (steps // every + 1, 6))
-            return Trajectory(top, found.name, grid_times(h, every, len(y)), y, Work(steps=steps), start=start)
     stepper = _prepare(found, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(found.name, "the time n h is beyond the largest double", h=h)

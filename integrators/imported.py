@@ -22,7 +22,7 @@ BENCH = "lagrange_bench"
 FACES = (BENCH, f"{BENCH}.integrators")  # `from FACE import name` means the module that has the name
 # what decides about no row: which methods there are, how figures look, how cells are run, and this file
 NO_ROW = re.compile(
-    rf"{BENCH}(\.(integrators(\.(registry|lazy|imported))?|experiments(\.drawing(\..*)?)?|(?!integrators|experiments)\w+(\..*)?))?"
+    rf"{BENCH}(\.(integrators(\.(registry|lazy|imported|announce))?|experiments(\.drawing(\..*)?)?|(?!integrators|experiments)\w+(\..*)?))?"
 )
 # of every method one entry: a cell depends on its own method only
 TABLES = ("lagrange_bench.integrators.backward_error.steps",)

@@ -67,7 +67,7 @@ class Work:
     rejected : int
         Steps tried and thrown away.
     setup_seconds : float
-        In s; 0 also where it is part of one compiled call with the steps.
+        In s.
     """
 
     steps: int = 0
@@ -150,9 +150,7 @@ class Method:
     source : str
         Citation, equation numbers.
     prepare : callable
-        (problem, y0, h, **options) → Stepper: everything slow happens here, once. If the function has an attribute `at_once`,
-        `integrate` takes it for short runs without options: (top, y0, h, steps, every) → the rows of the stepper's `record` in
-        one compiled call; or None, as on a failure: then the stepper is asked.
+        (problem, y0, h, **options) → Stepper: everything slow happens here, once.
     symmetric : bool
         step(-h) undoes step(h).
     poisson : bool

@@ -21,6 +21,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from lagrange_bench.integrators import announce
 from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.output import plain, visible
 
@@ -99,6 +100,7 @@ def _run(argv: list[str]) -> int:
         commands.print_help()
         return 0
     options.words, options.parser = argv, commands
+    announce.quiet = bool(options.quiet)
     with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
         if getattr(options, "module", ()):
             from lagrange_bench.integrators.registry import import_modules

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.numba_internals import NumbaError, useful_lines
+from lagrange_bench.integrators.compiling.compiled import NumbaError, useful_lines
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS

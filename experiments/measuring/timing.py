@@ -22,7 +22,7 @@ UNSTABLE = 0.1  # coefficient of variation above which a timing is called unstab
 
 def compile_at_once() -> None:
     """From here on this process compiles what it calls: reported times are those of compiled code, set-up included."""
-    interpreted.OFTEN = 0
+    interpreted.PATIENCE = 0.0
 
 
 @dataclass(frozen=True)

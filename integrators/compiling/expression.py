@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, Number, unrolled
 
 PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
@@ -511,19 +511,19 @@ def with_slopes(program: Program, count: int) -> Program:
 def machine_code(program: Program) -> Any:
     """(x, q) → the outputs, for compiled kernels: two tuples of doubles that make up the inputs."""
 
-    @unrolled(f"program {program.digest}")
+    @unrolled
     def evaluate(x, q):
         return program(*x, *q)
 
     return evaluate
 
 
-@inlined
+@jit(inline=True)
 def one(c, first):
     return (c[first],)
 
 
-@inlined
+@jit(inline=True)
 def nothing(c, first):
     return ()
 
@@ -536,14 +536,14 @@ def take(count: int) -> Any:
     half = count // 2
     begin, end = take(half), take(count - half)
 
-    @jit_as(f"take {count}", forceinline=True)
+    @jit(inline=True)
     def some(c, first):
         return begin(c, first) + end(c, first + half)
 
     return some
 
 
-@inlined
+@jit(inline=True)
 def put_one(c, first, values):
     c[first] = values[0]
 
@@ -556,7 +556,7 @@ def put(count: int) -> Any:
     half = count // 2
     begin, end = put(half), put(count - half)
 
-    @jit_as(f"put {count}", forceinline=True)
+    @jit(inline=True)
     def some(c, first, values):
         begin(c, first, values[:half])
         end(c, first + half, values[half:])

@@ -6,93 +6,59 @@ used from the first call on.
 
 from __future__ import annotations
 
-import contextlib
-import ctypes
 import math
-from collections.abc import Callable
+from inspect import unwrap
+from time import perf_counter
 from types import CellType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.numba_internals import address_of, call_by_name, config, is_kept
+from lagrange_bench.integrators.compiling.compiled import COMPILED, is_kept
 
-OFTEN = 10  # calls of a kernel in one process, from which it is compiled; what measures times sets it to 0
+PATIENCE = (
+    4.0  # seconds that a kernel is interpreted in a process, about what compiling takes; 0 where times are measured
+)
 MANY = 1024  # numbers in an array from which it is compiled at once
 PACKAGE = __name__.rsplit(".", 2)[0] + "."
-ENTRY = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.POINTER(ctypes.c_double))
 
-_calls: dict[Any, int] = {}
-_made: dict[tuple[FunctionType, Any], FunctionType] = {}
-_entries: list[Any] = []  # compiled code calls them as long as the process lives
-
-
-def seldom(kernel: Any, times: int = 1) -> bool:
-    """Whether a kernel has no machine code, here or in the cache, and this is one of the first times·`OFTEN` questions."""
-    if config.DISABLE_JIT or kernel.overloads or (kernel not in _calls and is_kept(kernel)):
-        return False
-    _calls[kernel] = _calls.get(kernel, 0) + 1
-    return _calls[kernel] <= times * OFTEN
+_interpreted: dict[tuple[FunctionType, Any], FunctionType] = {}
 
 
 def at_first_interpreted(kernel: Any) -> Any:
-    """A compiled function for callers in Python: its first `OFTEN` calls in a process are interpreted, then it is compiled.
+    """A compiled function for callers in Python: interpreted until that has taken as long as compiling would, then compiled.
 
     Compiled at once where an array has more than `MANY` numbers, and where Python raises an error of arithmetic: compiled code
     goes on with infinities.
     """
-    if config.DISABLE_JIT:
+    if not COMPILED:
         return kernel
-
-    ready = False
+    spent, ready = 0.0, None
 
     def call(*arguments: Any) -> Any:
-        nonlocal ready
-        ready = ready or not seldom(kernel)
-        if not ready:
-            arrays = [(k, a) for k, a in enumerate(arguments) if isinstance(a, np.ndarray)]
-            if all(a.size <= MANY for _, a in arrays):
-                given = list(arguments)
-                for k, a in arrays:
-                    given[k] = a.copy()
-                try:
-                    with np.errstate(all="ignore"):
-                        result = interpreted(kernel)(*given)
-                except (ArithmeticError, ValueError):
-                    return kernel(*arguments)
-                for k, a in arrays:
-                    a[...] = given[k]
-                return result
-        return kernel(*arguments)
+        nonlocal spent, ready
+        if ready is None:
+            ready = is_kept(kernel)
+        ready = ready or spent >= PATIENCE or bool(kernel.overloads)
+        arrays = [] if ready else [(k, a) for k, a in enumerate(arguments) if isinstance(a, np.ndarray)]
+        if ready or any(a.size > MANY for _, a in arrays):
+            return kernel(*arguments)
+        own = list(arguments)
+        for k, a in arrays:
+            own[k] = a.copy()
+        begin = perf_counter()
+        try:
+            with np.errstate(all="ignore"):
+                result = interpreted(kernel)(*own)
+        except (ArithmeticError, ValueError):
+            return kernel(*arguments)
+        finally:
+            spent += perf_counter() - begin
+        for k, a in arrays:
+            a[...] = own[k]
+        return result
 
     return call
-
-
-def outlined(function: Callable[..., Any], name: str) -> Any:
-    """A function of a pointer to doubles that gives an int: kernels call it and hold no copy. For long code, seldom run.
-
-    Numba puts a copy of all that a kernel calls into the kernel, and LLVM optimises each copy. A kernel out of the cache needs
-    this function, too: call `outlined` wherever such a kernel is made. Its first calls are interpreted, a hundred times as many
-    as those of a set-up; in a process that compiles it then, each further call costs a microsecond more.
-    """
-    if config.DISABLE_JIT:
-        return function
-    kernel, symbol = jit(function, no_cfunc_wrapper=False), f"{function.__module__}.{name}"
-    if not seldom(kernel):
-        return call_by_name(address_of(kernel), symbol)
-    made: list[Any] = []
-
-    def call(numbers: Any) -> int:
-        if not made and seldom(kernel, 100):
-            with contextlib.suppress(ArithmeticError, ValueError), np.errstate(all="ignore"):
-                return int(interpreted(kernel)(numbers))
-        if not made:
-            made.append(ENTRY(address_of(kernel)))
-        return int(made[0](numbers))
-
-    _entries.append(ENTRY(call))
-    return call_by_name(ctypes.cast(_entries[-1], ctypes.c_void_p).value or 0, symbol)
 
 
 def interpreted(thing: Any, functions: Any = math) -> Any:
@@ -100,7 +66,6 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
 
     functions : what stands in the place of `math`, if the kernel is to run on other numbers than doubles; hashable.
     """
-    thing = getattr(thing, "interpreted", thing)
     if isinstance(thing, tuple):
         return tuple(interpreted(part, functions) for part in thing)
     if thing is math:
@@ -108,7 +73,7 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
     if isinstance(thing, ModuleType) and thing.__name__.startswith(PACKAGE):
         return _Kernels(thing, functions)
     # what is `unrolled` is an ordinary function, and where nothing is compiled a kernel is one
-    function = getattr(thing, "py_func", thing)
+    function = unwrap(thing) if hasattr(thing, "py_func") else thing
     if hasattr(thing, "overloads") or (functions is not math and isinstance(function, FunctionType)):
         return _function(function, functions)
     return function
@@ -116,15 +81,15 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
 
 def _function(function: FunctionType, functions: Any) -> FunctionType:
     key = function, functions
-    if key not in _made:
+    if key not in _interpreted:
         code, known, cells = function.__code__, function.__globals__, function.__closure__ or ()
         names: dict[str, Any] = {}
         closure = tuple(CellType() for _ in cells)
-        _made[key] = FunctionType(code, names, function.__name__, function.__defaults__, closure)
+        _interpreted[key] = FunctionType(code, names, function.__name__, function.__defaults__, closure)
         for own, cell in zip(closure, cells, strict=True):
             own.cell_contents = interpreted(cell.cell_contents, functions)
         names.update({name: interpreted(known[name], functions) for name in code.co_names if name in known})
-    return _made[key]
+    return _interpreted[key]
 
 
 class _Kernels:

@@ -9,9 +9,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.compiling.compiled import inlined_copy, jit, jit_over
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.intrinsics import column, put_column, strided
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, SIZE
-from lagrange_bench.integrators.compiling.numba_internals import column, put_column, strided
 from lagrange_bench.integrators.interface import Array
 
 compiling = threading.Lock()
@@ -25,9 +25,9 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
     If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
     neighbours, and all bits are those of `compile_loop`.
     """
-    step = inlined_copy(step)
+    step = jit(step, inline=True)
 
-    @jit_over(step, pin)
+    @jit
     def run(columns, first, last, every, block, tops, units, out):
         # `columns` holds blocks of columns of `lanes` numbers: states, tallies and constants. They are those of the `tops` of
         # `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the first after `every` steps.

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import as_state, check_grid
-from lagrange_bench.integrators.compiling.compiled import is_compiled, jit, jit_over
-from lagrange_bench.integrators.compiling.numba_internals import NumbaError, column, put_column, useful_lines
+from lagrange_bench.integrators.compiling.compiled import NumbaError, is_compiled, jit, useful_lines
+from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 
 # places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
@@ -42,7 +42,7 @@ def finite(numbers):
 def compile_loop(step: Callable, pin: Callable | None, size: int = 6, timed: bool = False) -> Callable:
     """The loop around one kernel of `size` numbers; False where a step fails, or the last state is not finite."""
 
-    @jit_over(step, pin)
+    @jit
     def run(y, first, last, every, block, c, tally, out):
         # From step number `first` to `last`. Rows and pins fall on multiples of `every` and of `block`,
         # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes

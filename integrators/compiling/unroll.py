@@ -9,14 +9,14 @@ function is simply called, and computes the same bits.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
+from functools import update_wrapper, wraps
 from typing import Any
 
 from numba import types
-from numba.extending import intrinsic
+from numba.extending import lower_builtin, type_callable
 
-from lagrange_bench.integrators.compiling.numba_internals import config, set_name
+from lagrange_bench.integrators.compiling.compiled import COMPILED, IDENTIFIED, digest_of, identified
 
 TUPLE: Any = types.BaseTuple
 FUNCTIONS = ("sqrt", "sin", "cos", "exp", "log")
@@ -74,30 +74,46 @@ class Unknown(Number):
         return self
 
 
-def unrolled(name: str) -> Callable[[Callable[..., Any]], Any]:
-    """The decorator; `name` tells the function from others of its module, also from its siblings if a factory makes it."""
+class Unrolled:
+    """What `unrolled` makes of a function. Called from Python it is that function.
 
-    def decorate(function: Callable[..., Any]) -> Any:
-        if config.DISABLE_JIT:
-            return function
+    `digest` identifies it in all processes, as that of a kernel does.
+    """
 
-        def typed(typingctx, *arguments):
-            result = function(*map(example, arguments))
+    def __init__(self, function: Callable[..., Any]):
+        self.py_func, self.digest = function, digest_of(function)
+        update_wrapper(self, function)
 
-            def generate(context, builder, signature, values):
-                symbols = (wrap(builder, t, v) for t, v in zip(arguments, values, strict=True))
-                return unwrap(context, builder, result_type, function(*symbols))
+    def __call__(self, *arguments: Any) -> Any:
+        return self.py_func(*arguments)
 
-            result_type = type_of(result)
-            return result_type(*arguments), generate
+    def __reduce__(self) -> Any:
+        return identified, (self.digest,)
 
-        own = inspect.Parameter("typingctx", inspect.Parameter.POSITIONAL_OR_KEYWORD)
-        typed.__signature__ = inspect.Signature([own, *inspect.signature(function).parameters.values()])  # type: ignore
-        made = set_name(intrinsic(typed), f"{function.__module__}.{name}")
-        made.py_func = function  # as of a dispatcher: the function itself
-        return made
 
-    return decorate
+def unrolled(function: Callable[..., Any] | str) -> Any:
+    """The decorator. The function may close over what `jit` takes, and over plain functions and what has a `digest`."""
+    if isinstance(function, str):  # the old way, until the branches that use it have landed
+        return unrolled
+    if not COMPILED:
+        return function
+    made = Unrolled(function)
+    IDENTIFIED[made.digest] = made
+
+    @type_callable(made)
+    def typed(context):
+        @wraps(function)
+        def result(*arguments):
+            return type_of(function(*map(example, arguments)))
+
+        return result
+
+    @lower_builtin(made, types.VarArg(types.Any))
+    def generate(context, builder, signature, values):
+        symbols = (wrap(builder, kind, value) for kind, value in zip(signature.args, values, strict=True))
+        return unwrap(context, builder, signature.return_type, function(*symbols))
+
+    return made
 
 
 def example(kind: Any) -> Any:

@@ -14,7 +14,6 @@ the state is moved back onto its own invariants (H, C1, C2) by the smallest corr
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -23,15 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import check_count
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, seldom
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.lanes import run_lanes
-from lagrange_bench.integrators.compiling.loops import NEVER, SIZE, FixedStepper, compile_loop, finite
+from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods import symmetric_body
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.units import Units, own_units, shift
+from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
@@ -56,39 +54,6 @@ def _stepper(
     return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn)
 
 
-LOOP = compile_loop(real_map.KERNELS[0], real_map.pin)
-
-
-@jit
-def run(alpha, y, h, steps, every, out):
-    """`prepare_exact(…).record(y, steps, every)` as one compiled call, into the rows of `out`; False where it takes more."""
-    state = y.copy()
-    rate, length, own, span = own_units(alpha, (y[0], y[1], y[2], y[3], y[4], y[5]), h)
-    if span == math.inf:
-        return False
-    shift(state, -rate, -length)
-    s = (state[0], state[1], state[2], state[3], state[4], state[5])
-    c, turn = real_map.exact_constants(own, s, span)
-    if not finite(c) or real_map.form(c) != 0 or not real_map.on_torus(s, c, real_map.OFF_TORUS):
-        return False
-    if not LOOP(state, 0, steps, every, PIN, c, np.zeros(SIZE), out):
-        return False
-    if turn != real_map.NO_TURN:
-        real_map.turn_rows(out[1:], turn[0], turn[1], every)
-    shift(out, rate, length)
-    for k in range(6):
-        out[0, k] = y[k]
-    return finite(out)
-
-
-def at_once(top: LagrangeTop, y0: Array, h: float, steps: int, every: int) -> Array | None:
-    """The rows of `prepare_exact(…).record`; None where `run` fails, and at the first calls, which need not wait for it."""
-    if seldom(run):
-        return None
-    out = np.empty((steps // every + 1, 6))
-    return out if run(top.alpha, y0, h, steps, every, out) else None
-
-
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
     """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
 
@@ -100,9 +65,6 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam:
     """
     pin = check_count(pin, "pin")
     return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
-
-
-prepare_exact.at_once = at_once  # type: ignore[attr-defined]
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:

@@ -41,10 +41,9 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, put, take
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted, outlined
-from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.methods import backlund, backlund_choice, fitted_corrector
@@ -55,7 +54,6 @@ from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
@@ -67,49 +65,24 @@ TIME, KICK, TWIST, SECOND, WHEN, INVERSE, GROUP = range(7)
 
 NAME, FITTED = "backlund_splitting", "fitted"
 LOST = 1
+MOST_PARTS = 2**16  # of an exact step that is too long for one; its kicks are too far from one another long before
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
 
-@cache
-def called(name: str, kernel: Any) -> Any:
-    """`kernel`, (s, alpha, h) → (s, found), for others that seldom need it: called, so that they hold no copy of it."""
-
-    def of_numbers(numbers):
-        s = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]
-        s, found = kernel(s, numbers[6], numbers[7])
-        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
-        return 1 if found else 0
-
-    call = outlined(of_numbers, name)
-
-    @jit_as(f"called {name}")
-    def run(s, alpha, h):
-        numbers = stack(8)
-        numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5] = s
-        numbers[6], numbers[7] = alpha, h
-        found = call(numbers)
-        return (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5]), found != 0
-
-    run.interpreted = kernel
-    return run
+@jit
+def flow(s, alpha, h):
+    """The exact step over h, λ(h) computed in place, and whether one was found: in equal parts where h is too long for that."""
+    torus, parts = invariants(s, alpha), 1
+    R, eta, mr, mi, found = parameter(torus, s[2], alpha, h)
+    while not found and parts < MOST_PARTS:
+        parts *= 2
+        R, eta, mr, mi, found = parameter(torus, s[2], alpha, h / parts)
+    for _ in range(parts if found else 0):
+        s = move(s, alpha, (R, eta, mr, mi))
+    return s, found
 
 
-@cache
-def flow() -> Any:
-    """(s, alpha, h) → the exact step over h, λ(h) computed in place, and whether one was found."""
-    far_flow = called("far flow", real_map.far_flow)
-
-    @jit_as("flow")
-    def run(s, alpha, h):
-        R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)
-        if ok:
-            return move(s, alpha, (R, eta, mr, mi)), True
-        return far_flow(s, alpha, h)
-
-    return run
-
-
-@unrolled("tabled flow")
+@unrolled
 def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
     """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
 
@@ -160,7 +133,7 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
     """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says."""
     total = torques(field, gradients)
 
-    @jit_as(f"kick {field.digest} {level} {gradients}", forceinline=True)
+    @jit(inline=True)
     def kicked(s, q, weights):
         t = total((s[3], s[4], s[5]), q, weights)
         return s[0] + t[0], s[1] + t[1], s[2] if level else s[2] + t[2], s[3], s[4], s[5]
@@ -173,14 +146,14 @@ def numbers_of(field: Field, timed: bool) -> Any:
     """(c, first, t) → the numbers of V in c from `first` on; of a V that depends on t its last one is t."""
     numbers = take(field.parameters - timed)
 
-    @jit_as(f"numbers of V {field.parameters} {timed}")
+    @jit
     def run(c, first, t):
         return numbers(c, first) + (t,) if timed else numbers(c, first)  # noqa: RUF005 - as elsewhere
 
     return run
 
 
-@unrolled("push")
+@unrolled
 def push(s, before):
     """|the kick|², of a state after it and before it."""
     a, b, c = s[0] - before[0], s[1] - before[1], s[2] - before[2]
@@ -194,10 +167,9 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
     It leaves in MEMORY the strongest kick of the run, squared, and the state after that step: there the guard looks at H.
     """
     kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)
-    exact = called("flow", flow()) if degree else flow()
     first, stride, keep = NUMBERS + field.parameters, GROUP + table_size(degree, level), put(6)
 
-    @jit_as(f"backlund splitting {field.digest} {level} {gradients} {degree} {single} {timed}", forceinline=True)
+    @jit(inline=True)
     def step(s, c, tally):
         alpha = c[ALPHA]
         strongest = 0.0
@@ -210,7 +182,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
                 s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
                 tally[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
-                s, found = exact(s, alpha, c[place + TIME])
+                s, found = flow(s, alpha, c[place + TIME])
                 if not found:
                     tally[loops.FAILURE] = LOST
             before = s
@@ -254,10 +226,10 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
 
     times : t, dt, n: the time of the first row is t + n dt, and so on.
     """
-    kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
+    kicked, numbers = kick_of(field, level, 0), numbers_of(field, timed)
     get, write = take(6), put(6)
 
-    @jit_as(f"map over {field.digest} {level} {timed}")
+    @jit
     def run(rows, given, parts, times, tally):
         alpha, count = given[0], times[2]
         for row in rows:
@@ -267,7 +239,7 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
             for k in range(len(parts)):
                 t += parts[k, 0]
                 if parts[k, 0] != 0.0:
-                    s, found = exact(s, alpha, parts[k, 0])
+                    s, found = flow(s, alpha, parts[k, 0])
                     if not found:
                         tally[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
@@ -282,7 +254,7 @@ def energies(field: Field) -> Any:
     """(rows, numbers) → H of each row, V included."""
     potential, numbers = machine_code(field.potential), take(field.parameters)
 
-    @jit_as(f"energies {field.digest}")
+    @jit
     def run(rows, numbers_of):
         q, found = numbers(numbers_of, 0), np.empty(len(rows))
         for k in range(len(rows)):
@@ -306,10 +278,10 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
 
     And the strongest kick, squared.
     """
-    kicked, numbers, exact = kick_of(field, level, 0), numbers_of(field, timed), called("flow", flow())
+    kicked, numbers = kick_of(field, level, 0), numbers_of(field, timed)
     start = NUMBERS + field.parameters - 1  # the time, where V depends on it
 
-    @jit_as(f"pilot {field.digest} {level} {timed}")
+    @jit
     def run(y, c, h, steps):
         alpha = c[ALPHA]
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
@@ -317,7 +289,7 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
         low_j = high_j = s[2]
         strongest = 0.0
         for k in range(steps):
-            s, found = exact(s, alpha, h)
+            s, found = flow(s, alpha, h)
             if not found:
                 break
             before = s

@@ -30,7 +30,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
@@ -67,11 +67,11 @@ def kernel_in_field(field: Field, level: bool) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
     torque, numbers = machine_code(field.torque), take(field.parameters)
 
-    @jit_as(f"kicked {level}", forceinline=True)
+    @jit(inline=True)
     def kicked(J, k, t):
         return J[0] + k * t[0], J[1] + k * t[1], J[2] if level else J[2] + k * t[2]
 
-    @jit_as(f"bobenko_suris {field.digest} {level}", forceinline=True)
+    @jit(inline=True)
     def step(s, c, tally):
         x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
         J = kicked((s[0], s[1], s[2]), k, torque(x, q))

@@ -38,7 +38,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
@@ -158,7 +158,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
     rule, slopes = machine_code(rule_in_field(field)), machine_code(with_slopes(rule_in_field(field), 3))
     numbers = take(1 + field.parameters)
 
-    @jit_as(f"collective_midpoint {field.digest} {level}")
+    @jit
     def step(s, c, tally):
         J1, J2, J3, x1, x2, x3 = s
         q, h = numbers(c, 1), 0.25 * c[1]

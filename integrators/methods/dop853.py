@@ -22,10 +22,10 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as, jit_over
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take
+from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
-from lagrange_bench.integrators.compiling.numba_internals import column, put_column
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
@@ -64,7 +64,7 @@ def more() -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tupl
     return tuple(program.E5[:12].tolist()), (B, *ahead), tuple(map(tuple, program.D.tolist()))
 
 
-@unrolled("nested")
+@unrolled
 def nested(f, theta):
     total = f[7]
     for power, coefficients in enumerate(f[6::-1]):
@@ -84,7 +84,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
     Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters.
     """
-    places, n, name = system.moving, system.size, system.digest
+    places, n = system.moving, system.size
     numbered, numbers = tuple(enumerate(places)), take(system.parameters)
     count, (E5, AHEAD, D) = len(places), more()
 
@@ -126,28 +126,28 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     def in_rows(flat: Any) -> Any:
         return tuple(flat[i : i + count] for i in range(0, len(flat), count))
 
-    @unrolled(f"attempt {name}")
+    @unrolled
     def attempt(s, t, q, h):
         d, e, f, *slopes = in_rows(attempt_program(t, *s, h, *q))
         return d, e, f, tuple(slopes)
 
-    @unrolled(f"polynomial {name}")
+    @unrolled
     def polynomial(s, increment, t, q, h, slopes):
         made = (v for slope in slopes for v in slope)
         return moving(s), increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
 
-    @unrolled(f"replaced {name}")
+    @unrolled
     def replaced(s, parts):
         return tuple(parts[places.index(j)] if j in places else s[j] for j in range(n))
 
-    @unrolled(f"moved {name}")
+    @unrolled
     def moved(s, h, d):
         """s + h d"""
         return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(n))
 
-    parts, difference = unrolled(f"parts {name}")(moving), unrolled(f"difference {name}")(minus)
+    parts, difference = unrolled(moving), unrolled(minus)
 
-    @jit_as(f"trial {name}")
+    @jit
     def trial(s, t, h, c):
         d, e, f, slopes = attempt(s, c[START] + t, numbers(c, NUMBERS), h)
         new = moved(s, 1.0, d)
@@ -162,16 +162,16 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
         growth = SAFETY / eighth_root(max(error, NEGLIGIBLE))
         return new, error, growth, (d, slopes)
 
-    @jit_as(f"interpolant {name}")
+    @jit
     def interpolant(s, new, t, h, c, made):
         d, slopes = made
         return s, polynomial(s, d, c[START] + t, numbers(c, NUMBERS), h, slopes)
 
-    @jit_as(f"value {name}")
+    @jit
     def value(f, theta):
         return replaced(f[0], nested(f[1], theta))
 
-    @jit_as(f"size {name}")
+    @jit
     def size(v, s, c):
         """The largest component, in units of its tolerance: the squares of the root mean square might overflow."""
         largest = 0.0
@@ -179,7 +179,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
             largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[j]), LEAST_SCALE))
         return largest
 
-    @jit_as(f"first step {name}")
+    @jit
     def first_step(s, end, c):
         """A step whose error should be a hundredth of the tolerance, from f and from its change along an Euler step."""
         q = numbers(c, NUMBERS)
@@ -206,7 +206,7 @@ def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: 
     `interpolant(s, new, t, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at s + theta h, 0 < theta < 1.
     """
 
-    @jit_over(trial, interpolant, value)
+    @jit
     def run(y, grid, most, c, walk, out):
         # Up to `most` natural steps towards the last time of `grid`; rows of `out` where a step passes their times. Every h is
         # the difference of two times, so that times do not add up roundings.

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array
@@ -49,7 +49,7 @@ def trapezoidal_ends() -> Array:
     return np.array(least_squares(lambda w: mpmath.cot(w / 2) / 2 - 1 / w, 1.0, DIFFERENCES, widest, GRID / 2))
 
 
-@inlined
+@jit(inline=True)
 def dot(a, b):
     """a·b of ROWS numbers, in eight sums side by side."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = 0.0
@@ -118,7 +118,7 @@ def fit_over(field: Field) -> Any:
     """(y, numbers, h, ends, b) → b_j of the corrector for steps h along the motion from y; False if that is not possible."""
     potential, numbers = machine_code(field.potential), take(field.parameters)
 
-    @jit_as(f"fit {field.digest}")
+    @jit
     def run(y, numbers_of, h, ends, b):
         alpha, q, s = numbers_of[0], numbers(numbers_of, 0), (y[0], y[1], y[2], y[3], y[4], y[5])
         R, eta, mr, mi, found = parameter(invariants(s, alpha), s[2], alpha, h / GRID)

@@ -32,10 +32,10 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
+from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
-from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.methods import gauss_in_field as general
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
@@ -56,7 +56,7 @@ SMALL, NEWTON, COMPENSATED, BETA = range(4)  # places of the constants; from BET
 # after the other: K and X of x1, x2, x3, then L (of K, for J1 and J2) and J of J1, J2. Matrices lie by columns.
 
 
-@inlined
+@jit(inline=True)
 def residual(n, s, c, low, K, X, L, J, R):
     """X, L, J and R = h b J×x − K of the stages that K makes; returns Σ|R|."""
     S = len(n)
@@ -90,7 +90,7 @@ def residual(n, s, c, low, K, X, L, J, R):
     return size
 
 
-@inlined
+@jit(inline=True)
 def solve(n, s, c, low, K, L, tally, by_newton):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
@@ -118,7 +118,7 @@ def newton(n, s, c, low, K, L, tally):
     return solve(n, s, c, low, K, L, tally, True)
 
 
-@inlined
+@jit(inline=True)
 def eliminate(n, J3, c, X, J, A, T, P):
     """The matrix A (2s, 2s, by rows) of the linearised equations in δx1, δx2 of the stages.
 
@@ -150,7 +150,7 @@ def eliminate(n, J3, c, X, J, A, T, P):
         A[m * (S + i) + i] -= spin
 
 
-@inlined
+@jit(inline=True)
 def correct(n, c, A, T, P, pivots, R):
     """From the residual R to the correction δK = ν δx, in its place."""
     S = len(n)
@@ -173,7 +173,7 @@ def correct(n, c, A, T, P, pivots, R):
             R[2 * S + i] += c[NU + S * j + i] * t[j]
 
 
-@inlined
+@jit(inline=True)
 def step(n, s, c, tally):
     S = len(n)
     AHEAD, LOW = BETA + 2 * S + 2 * S * S, MEMORY + 3 * S
@@ -211,7 +211,7 @@ def kernel(stages: int) -> Any:
     """`step` of so many stages."""
     n = (0,) * stages
 
-    @jit_as(f"gauss {stages}")
+    @jit
     def run(s, c, tally):
         return step(n, s, c, tally)
 

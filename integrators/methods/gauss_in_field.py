@@ -20,9 +20,9 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import inlined, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, put, take
-from lagrange_bench.integrators.compiling.numba_internals import stack
+from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau
@@ -45,7 +45,7 @@ SOLVER, COMPENSATED, START, STEP, BETAS = range(5)
 SOLVERS = ("fixed_point", "newton", "auto")
 
 
-@inlined
+@jit(inline=True)
 def accumulate(S, c, place, K, X):
     """X += M K of three components, the matrix M (S, S) by columns at c[place]; components one after the other."""
     for j in range(S):
@@ -56,7 +56,7 @@ def accumulate(S, c, place, K, X):
             X[2 * S + i] += w * K[2 * S + j]
 
 
-@inlined
+@jit(inline=True)
 def at_stage(i, S, count, c, place, K, low, places, s, out):
     """Components of stage i, at their places in the state s: s + (low + M K), the matrix M (S, S) by columns at c[place]."""
     for a in range(count):
@@ -66,7 +66,7 @@ def at_stage(i, S, count, c, place, K, low, places, s, out):
         out[count * i + a] = total + s[places[a]]
 
 
-@inlined
+@jit(inline=True)
 def factor(m, A, pivots):
     """A (m, m) = LU with partial pivoting, in its place; the diagonal of U inverted."""
     for k in range(m):
@@ -84,7 +84,7 @@ def factor(m, A, pivots):
                 A[m * i + j] -= A[m * i + k] * A[m * k + j]
 
 
-@inlined
+@jit(inline=True)
 def substitute(m, A, pivots, r):
     """A⁻¹ r in the place of r, of the factors of A."""
     for k in range(m):
@@ -141,7 +141,7 @@ def kernel(stages: int, system: System) -> Any:
     """The step of any system; numbers of the constants are the parameters."""
     S, n, (unknown, eliminated) = stages, system.size, groups(system)
     U, E = len(unknown), len(eliminated)
-    m, name, timed = S * U, f"{stages} {system.digest}", system.timed
+    m, timed = S * U, system.timed
     NODES, MU, NU, AHEAD, NUMBERS = (BETAS + k for k in (S, 2 * S, 2 * S + S * S, 2 * S + 2 * S * S, 2 * S + 3 * S * S))
     rates_u, rates_e, slopes, terms = map(machine_code, formulas(system))
     numbers, whole, keep = take(system.parameters), take(n), put(n)
@@ -150,7 +150,7 @@ def kernel(stages: int, system: System) -> Any:
     K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = (max(count, 1) for count in (m, S * E, S * n, S * ROW, m * m))
     places_u, places_e = np.array(unknown or (0,)), np.array(eliminated or (0,))
 
-    @unrolled(f"place {name}")
+    @unrolled
     def place(s, u, e):
         """The state with new unknown and eliminated components."""
         new = dict(zip((*unknown, *eliminated), (*u, *e), strict=True))
@@ -158,7 +158,7 @@ def kernel(stages: int, system: System) -> Any:
 
     get_u, get_e = take(U), take(E)
 
-    @jit_as(f"residual {name}")
+    @jit
     def residual(s, c, tally, low, K, Y, L, R):
         """Y, L and R = h b f(Y) − K of the stages that K makes; returns Σ|R|."""
         q = numbers(c, NUMBERS)
@@ -185,7 +185,7 @@ def kernel(stages: int, system: System) -> Any:
                 size += abs(R[U * i + a])
         return size
 
-    @jit_as(f"linearise {name}")
+    @jit
     def linearise(c, tally, Y, A, pivots):
         """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
         q, M = numbers(c, NUMBERS), stack(M_SIZE)
@@ -212,7 +212,7 @@ def kernel(stages: int, system: System) -> Any:
                 sign = -sign
         return sign
 
-    @jit_as(f"solve {name}")
+    @jit
     def solve(s, c, low, K, L, tally, newton):
         """K and L of the step. Returns the number of iterations, 0 if there were too many."""
         Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
@@ -249,11 +249,11 @@ def kernel(stages: int, system: System) -> Any:
         tally[loops.RESIDUAL] = last
         return 0
 
-    @unrolled(f"sums {name}")
+    @unrolled
     def sums(s, change):
         return tuple(map(tuple, two_sums(s, change)))
 
-    @jit_as(f"step {name}")
+    @jit
     def step(s, c, tally):
         K, L, low = stack(K_SIZE), stack(L_SIZE), stack(n)
         for i in range(S):

@@ -24,7 +24,7 @@ import math
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
-from lagrange_bench.integrators.compiling.compiled import inlined
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method
@@ -45,7 +45,7 @@ FAILURES = {
 WEAK = 2.0**-8
 
 
-@unrolled("cayley")
+@unrolled
 def cayley(x1, x2, x3, v1, v2, v3):
     """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
     v, q = (v1, v2, v3), 1.0 / (1.0 + ((v1 * v1 + v2 * v2) + v3 * v3))
@@ -53,7 +53,7 @@ def cayley(x1, x2, x3, v1, v2, v3):
     return *u, *(q * (a + b) for a, b in zip(u, cross(v, u), strict=True)), q
 
 
-@unrolled("newton correction")
+@unrolled
 def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
     """(1 − F')⁻¹ r at v, where x̄ = (x1, x2, x3); δx̄ = q (b + v×b + v (v·b)) for b = δv×x̄, δF = k e3×δx̄."""
     t = v3 * x2 - v2 * x3
@@ -67,7 +67,7 @@ def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
     return (m22 * r1 - m12 * r2) * r, (m11 * r2 - m21 * r1) * r
 
 
-@inlined
+@jit(inline=True)
 def solve(s, c, tally, newton, v1, v2):
     """The step from a first guess of v1, v2."""
     J1, J2, J3, x1, x2, x3 = s
@@ -97,7 +97,7 @@ def solve(s, c, tally, newton, v1, v2):
     return image(s, 2.0 * kick, (u1, u2, u3), (d1, d2, d3), (v1, v2, v3))
 
 
-@unrolled("image")
+@unrolled
 def image(s, kick, u, d, v):
     J1, J2, J3, *x = s
     e = tuple(a + b for a, b in zip(u, cross(v, d), strict=True))  # v × x̄, equal to d but for round-off
@@ -105,14 +105,14 @@ def image(s, kick, u, d, v):
     return J1 - kick * m2, J2 + kick * m1, J3, *((a + b) + c for a, b, c in zip(x, d, e, strict=True))
 
 
-@unrolled("explicit guess")
+@unrolled
 def explicit_guess(s, alpha, h):
     J1, J2, _, x1, x2, _ = s
     half = 0.5 * h
     return half * (J1 - half * alpha * x2), half * (J2 + half * alpha * x1)
 
 
-@inlined
+@jit(inline=True)
 def cubic_guess(s, c, tally):
     """v1, v2 from the root z = x̄3 of ((1 − az)² + b²)(z − x3) + gz + k, where x̄1 + i x̄2 = (X − i half Jz)/(1 − az − ib)."""
     J1, J2, J3, x1, x2, x3 = s
@@ -147,20 +147,20 @@ def cubic_guess(s, c, tally):
     return half * J1 - a * y2, half * J2 + a * y1
 
 
-@unrolled("cubic")
+@unrolled
 def cubic(z, a, b, x3, g, k):
     u = 1.0 - a * z
     w = u * u + b * b
     return w * (z - x3) + g * z + k, w - 2.0 * a * u * (z - x3) + g
 
 
-@inlined
+@jit(inline=True)
 def fixed_point_step(s, c, tally):
     v1, v2 = explicit_guess(s, c[ALPHA], c[H])
     return solve(s, c, tally, False, v1, v2)
 
 
-@inlined
+@jit(inline=True)
 def newton_step(s, c, tally):
     v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
     return solve(s, c, tally, True, v1, v2)

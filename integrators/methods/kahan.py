@@ -38,7 +38,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
@@ -86,7 +86,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
     """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
     slopes, numbers = machine_code(with_slopes(field.torque, 3)), take(field.parameters)
 
-    @jit_as(f"kahan {field.digest} {level}", forceinline=True)
+    @jit(inline=True)
     def step(s, c, tally):
         J, x, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), 0.5 * c[0]
         f = slopes(x, numbers(c, 1))

@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -82,7 +82,7 @@ def turn(w, q, v):
     return v[0] + (d[0] + (u[0] + e[0])), v[1] + (d[1] + (u[1] + e[1])), v[2] + (d[2] + (u[2] + e[2]))
 
 
-@inlined
+@jit(inline=True)
 def exponential(a, tally):
     """The rotation exp(a×) as (w, q, parts, a part of a, its θ²): as a product of so many equal ones."""
     z = (a[0] * a[0] + a[1] * a[1]) + a[2] * a[2]
@@ -130,7 +130,7 @@ def turn_all(count: int) -> Any:
         return turn_one
     rest = turn_all(count - 1)
 
-    @jit_as(f"turn {count}")
+    @jit
     def some(k, s, tally):
         return turn_one(k[:3], s[:3], tally) + rest(k[3:], s[3:], tally)
 
@@ -186,12 +186,12 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
     """Of generators: (r, k1, …, k4) → Σ r k, the commutator [k, l], and (k, r, l) → k + r l."""
     size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
 
-    @unrolled(f"mean {size}")
+    @unrolled
     def mean(w, k1, k2, k3, k4):
         rows = zip(k1, k4, k2, k3, strict=True)
         return tuple(((w[0] * a + w[3] * d) + w[1] * b) + w[2] * c for a, d, b, c in rows)
 
-    @unrolled(f"commutator {affine} {body} {size}")
+    @unrolled
     def commutator(k, l):
         if body:
             return *field.cross(k[:3], l[:3]), *(0.0 * v for v in k[3:])
@@ -200,7 +200,7 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
             return *field.cross(k[:3], l[:3]), *(a - b for a, b in pairs)
         return tuple(v for i in range(0, size, 3) for v in field.cross(k[i : i + 3], l[i : i + 3]))
 
-    @unrolled(f"plus {size}")
+    @unrolled
     def plus(k, r, l):
         return tuple(a + r * b for a, b in zip(k, l, strict=True))
 
@@ -219,12 +219,12 @@ def kernel(name: str, system: System) -> Any:
         act = move if space.affine else turn_all(n // 3)
     zero = (0.0,) * n
 
-    @jit_as(f"generator {system.digest}")
+    @jit
     def generator(s, ahead, c, tally):
         t = c[START] + c[STEP] * (tally[CLOCK] + ahead) if timed else 0.0
         return program((t,) + s, numbers(c, FIRST))  # noqa: RUF005 - compiled code does not unpack
 
-    @jit_as(f"rkmk4 {system.digest}")
+    @jit
     def rkmk4(s, c, tally):
         k1 = generator(s, 0.0, c, tally)
         k2 = generator(act(plus(zero, 0.5, k1), s, tally), 0.5, c, tally)
@@ -236,7 +236,7 @@ def kernel(name: str, system: System) -> Any:
         k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
         return act(k, s, tally)
 
-    @jit_as(f"commutator_free4 {system.digest}")
+    @jit
     def commutator_free4(s, c, tally):
         k1 = generator(s, 0.0, c, tally)
         half = plus(zero, 0.5, k1)

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -102,20 +102,20 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 
     `compensated`: s + (d + what the last sum lost); what this one loses, exactly, is kept.
     """
-    name, count = f"{size} {moving}", len(moving)
+    count = len(moving)
     get, keep = take(count), put(max(count, 1))
 
-    @unrolled(f"plain {name}")
+    @unrolled
     def plain(s, d, tally):
         return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
 
-    @unrolled(f"sums {name}")
+    @unrolled
     def sums(s, d, lost):
         changes = [change + low for change, low in zip(d, lost, strict=True)]
         totals, lows = two_sums([s[i] for i in moving], changes)
         return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
 
-    @jit_as(f"compensated {name}")
+    @jit
     def carrying(s, d, tally):
         new, lost = sums(s, d, get(tally, MEMORY))
         keep(tally, MEMORY, lost)
@@ -139,7 +139,7 @@ def stepping(name: str, split: Split, system: System, compensated: bool = False)
     increment, constants, timed = machine_code(split.moving), take(len(split.fixed.outputs)), system.timed
     finish = adding(system.size, system.moving, compensated)
 
-    @jit_as(f"{name} {system.digest} {compensated}")
+    @jit
     def step(s, c, tally):
         t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
         return finish(s, increment((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
@@ -182,7 +182,7 @@ def lack(c, j, J3, x3, xx, xJ):
     return c[ENERGY] - (0.5 * (j + J3 * J3) + c[ALPHA] * x3), 0.5 * (c[C1] - xx), c[C2] - xJ
 
 
-@inlined
+@jit(inline=True)
 def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
     """λ of G Gᵀ λ = g, damped."""
     # a22 times the Schur complement of a22, and its right-hand side
@@ -230,9 +230,9 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
     `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
     """
     potential, gradient, numbers = field.potential, field.gradient, take(field.parameters)
-    name, moved = f"{field.digest} {level}", adding(6, tuple(range(6)), False)
+    moved = adding(6, tuple(range(6)), False)
 
-    @unrolled(f"scaled {name}")
+    @unrolled
     def scaled(s, q, per_rate, per_length):
         """J, x, the force, and what H, |x|²/2 and x·J amount to, in units of order one."""
         per_energy = per_rate * per_rate
@@ -241,7 +241,7 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
         g = tuple(v * (per_energy / per_length) for v in gradient(*s[3:], *q))
         return J, x, g, (0.5 * dot(J, J) + U * per_energy, 0.5 * dot(x, x), dot(x, J))
 
-    @unrolled(f"products {name}")
+    @unrolled
     def products(J, x, g):
         """G Gᵀ of the gradients (J, g), (0, x), (x, J), J3 left out if it stays."""
 
@@ -252,19 +252,19 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
         a11, a13, a33 = moving(J, J) + dot(g, g), moving(J, x) + dot(g, J), moving(x, x) + dot(J, J)
         return a11, dot(g, x), a13, dot(x, x), dot(x, J), a33
 
-    @unrolled(f"correction {name}")
+    @unrolled
     def correction(J, x, g, l1, l2, l3, per_rate, per_length):
         rows = [(l1 * a + l3 * b) / per_rate for a, b in zip(J, x, strict=True)]
         if level:
             rows[2] = 0.0
         return *rows, *((l1 * a + (l2 * b + l3 * j)) / per_length for a, b, j in zip(g, x, J, strict=True))
 
-    @jit_as(f"lacking {name}")
+    @jit
     def lacking(s, c):
         J, x, g, values = scaled(s, numbers(c, NUMBERS), c[PER_RATE], c[PER_LENGTH])
         return J, x, g, (c[IN_ENERGY] - values[0], c[IN_C1] - values[1], c[IN_C2] - values[2])
 
-    @jit_as(f"projected {name}")
+    @jit
     def finish(s, c, tally):
         for _ in range(LIMIT):
             J, x, g, (g1, g2, g3) = lacking(s, c)
@@ -287,7 +287,7 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
     """The step of a formula, and `finish(s, c, tally)` of where it leads, with constants of its own after those of `kernel`."""
     step, first = kernel(tableau, system), FIRST + len(increment_of(tableau, system).fixed.outputs)
 
-    @jit_as(f"{tableau.name} {system.digest} {finish.__name__}")
+    @jit
     def both(s, c, tally):
         return finish(step(s, c, tally), c[first:], tally)
 

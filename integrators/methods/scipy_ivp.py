@@ -35,7 +35,7 @@ import numpy as np
 import scipy.integrate
 from scipy.linalg import LinAlgWarning
 
-from lagrange_bench.integrators.compiling.compiled import jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
@@ -54,28 +54,28 @@ def functions(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     `c`: the units, those of y', the time at the start, then the parameters.
     """
-    n, name = system.size, system.digest
+    n = system.size
     units, numbers = take(n), take(system.parameters)
 
-    @unrolled(f"rates {name}")
+    @unrolled
     def rates(t, y, q, unit, rate):
         values = system.rhs(t, *(u * v for u, v in zip(unit, y, strict=True)), *q)
         return tuple(v / r for v, r in zip(values, rate, strict=True))
 
-    @unrolled(f"slopes {name}")
+    @unrolled
     def slopes(t, y, q, unit, rate):
         """The derivatives by y, row by row."""
         values = system.jacobian(t, *(u * v for u, v in zip(unit, y, strict=True)), *q)
         return tuple(values[n * k + i] * unit[k] / rate[i] for i in range(n) for k in range(n))
 
-    @jit_as(f"rhs {name}")
+    @jit
     def rhs(c, t, y):
         f = np.array(rates(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n)))
         if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
             raise OverflowError
         return f
 
-    @jit_as(f"jacobian {name}")
+    @jit
     def jacobian(c, t, y):
         values = slopes(c[2 * n] + t, units(y, 0), numbers(c, 2 * n + 1), units(c, 0), units(c, n))
         return np.array(values).reshape(n, n)

@@ -43,7 +43,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
-from lagrange_bench.integrators.compiling.compiled import inlined, jit, jit_as, jit_over
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.expression import machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
@@ -155,7 +155,7 @@ TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
 
 
-@inlined
+@jit(inline=True)
 def small_coefficients(z):
     """a/z and b/z of the rotation, 0 <= z <= 1/4; a and b to 3e-19.
 
@@ -171,7 +171,7 @@ def small_coefficients(z):
     return a, b
 
 
-@inlined
+@jit(inline=True)
 def turn(x1, x2, x3, v1, v2, v3, a, b, z):
     """Change of x by the rotation about v, |v|² = z; a and b stand for a/z and b/z."""
     u1, u2, u3 = v2 * x3 - v3 * x2, v3 * x1 - v1 * x3, v1 * x2 - v2 * x1
@@ -184,13 +184,13 @@ def turn(x1, x2, x3, v1, v2, v3, a, b, z):
     )
 
 
-@inlined
+@jit(inline=True)
 def add(x, lost, change, compensated):
     """x + (change + what the last sum lost), and what this one loses."""
     return two_sum(x, change + lost) if compensated else (x + change, lost)
 
 
-@inlined
+@jit(inline=True)
 def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
     """x turned about v = part·J, |v| half the angle, and what its sums lose; False if that is too far to be done."""
     v1, v2, v3 = part * J1, part * J2, part * J3
@@ -218,7 +218,7 @@ def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
 def push_of(gradients: int) -> Any:
     """(x, c, i) → the kick of group i of the constants in a uniform field, with so many of its gradients."""
 
-    @jit_as(f"push {gradients}", forceinline=True)
+    @jit(inline=True)
     def push(x, c, i):
         kick = c[i + B]
         if gradients > 0:
@@ -235,7 +235,7 @@ def torques(field: Field, gradients: int) -> Any:
     """(x, q, weights) → the sum of the torque of a field and of so many of its gradients, each times its weight."""
     programs = (field.torque, field.twist, field.second_twist)[: gradients + 1]
 
-    @unrolled(f"torques {field.digest} {gradients}")
+    @unrolled
     def total(x, q, weights):
         t = tuple(weights[0] * v for v in programs[0](*x, *q))
         for weight, program in zip(weights[1:], programs[1:], strict=False):
@@ -250,7 +250,7 @@ def push_in_field(field: Field, gradients: int) -> Any:
     """As `push_of`; alpha and the parameters of the potential follow the four constants of each group."""
     total, numbers = torques(field, gradients), take(field.parameters)
 
-    @jit_as(f"push {field.digest} {gradients}", forceinline=True)
+    @jit(inline=True)
     def push(x, c, i):
         return total(x, numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
 
@@ -262,7 +262,7 @@ def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool) ->
     """One step: rotation and kick for each group of `stride` constants. `level`: the field keeps J3."""
     kept, keep = take(5), put(5)
 
-    @jit_as(f"splitting {name} {stride} {level} {compensated}", forceinline=True)
+    @jit(inline=True)
     def step(s, c, tally):
         J1, J2, J3, x1, x2, x3 = s
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
@@ -296,7 +296,7 @@ KERNELS = tuple(
 )
 
 
-@inlined
+@jit(inline=True)
 def process(s, g):
     """The exact flow of [A,B] for a time 2g/alpha. Its Hamiltonian is alpha (x2 J1 − x1 J2), linear in J.
 
@@ -318,7 +318,7 @@ def map_over(step: Any, processed: bool) -> Any:
     """Of each row, in place: one rotation and one kick; if `processed`, with the flow of [A,B] before and after them."""
     get, write = take(6), put(6)
 
-    @jit_over(step)
+    @jit
     def run(rows, before, flow, after, tally):
         for row in rows:
             s = get(row, 0)
@@ -468,7 +468,7 @@ START, TIME_STEP, STAGES = range(3)
 @cache
 def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
     """One step of any stages; the constants of the parts follow them."""
-    timed, name = any(part.timed for part in parts), ", ".join(part.digest for part in parts)
+    timed = any(part.timed for part in parts)
 
     def flow_of(number: int) -> Any:
         split = parts[number].flow
@@ -476,7 +476,7 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
         skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
         others = flow_of(number + 1) if number + 1 < len(parts) else None
 
-        @jit_as(f"flow {number} of {name}", forceinline=True)
+        @jit(inline=True)
         def flow(part, s, t, span, c, first):
             if others is None or part == number:
                 return program((t,) + s + (span,), numbers(c, first + skipped))  # noqa: RUF005 - as elsewhere
@@ -486,7 +486,7 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
 
     flow = flow_of(0)
 
-    @jit_as(f"step of {name}", forceinline=True)
+    @jit(inline=True)
     def step(s, c, tally):
         first = STAGES + 1 + 3 * int(c[STAGES])
         for i in range(STAGES + 1, first, 3):

@@ -32,10 +32,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_count, check_flag, check_real
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
-from lagrange_bench.integrators.compiling.numba_internals import stack
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.problem.system import System, uniform_system
@@ -347,7 +347,7 @@ def kernel_of(system: System) -> Callable[..., Any]:
     given, scratch, places = made.rows - lines - 1 - n, made.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
     get = take(n)
 
-    @jit_as(f"taylor {system.digest}")
+    @jit
     def step(s, c, tally):
         h, order, z, total = c[1], int(c[2]), stack(scratch), stack(n)
         for i in range(scratch):

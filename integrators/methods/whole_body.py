@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.interface import Array, Method
@@ -98,7 +98,7 @@ def rows(I, scale, f, m):
 def newton(residual: Callable[..., Any]) -> Any:
     """(x, a, c, tally) → the solution near x of residual(x, a, c) = 0, to round-off; it returns also the rows of a matrix."""
 
-    @jit_as(f"newton {residual.__name__}")
+    @jit
     def solve(x, a, c, tally):
         last = math.inf
         for i in range(LIMIT):

@@ -36,11 +36,11 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling import double_double
-from lagrange_bench.integrators.compiling.compiled import inlined, inlined_copy, jit
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import dd, scale
 from lagrange_bench.integrators.compiling.expression import Program, record
+from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.lanes import LANES
-from lagrange_bench.integrators.compiling.numba_internals import column, put_column
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
@@ -57,12 +57,11 @@ VERTICAL = 1e-9
 NEWTON, AGM = 12, 12  # steps for the largest root of the cubic of nutation, in double, and of the means
 PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
 
-increments = inlined_copy(real_map.increments)
-spectral_polynomial = inlined_copy(ts.spectral_polynomial)
-nutation_cubic, lower_roots = inlined_copy(ts.nutation_cubic), inlined_copy(ts.lower_roots)
-add, sub, mul = (inlined_copy(f) for f in (double_double.add, double_double.sub, double_double.mul))
-div, root, times = (inlined_copy(f) for f in (double_double.div, double_double.sqrt, double_double.times))
-two_prod = inlined_copy(double_double.two_prod)
+increments, spectral_polynomial = jit(real_map.increments, inline=True), jit(ts.spectral_polynomial, inline=True)
+nutation_cubic, lower_roots = jit(ts.nutation_cubic, inline=True), jit(ts.lower_roots, inline=True)
+add, sub, mul = (jit(f, inline=True) for f in (double_double.add, double_double.sub, double_double.mul))
+div, root, times = (jit(f, inline=True) for f in (double_double.div, double_double.sqrt, double_double.times))
+two_prod = jit(double_double.two_prod, inline=True)
 
 Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents
 
@@ -132,13 +131,13 @@ def _start_program() -> Program:
     return record(lambda *P: (_horner(R, P), _horner(eta, P)), 4)
 
 
-@unrolled("start_values")
+@unrolled
 def start_values(P):
     """R/τ and η/τ − 1."""
     return _start_program()(*P)
 
 
-@inlined
+@jit(inline=True)
 def start(P):
     """(R, η, Re m, Im m) of the first time; m = √Q(λ) with Re m > 0."""
     R, more = start_values(P)
@@ -155,7 +154,7 @@ def start(P):
 # ---------------------------------------------------------------- doubling the time
 
 
-@inlined
+@jit(inline=True)
 def slope(P, z):
     """N = 2|m|², G = Q'(λ) m̄ and B = N b = N Re m + η Im G; B > 0 as long as twice the time is below T_nut."""
     R, eta, mr, mi = z
@@ -169,7 +168,7 @@ def slope(P, z):
     return N, G, N * mr + eta * G[1]
 
 
-@inlined
+@jit(inline=True)
 def double_time(P, z):
     """(R, η, Re m, Im m) of twice the time, and whether that is below T_nut; see `time_step`."""
     R, eta, mr, mi = z
@@ -187,7 +186,7 @@ def double_time(P, z):
     return (R - eta * e, 2.0 * (eta * s), re, im), B > 0.0
 
 
-@inlined
+@jit(inline=True)
 def onto_curve(q, R, eta, mr, mi, inverse):
     """m with m² = Q(λ), q the coefficients of Q, by one step of Newton's method; `inverse` is 1/(2|m|²), roughly."""
     t, r = 2.0 * R, R * R + eta * eta
@@ -201,7 +200,7 @@ def onto_curve(q, R, eta, mr, mi, inverse):
 # ---------------------------------------------------------------- λ(h) on a torus
 
 
-@inlined
+@jit(inline=True)
 def first_time(q, alpha, h):
     """How |h| is reached: the time the start is made for, and the number of doublings; MOST + 1 where that is too far."""
     weight = abs(alpha) * math.sqrt(q[0])
@@ -211,7 +210,7 @@ def first_time(q, alpha, h):
     return t if doublings <= MOST else 0.0, doublings
 
 
-@inlined
+@jit(inline=True)
 def scaled_curve(q, j3, alpha, t):
     """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for the start at the time t."""
     length = math.sqrt(q[0])
@@ -220,14 +219,14 @@ def scaled_curve(q, j3, alpha, t):
     return P, 0.5 * (length * t), length
 
 
-@inlined
+@jit(inline=True)
 def verdict(P, z):
     """Whether the time of z is below T_nut/2 and |m| so large that T has its 15 digits."""
     N, _, B = slope(P, z)
     return (B > 0.0) & (N >= 2.0 * LEAST)
 
 
-@inlined
+@jit(inline=True)
 def invariants(s, alpha):
     """C1, 2 C2 and 2H: the coefficients of Q below u³."""
     J1, J2, J3, x1, x2, x3 = s
@@ -253,7 +252,7 @@ def parameter(q, j3, alpha, h):
 # ---------------------------------------------------------------- the step
 
 
-@inlined
+@jit(inline=True)
 def step_constants(alpha, j3, R, eta, mr, mi):
     """Those of `real_map.constants` that a step needs, in plain doubles, in the same order."""
     q3 = eta * (j3 + (2.0 * alpha) * R)
@@ -264,7 +263,7 @@ def step_constants(alpha, j3, R, eta, mr, mi):
     )  # fmt: skip
 
 
-@inlined
+@jit(inline=True)
 def move(s, alpha, lam):
     """The state after one two-point map with lam = (Re λ, Im λ, Re m, Im m)."""
     J1, J2, J3, x1, x2, x3 = s
@@ -278,7 +277,7 @@ def move(s, alpha, lam):
 CUBIC, MEANS, TURN, NUTATION = 0, 7 * LANES, 17 * LANES, 22 * LANES
 
 
-@inlined
+@jit(inline=True)
 def largest_root(c0, c1, c2, z):
     """The largest root of the cubic of nutation from one that is right in double, and by how much it was wrong."""
     f = add(times(add(times(add(dd(2.0 * z), c2), z), c1), z), c0)
@@ -286,7 +285,7 @@ def largest_root(c0, c1, c2, z):
     return add(dd(z), dd(-step)), abs(step)
 
 
-@inlined
+@jit(inline=True)
 def first_means(alpha, s, c1, c2, z1):
     """a, g, p, Q and Σ Q_n of `whole_nutations` at the start; what the turn is made of; z1 − z2, z1 − z3 and z_p − z2."""
     J1, J2, J3, x1, x2, x3 = s
@@ -300,7 +299,7 @@ def first_means(alpha, s, c1, c2, z1):
     return (*a, *g, *p, 1.0, 0.0, 1.0, 0.0), (*share[0], *share[1]), close[0], wide[0], near[0]
 
 
-@inlined
+@jit(inline=True)
 def next_means(now):
     a, g, p, Q, total = (now[0], now[1]), (now[2], now[3]), (now[4], now[5]), (now[6], now[7]), (now[8], now[9])
     ag, pp = mul(a, g), mul(p, p)
@@ -402,7 +401,7 @@ def solve(work, most):
         put_column(work, FOUND + ALPHA * LANES + j, (alpha,), LANES)
 
 
-@inlined
+@jit(inline=True)
 def turn_by(angle, turns, i):
     """Puts in cos and sin of an angle in revolutions, of length 1 to twice the digits: else all steps would scale alike."""
     full, rest = mul(angle, (2.0 * PI, 2.0 * PI_LO))

@@ -275,25 +275,6 @@ def form(c):
 
 
 @jit
-def far_flow(s, alpha, h):
-    """The exact step over any time, in double-double: for what plain doubles do not reach."""
-    c, turn = exact_constants(alpha, s, h)
-    for value in c:
-        if not math.isfinite(value):
-            return s, False
-    s = step(s, c, c) if form(c) == 0 else turning_step(s, c, c)
-    cos, sin = turn[0][0], turn[1][0]
-    return (
-        cos * s[0] - sin * s[1],
-        sin * s[0] + cos * s[1],
-        s[2],
-        cos * s[3] - sin * s[4],
-        sin * s[3] + cos * s[4],
-        s[5],
-    ), True
-
-
-@jit
 def enter(alphas, Y, h, i, states, units):
     """Top i in units of its own: (alpha, h) in them, its state and the units put into row i; h = inf if they are extreme."""
     y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit, jit_as
+from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.torus.plain_step import parameter
@@ -31,7 +31,7 @@ def look_up(degree: int, level: bool) -> Any:
     Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
     """
 
-    @jit_as(f"look up {degree} {level}", forceinline=True)
+    @jit(inline=True)
     def look(c, first, u, v):
         p = q = r = s = 0.0
         place = first

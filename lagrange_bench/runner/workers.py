@@ -22,7 +22,7 @@ from time import monotonic, perf_counter
 from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.integrators import interrupts, memory
+from lagrange_bench.integrators import announce, interrupts, memory
 from lagrange_bench.integrators.imported import IMPORTED
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
@@ -220,6 +220,7 @@ def _serve(pipe: Any) -> None:
     """Computes the cells that come through a pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     memory.restrain()
+    announce.quiet = True  # the parent shows how far it is
     gc.set_threshold(10_000)  # Numba makes many objects: looking for garbage is a twentieth of a compilation
     os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
     threading.Thread(target=_end_with_parent, daemon=True).start()

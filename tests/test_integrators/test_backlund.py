@@ -1,15 +1,13 @@
 """The Bäcklund map as it is sold: exact in time at any step, invariants at round-off for ever, any λ, any scale."""
 
-import itertools
 import math
 
 import numpy as np
 import pytest
 
-from lagrange_bench import METHODS, TOPS, FixedStepper, LagrangeTop, exact, integrate, prepare, two_point
+from lagrange_bench import TOPS, FixedStepper, LagrangeTop, exact, integrate, prepare, two_point
 from lagrange_bench.experiments.drift import FRACTIONS
 from lagrange_bench.experiments.measuring.states import WIDE, find
-from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
@@ -89,21 +87,6 @@ def test_a_turn_in_the_loop_would_drift():
     once, reference = stepper.units.leave(bad.advance(y, 10)), stepper.advance(y0, 10)
     assert np.max(np.abs(once - reference)) < 1e-14  # the same map
     assert np.max(drift(top, y, bad.advance(y, 10**6))) > 1e-11
-
-
-def test_a_run_in_one_call_has_the_bits_of_its_stepper(monkeypatch):
-    monkeypatch.setattr(interpreted, "OFTEN", 0)  # else the first runs may have no machine code yet
-    rows, at_once = {}, METHODS["backlund"].prepare.at_once
-    for name, h in itertools.product(TOPS, (-0.7, 0.03, 0.5, 2.5, 11.0, 1e6, 1e-30)):
-        rows[name, h] = at_once(TOPS[name].top, TOPS[name].state, h, 24, 6)
-    taken = [case for case, found in rows.items() if found is not None]
-    assert len(taken) > 90  # on the others, tiny and very long steps, another form of the map loses less
-    for name, h in taken:
-        assert np.array_equal(
-            rows[name, h], prepare(TOPS[name].top, TOPS[name].state, h).record(TOPS[name].state, 24, 6)
-        )
-    with_other_pins = prepare(GENERIC.top, GENERIC.state, 0.5, pin=5).record(GENERIC.state, 24, 6)
-    assert not np.array_equal(rows["generic", 0.5], with_other_pins)
 
 
 @pytest.mark.parametrize(

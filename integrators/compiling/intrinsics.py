@@ -1,0 +1,115 @@
+"""Loads and stores without checks, for kernels; sizes and strides must be literals.
+
+Public means of Numba only (`numba.extending`). Without compilation they are Python functions that do the same.
+"""
+
+from __future__ import annotations
+
+import operator
+
+from numba import TypingError, types
+from numba.core import cgutils
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+from lagrange_bench.integrators.compiling.compiled import COMPILED
+
+if not COMPILED:
+
+    def stack(size):
+        return [0.0] * size
+
+    def column(array, place, count, stride):
+        return tuple(array.reshape(-1)[place : place + count * stride : stride])
+
+    def put_column(array, place, values, stride):
+        array.reshape(-1)[place : place + len(values) * stride : stride] = values
+
+    def strided(array, place, stride):
+        return array[place::stride]
+
+else:
+
+    def literals(*numbers):
+        """Their values; Numba tries any integers first, and after this error constants."""
+        if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
+            raise TypingError("sizes and strides must be constants")
+        return [number.literal_value for number in numbers]
+
+    @intrinsic
+    def stack(typingctx, size):
+        """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+
+        Not in the constants of a kernel: two threads may share those.
+        """
+        (count,) = literals(size)
+
+        def generate(context, builder, signature, args):
+            return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
+
+        return types.CPointer(types.float64)(size), generate
+
+    @intrinsic
+    def column(typingctx, array, place, count, stride):
+        """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+
+        Rows of the array lie one after the other, as in C.
+
+        Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
+        becomes SIMD code without any test for overlaps.
+        """
+        number, distance = literals(count, stride)
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            places = [builder.add(args[1], args[1].type(k * distance)) for k in range(number)]
+            loaded = [builder.load(builder.gep(data, [place])) for place in places]
+            return context.make_tuple(builder, signature.return_type, loaded)
+
+        return types.UniTuple(array.dtype, number)(array, types.int64, count, stride), generate
+
+    @intrinsic
+    def put_column(typingctx, array, place, values, stride):
+        """array[place], array[place + stride], … = values, a tuple; see `column`."""
+        (distance,) = literals(stride)
+
+        def generate(context, builder, signature, args):
+            data = context.make_array(signature.args[0])(context, builder, args[0]).data
+            for k in range(len(signature.args[2])):
+                place = builder.add(args[1], args[1].type(k * distance))
+                builder.store(builder.extract_value(args[2], k), builder.gep(data, [place]))
+            return context.get_dummy_value()
+
+        return types.none(array, types.int64, values, stride), generate
+
+    class Strided(types.CPointer):
+        """A pointer to array[place], array[place + stride], … that Numba reads and writes by index, unchecked."""
+
+        key = property(lambda kind: (kind.dtype, kind.stride))
+
+        def __init__(self, dtype, stride):
+            self.stride = stride
+            super().__init__(dtype)
+            self.name = f"Strided({dtype}, {stride})"
+
+    register_model(Strided)(models.PointerModel)
+
+    @intrinsic
+    def strided(typingctx, array, place, stride):
+        """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
+
+        def generate(context, builder, signature, args):
+            return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+
+        return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
+
+    def _place(builder, kind, args):
+        return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
+
+    @lower_builtin(operator.getitem, Strided, types.intp)
+    def read_strided(context, builder, signature, args):
+        return builder.load(_place(builder, signature.args[0], args))
+
+    @lower_builtin(operator.setitem, Strided, types.intp, types.Any)
+    def write_strided(context, builder, signature, args):
+        builder.store(args[2], _place(builder, signature.args[0], args))
+        return context.get_dummy_value()
