@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record_own, with_slopes
+from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record_own
+from lagrange_bench.integrators.problem.symmetry import remainder
 
+SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
 Vector = tuple[Any, Any, Any]
 
 
@@ -28,7 +30,7 @@ class Potential:
     value : callable
         (x1, x2, x3, p) → V, in the units of |J|².
     gradient : callable, optional
-        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one.
+        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one, see `symmetry`.
     parameters : sequence of str, optional
         Names of the parameters; by default a top may give any number of them.
     note : str
@@ -37,7 +39,7 @@ class Potential:
     Raises
     ------
     ValueError
-        From `formula` and from `PerturbedTop`, for a function that is no such formula.
+        From `formula` and from `PerturbedTop`, for a function that is no such formula, or a gradient that is not V's.
     """
 
     def __init__(
@@ -78,7 +80,10 @@ class Potential:
         if count not in self._formulas:
             value = self._record("value", self.value, count, 1)
             given = None if self.given is None else self._record("gradient", self.given, count, 3)
-            self._formulas[count] = Formula(value, given)
+            formula = Formula(value, given)
+            if not formula.gradient_error <= SAME:
+                raise ValueError(f"potential {self.name}: gradient is not the derivative of value")
+            self._formulas[count] = formula
         return self._formulas[count]
 
     def _record(self, word: str, function: Callable[..., Any], count: int, outputs: int) -> Program:
@@ -118,10 +123,15 @@ class Formula:
         tape, x, (_, *p) = _inputs(self.value.inputs - 2)
         return Field(tape.program(tape.run(self.value, *x, *p)), tape.program(self.slopes(tape, x, p)))
 
-    @cached_property
-    def bends(self) -> Program:
-        """(x, p) → ∇V and the nine entries of V''."""
-        return with_slopes(self.given or self.derived, 3)
+    @property
+    def gradient_error(self) -> float:
+        """By how much a gradient that was given differs from the derived one, relative to its terms."""
+        if self.given is None:
+            return 0.0
+        tape, x, p = _inputs(self.value.inputs - 3)
+        pairs = zip(*(tape.run(program, *x, *p) for program in (self.given, self.derived)), strict=True)
+        differences = tape.program(given - derived for given, derived in pairs)
+        return remainder(differences)
 
     @cached_property
     def derived(self) -> Program:

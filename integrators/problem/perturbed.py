@@ -5,7 +5,7 @@
 on the phase space of `top`, with the same bracket: C1 = |x|² and C2 = x·J stay, whatever V is. J3 stays if V does not
 change when x turns about the vertical. In general there is no closed form and no torus, and here an integrator is needed.
 
-A `PerturbedTop` is a top in a potential (`field`), with numbers. Its nature (`nature`) says which methods apply.
+A `PerturbedTop` is a top in a potential (`field`), with numbers. Which methods apply its formula shows (`symmetry`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_one_or_many
 from lagrange_bench.integrators.problem.field import Field, Formula, Potential, Vector
-from lagrange_bench.integrators.problem.nature import Nature, _nature, _wrong
+from lagrange_bench.integrators.problem.symmetry import are_polynomials, generic
 from lagrange_bench.integrators.problem.system import System, top_system
 from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
@@ -44,7 +44,7 @@ class PerturbedTop(Top):
     Raises
     ------
     ValueError
-        Parameters of the wrong number or kind; a potential that is no formula; a gradient that is not V's.
+        Parameters of the wrong number or kind; a potential that is no formula, or whose gradient is not V's.
     """
 
     top: LagrangeTop
@@ -62,10 +62,7 @@ class PerturbedTop(Top):
             raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")
         checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
-        formula = self.potential.formula(len(checked))
-        object.__setattr__(self, "formula", formula)
-        if formula.given and all(map(np.size, checked)) and (where := _wrong(formula, self.first())):
-            raise ValueError(f"potential {self.potential.name}: gradient is not the derivative of value at {where}")
+        object.__setattr__(self, "formula", self.potential.formula(len(checked)))
 
     @property
     def identity(self) -> tuple[Any, ...]:
@@ -99,20 +96,11 @@ class PerturbedTop(Top):
         """The weight parameter of the top."""
         return self.top.alpha
 
-    def first(self) -> tuple[float, ...]:
-        """The parameters, of many tops those of the first."""
-        return tuple(float(v[0]) if isinstance(v, np.ndarray) else v for v in self.parameters)
-
     def with_parameters(self, alpha: float, parameters: tuple[float, ...]) -> PerturbedTop:
         """A top in the same potential with other numbers, which are taken as checked."""
         other, top = object.__new__(PerturbedTop), LagrangeTop(alpha)
         vars(other).update(top=top, parameters=parameters, potential=self.potential, formula=self.formula)
         return other
-
-    @cached_property
-    def nature(self) -> Nature:
-        """What kind of field it is, found from its values at random points."""
-        return _nature(self.formula, self.numbers[1:])
 
     @cached_property
     def offers(self) -> frozenset[str]:
@@ -121,7 +109,8 @@ class PerturbedTop(Top):
 
         A root of a square, √(w²), has a corner where w changes its sign.
         """
-        kinds = {"smooth": not self.formula.value.corners(3), "quadratic": self.nature.quadratic}
+        quadratic = all(are_polynomials(self.field.gradient, 1, generic(self.numbers)))
+        kinds = {"smooth": self.formulas.smooth, "quadratic": quadratic}
         always = ("rhs", "parts", "kinetic", "top", "force")
         return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
 
@@ -133,7 +122,8 @@ class PerturbedTop(Top):
     @cached_property
     def conserved(self) -> frozenset[str]:
         """Of H, J3, C1, C2 those that the exact motion keeps."""
-        return frozenset({"H", "C1", "C2", *(("J3",) * self.nature.axisymmetric)})
+        axisymmetric = are_polynomials(self.formulas.rhs, -1, generic(self.numbers))[2]
+        return frozenset({"H", "C1", "C2", *(("J3",) * axisymmetric)})
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""

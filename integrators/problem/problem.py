@@ -10,8 +10,8 @@ brackets are in `system`, the splitting into parts with closed flows in `parts`.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-import random
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
@@ -23,10 +23,9 @@ from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program, Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, taken_apart
-from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, make_system, slopes_of
+from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, remainder
+from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, invariants_of, make_system
 
-POINTS = 5  # random points at which claims about formulas are tried
-SAME = 1e-12  # of the size of the terms: what counts as nothing at such a point
 COLUMNS = frozenset(  # of tables that have a column for each invariant, too
     ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
      "motion")
@@ -53,7 +52,8 @@ class Problem(Dynamics):
         Functions as `hamiltonian` with closed flows, H being their sum; by default H is taken apart where that works: functions
         of t and x, of components along one axis, multiples of |J|² and of s_j·s_k.
     invariants : dict, optional
-        Name → function as `hamiltonian`, what is conserved besides H and the Casimir functions.
+        Name → function as `hamiltonian`, what is conserved besides H and the Casimir functions, as the formulas show; see
+        `symmetry`.
     frame : str
         "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
 
@@ -89,9 +89,10 @@ class Problem(Dynamics):
         self.extra = tuple(self.given.items())
         self._check_names()
         self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
-        kept = {o - 1 for program in self.given.values() for o in program.outputs if self._is_component(o)}
-        self.system = make_system(self.space, energy, body=frame == "body", kept=kept)
-        self._check_invariants(make_system(self.space, energy, body=frame == "body"))
+        self.system = make_system(self.space, energy, body=frame == "body")
+        shown = [program.outputs[0] for word, program in self.given.items() if self._change_of(word, program) == 0.0]
+        kept = frozenset(place - 1 for place in shown if self._is_component(place))
+        self.system = dataclasses.replace(self.system, kept=kept)
         if self.posed:
             self._check_parts()
 
@@ -264,43 +265,24 @@ class Problem(Dynamics):
 
     @cached_property
     def _quadratic(self) -> frozenset[str]:
-        """Those of `names` whose second derivatives are the same everywhere and at all times."""
-        shape = 1 + self.space.size, len(self.names), self.space.size
-        found = np.array([self._values(self._bends, point[1:], point[0]).reshape(shape) for point in self._points()])
-        spread = np.max(np.abs(found - found[:1]), axis=(0, 1, 3), initial=0.0)
-        return frozenset(name for name, width in zip(self.names, spread, strict=True) if width <= 1e-12)
-
-    @cached_property
-    def _bends(self) -> Program:
-        def bends(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            slopes = tape.run(slopes_of(self.system, self.names, self.extra), t, *y, *p)
-            units = np.eye(1 + len(y)).tolist()
-            return [bend for unit in units for bend in tape.along(slopes, (t, *y), unit)]
-
-        return self.system.record(bends)
+        """Those of `names` that are of degree 2 at most, in t and y together."""
+        degrees = are_polynomials(invariants_of(self.system, self.names, self.extra), 2, self.numbers)
+        return frozenset(name for name, low in zip(self.names, degrees, strict=True) if low)
 
     # ------------------------------------------------------------------ whether it is what it is said to be
 
-    def _points(self) -> list[tuple[float, ...]]:
-        """Random times and states at which H is finite."""
-        draw, n = random.Random("points of comparison"), 1 + self.space.size
-        points = [tuple(draw.uniform(-1, 1) for _ in range(n)) for _ in range(4 * POINTS)]
-        return [p for p in points if np.isfinite((self.energy(p[1:], p[0]), *self.rhs(p[1:], p[0]))).all()][:POINTS]
+    def _change_of(self, word: str, program: Program) -> float:
+        """{I, H} + ∂I/∂t, relative to its terms: 0 if the formulas show that. ValueError if it is more than round-off."""
 
-    def _check_invariants(self, system: System) -> None:
-        """Each must change by {I, H} + ∂I/∂t = 0, the formula of a component included."""
-        for word, program in self.given.items():
+        def change(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            slopes = tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
+            rates = (1.0, *self.system.rates(tape, t, y, p))
+            return [sum((a * b for a, b in zip(slopes, rates, strict=True)), tape.constant(0.0))]
 
-            def change(tape: Tape, t: Any, y: Any, p: Any, program: Program = program) -> list[Any]:
-                slopes = tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
-                return [*slopes, tape.constant(1.0), *system.rates(tape, t, y, p)]
-
-            terms = system.record(change)
-            for point in self._points():
-                slopes, rates = self._values(terms, point[1:], point[0]).reshape(2, -1)
-                if abs(slopes @ rates) > SAME * np.abs(slopes).sum() * np.abs(rates).max():
-                    where = tuple(round(v, 3) for v in point[1:])
-                    raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved, as at y = {where}")
+        left = remainder(self.system.record(change), self.numbers)
+        if not left <= SAME:
+            raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved, as far as the formulas show")
+        return left
 
     def _check_parts(self) -> None:
         """The gradients must add up, and each part must have a closed flow."""
@@ -314,10 +296,10 @@ class Problem(Dynamics):
 
         def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
             posed = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.posed]
-            return [v for gradient in (self.system.slopes(tape, t, y, p), *posed) for v in gradient]
+            whole = self.system.slopes(tape, t, y, p)
+            return [slope - sum(others, tape.constant(0.0)) for slope, *others in zip(whole, *posed, strict=True)]
 
-        program = self.system.record(slopes)
-        for point in self._points():
-            whole, *parts = self._values(program, point[1:], point[0]).reshape(1 + len(self.posed), -1)
-            if np.any(np.abs(whole - np.sum(parts, axis=0)) > SAME * (np.abs(whole) + np.sum(np.abs(parts), axis=0))):
-                raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian")
+        if not remainder(self.system.record(slopes), self.numbers) <= SAME:
+            raise ValueError(
+                f"problem {self.name}: parts do not add up to the hamiltonian, as far as the formulas show"
+            )

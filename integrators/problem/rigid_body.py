@@ -98,7 +98,7 @@ class RigidBody(Problem):
         self.inertia_com = np.diag(moments) if moments.ndim == 1 else moments
         _check_inertia(self.inertia_com)
         size, lever = math.hypot(*self.gravity.tolist()), self.com if self.fixed else np.zeros(3)
-        self.up = -self.gravity / size if size else np.array((0.0, 0.0, 1.0))
+        self.up = -_unit(self.gravity) if size else np.array((0.0, 0.0, 1.0))
         self.inertia, self.axes, self.symmetry = _principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
         weight = self.mass * size * (self.axes @ lever)
         self.weight = np.where(np.abs(weight) > TURNED * np.max(np.abs(weight)), weight, 0.0)
@@ -346,7 +346,7 @@ def _principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tu
         if straight:
             k, axes = int(np.flatnonzero(lever)[0]), np.eye(3)
         else:
-            k, axes = 2, _upright(along / np.linalg.norm(along))
+            k, axes = 2, _upright(_unit(along))
         inertia = np.array([float(C) if i == k else float(A) for i in range(3)])
         return _positive(inertia), axes, k
     inertia = inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
@@ -371,7 +371,7 @@ def _positive(moments: Array) -> Array:
 
 def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fraction] | None:
     """Moments along and across a direction of symmetry, exact; None if it is none, rounding apart."""
-    direction = along / np.linalg.norm(along)
+    direction = _unit(along)
     C = direction @ inertia @ direction
     A = (np.trace(inertia) - C) / 2
     if np.max(np.abs(inertia - A * np.eye(3) - (C - A) * np.outer(direction, direction))) > slack:
@@ -379,6 +379,12 @@ def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fracti
     rows = [_dot(row, along) for row in inertia]
     exact = sum((v * Fraction(float(a)) for v, a in zip(rows, along, strict=True)), Fraction(0)) / _dot(along, along)
     return exact, (sum(map(Fraction, np.diag(inertia).tolist()), Fraction(0)) - exact) / 2
+
+
+def _unit(v: Array) -> Array:
+    """v/|v|, also where squares underflow: a power of two is taken out first."""
+    v = v / math.ldexp(1.0, math.frexp(np.max(np.abs(v)))[1] - 1)
+    return v / np.linalg.norm(v)  # type: ignore[no-any-return]
 
 
 def _dot(a: Array, b: Array) -> Fraction:

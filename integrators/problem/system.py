@@ -122,8 +122,8 @@ def find_space(space: Any) -> Space:
 class System:
     """H(t, y, p) on a space, recorded; inputs of all programs are t, the numbers of y, those of p.
 
-    gradient : ∂H/∂y, if it is not to be derived. kept : components of y that the motion keeps for other reasons than their
-    formula shows: their rates are 0. body : the bracket is that of the body's frame. turning : of a whole body ∂H/∂L but for a
+    gradient : ∂H/∂y, if it is not to be derived. kept : components of y that the motion keeps, as `symmetry` shows: their
+    rates are 0, not round-off. body : the bracket is that of the body's frame. turning : of a whole body ∂H/∂L but for a
     multiple of L, from (t, y, p): it alone turns L.
     """
 

@@ -198,7 +198,10 @@ OTHERS = [  # a call, words in the message
     (lambda: posed(lambda t, y, p: y[6]), "hamiltonian asks for more than 6 numbers of y and 0 parameters"),
     (lambda: posed(lambda t, y, p: y[:3]), "hamiltonian.* returns 3 numbers, not one"),
     (lambda: posed(lambda t, y: y[0]), "hamiltonian.* takes 2 positional arguments"),
-    (lambda: posed(invariants={"I": lambda t, y, p: y[1]}), r"invariants\['I'\] is not conserved, as at y = "),
+    (
+        lambda: posed(invariants={"I": lambda t, y, p: y[1]}),
+        r"invariants\['I'\] is not conserved, as far as the formulas show",
+    ),
     (lambda: posed(parts=[turning]), "parts do not add up to the hamiltonian"),
     (lambda: posed(parts=[turning, lambda t, y, p: (1 + 1e-11) * y[5]]), "parts do not add up to the hamiltonian"),
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),

@@ -129,8 +129,8 @@ KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it k
     (lambda x1, x2, x3, p: sqrt(x1**6), (), set(), False),
     (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), (0.3,), set(), False),
     (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt(x1**4), (), QUADRATIC, False),
-    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), QUADRATIC, False),
+    (lambda x1, x2, x3, p: sqrt(x1**4), (), SMOOTH, False),
+    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), SMOOTH, False),
     (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), (0.3,), SMOOTH, False),
     (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, (), SMOOTH, False),
 ]

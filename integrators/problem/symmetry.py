@@ -1,0 +1,179 @@
+"""What formulas show of themselves: whether one vanishes or is quadratic, whatever the values of its inputs.
+
+A formula is a rational function of its inputs and of the roots, sines, … in it. Here each of these is a random number of its
+own, one for each argument; of their laws sin² + cos² = 1, parity, and the values at 0 or 1 are kept. Whether such a function
+vanishes shows at one random point modulo a large prime P. Nothing is rounded there, and nothing is small, narrow or far
+away. What follows from other laws, such as exp(a) exp(b) = exp(a + b), is not seen, and the answer is no.
+
+A constant in a formula stands for the fraction with a denominator of up to a million that is rounded to it, if there is one
+(0.1 is a tenth), and otherwise for the double that it is, as a parameter always does.
+
+Source: Schwartz, J. ACM 27 (1980) 701; Zippel, EUROSAM '79, Lecture Notes in Computer Science 72 (1979) 216.
+"""
+
+from __future__ import annotations
+
+import cmath
+import hashlib
+import math
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import lru_cache
+from typing import Any
+
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.unroll import Number
+
+P = 2**127 - 1  # prime; −1 is no square modulo P; a double is a multiple of P only if it is 0
+SIMPLE = 10**6  # largest denominator that a constant is taken to have
+SPREAD = 4.0  # inputs are drawn from −4 to 4
+POINTS = 8
+SAME = 1e-12  # relative to the terms of a sum: what is less may come from rounded numbers, or from laws unknown here
+
+
+class Sample(Number):
+    """A number of a formula at a random point: modulo P, roughly, as a complex number, and the size of the terms that make it.
+
+    The rough one has the true roots. Its exponential is exp(iw), which is never small and keeps the law of exponents.
+    """
+
+    __slots__ = ("residue", "rough", "size")
+
+    def __init__(self, residue: int, rough: complex, size: float | None = None):
+        self.residue, self.rough, self.size = residue % P, rough, _length(rough) if size is None else size
+
+    def make(self, operation: str, *operands: Any) -> Sample:
+        """What an operation gives. ValueError : division by 0, or a constant that is not finite."""
+        a, b = (x if isinstance(x, Sample) else _constant(x) for x in (operands[0], operands[-1]))
+        if operation == "add":
+            return Sample(a.residue + b.residue, a.rough + b.rough, a.size + b.size)
+        if operation == "sub":
+            return Sample(a.residue - b.residue, a.rough - b.rough, a.size + b.size)
+        if operation == "neg":
+            return Sample(-a.residue, -a.rough, a.size)
+        if operation == "mul":
+            return Sample(a.residue * b.residue, a.rough * b.rough, a.size * b.size)
+        if operation == "div":
+            rough, size = (a.rough / b.rough, a.size / _length(b.rough)) if b.rough else (math.nan, math.nan)
+            return Sample(a.residue * pow(b.residue, -1, P), rough, size)
+        return Sample(_function(operation, a.residue), _rough(operation, a.rough))
+
+    @property
+    def relative(self) -> float:
+        """By how much the terms do not cancel; 0 if the formula shows that they do, NaN where they are not finite."""
+        if not self.residue:
+            return 0.0
+        return max(_length(self.rough) / self.size, math.ulp(0.0)) if self.size else math.nan
+
+
+@lru_cache(maxsize=4096)
+def _drawn(*words: Any) -> int:
+    """A random number modulo P that belongs to these words."""
+    return int.from_bytes(hashlib.sha256(repr(words).encode()).digest(), "big") % P
+
+
+def _function(name: str, w: int) -> int:
+    """f(w): an independent number, as far as f(0), f(1), f(−w) and sin² + cos² = 1 let it be."""
+    if name == "sqrt":
+        return _drawn(name, w) if w > 1 else w
+    if name == "log":
+        return _drawn(name, w) if w != 1 else 0
+    kind = "exponent" if name == "exp" else "angle"
+    u = _drawn(kind, min(w, P - w)) * (1 if w <= P - w else -1) if w else 0
+    if name == "exp":
+        return (1 + u) * pow(1 - u, -1, P)
+    return (2 * u if name == "sin" else 1 - u * u) * pow(1 + u * u, -1, P)
+
+
+def _length(rough: complex) -> float:
+    """|z|, infinite where it overflows."""
+    return math.hypot(rough.real, rough.imag)
+
+
+def _rough(name: str, w: complex) -> complex:
+    try:
+        if name == "log":
+            return math.log(_length(w))
+        return cmath.exp(1j * w) if name == "exp" else getattr(cmath, name)(w)  # type: ignore[no-any-return]
+    except (ValueError, OverflowError):
+        return math.nan
+
+
+def _sample(number: Fraction) -> Sample:
+    return Sample(number.numerator * pow(number.denominator, -1, P), float(number))
+
+
+@lru_cache(maxsize=4096)
+def _constant(value: float) -> Sample:
+    simple = Fraction(value).limit_denominator(SIMPLE)
+    return _sample(simple if float(simple) == value else Fraction(value))
+
+
+def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> list[Sample] | None:
+    """The outputs at a point, with these numbers as the last inputs; None where one is not finite."""
+    inputs = (Sample(v, SPREAD * (2.0 * (v % P) / P - 1.0)) for v in point)
+    try:
+        outputs = program(*inputs, *(_sample(Fraction(v)) for v in numbers))
+        return [value if isinstance(value, Sample) else _constant(value) for value in outputs]
+    except (ValueError, OverflowError):
+        return None
+
+
+def generic(numbers: Sequence[float]) -> tuple[float, ...]:
+    """Random parameters that are 0, ±1, or equal but for the sign, where these numbers are.
+
+    What a formula shows with them it shows with these numbers, too, and with all others like them.
+    """
+    drawn = {0.0: 0.0, 1.0: 1.0}
+    return tuple(math.copysign(drawn.setdefault(abs(v), 0.5 + _drawn(len(drawn)) / P), v) for v in numbers)
+
+
+@lru_cache(maxsize=4096)
+def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -> tuple[bool, ...]:
+    """Of each output whether its formula shows that it is a polynomial of this degree at most; −1: that it vanishes.
+
+    Parameters
+    ----------
+    program : Program
+        Its inputs are the variables, then parameters.
+    degree : int
+        In all variables together.
+    numbers : tuple of float
+        The parameters.
+
+    Returns
+    -------
+    tuple of bool
+        The difference of the order degree + 1 along a random line vanishes modulo P.
+    """
+    count, order = program.inputs - len(numbers), degree + 1
+    start, step = ([_drawn(word, i) for i in range(count)] for word in ("start", "step"))
+    totals = [0] * len(program.outputs)
+    for k in range(order + 1):
+        outputs = _at(program, numbers, [a + k * b for a, b in zip(start, step, strict=True)])
+        if outputs is None:
+            return (False,) * len(totals)
+        weight = (-1) ** k * math.comb(order, k)
+        totals = [total + weight * value.residue for total, value in zip(totals, outputs, strict=True)]
+    return tuple(total % P == 0 for total in totals)
+
+
+def remainder(program: Program, numbers: Sequence[float] = ()) -> float:
+    """What is left of outputs that should vanish: the largest at random points, relative to the terms that they are sums of.
+
+    Parameters
+    ----------
+    program : Program
+        Its inputs are the variables, then parameters.
+    numbers : sequence of float
+        The parameters.
+
+    Returns
+    -------
+    float
+        0 only if the formulas show that all outputs vanish; NaN if they are finite nowhere.
+    """
+    count = program.inputs - len(numbers)
+    points = [_at(program, numbers, [_drawn(k, i) for i in range(count)]) for k in range(POINTS)]
+    values = [output.relative for outputs in points if outputs is not None for output in outputs]
+    return max((v for v in values if not math.isnan(v)), default=math.nan)
