@@ -390,7 +390,7 @@ def motion_of(top: Any, place: int) -> Any:
         return float(value[place] if np.ndim(value) else value)
 
     if isinstance(top, PerturbedTop):
-        return top.with_parameters(number(top.alpha), tuple(map(number, top.parameters)))
+        return PerturbedTop(LagrangeTop(number(top.alpha)), top.potential, tuple(map(number, top.parameters)))
     return LagrangeTop(number(top.alpha)) if isinstance(top, LagrangeTop) else top
 
 

@@ -96,12 +96,6 @@ class PerturbedTop(Top):
         """The weight parameter of the top."""
         return self.top.alpha
 
-    def with_parameters(self, alpha: float, parameters: tuple[float, ...]) -> PerturbedTop:
-        """A top in the same potential with other numbers, which are taken as checked."""
-        other, top = object.__new__(PerturbedTop), LagrangeTop(alpha)
-        vars(other).update(top=top, parameters=parameters, potential=self.potential, formula=self.formula)
-        return other
-
     @cached_property
     def offers(self) -> frozenset[str]:
         """What methods may rely on: "rhs", "parts", "kinetic", "top" and "force", always; "smooth", no corners; "quadratic", a

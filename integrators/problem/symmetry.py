@@ -1,4 +1,4 @@
-"""What formulas show of themselves: whether one vanishes or is quadratic, whatever the values of its inputs.
+"""What the formulas of programs show: whether outputs vanish, or are polynomials, whatever the inputs are.
 
 A formula is a rational function of its inputs and of the roots, sines, … in it. Here each of these is a random number of its
 own, one for each argument; of their laws sin² + cos² = 1, parity, and the values at 0 or 1 are kept. Whether such a function
@@ -26,9 +26,8 @@ from lagrange_bench.integrators.compiling.unroll import Number
 
 P = 2**127 - 1  # prime; −1 is no square modulo P; a double is a multiple of P only if it is 0
 SIMPLE = 10**6  # largest denominator that a constant is taken to have
-SPREAD = 4.0  # inputs are drawn from −4 to 4
-POINTS = 8
-SAME = 1e-12  # relative to the terms of a sum: what is less may come from rounded numbers, or from laws unknown here
+POINTS = 8  # where `remainder` looks
+SAME = 1e-12  # a smaller remainder may come from rounded numbers, or from laws unknown here
 
 
 class Sample(Number):
@@ -58,13 +57,6 @@ class Sample(Number):
             return Sample(a.residue * pow(b.residue, -1, P), rough, size)
         return Sample(_function(operation, a.residue), _rough(operation, a.rough))
 
-    @property
-    def relative(self) -> float:
-        """By how much the terms do not cancel; 0 if the formula shows that they do, NaN where they are not finite."""
-        if not self.residue:
-            return 0.0
-        return max(_length(self.rough) / self.size, math.ulp(0.0)) if self.size else math.nan
-
 
 @lru_cache(maxsize=4096)
 def _drawn(*words: Any) -> int:
@@ -74,10 +66,10 @@ def _drawn(*words: Any) -> int:
 
 def _function(name: str, w: int) -> int:
     """f(w): an independent number, as far as f(0), f(1), f(−w) and sin² + cos² = 1 let it be."""
-    if name == "sqrt":
-        return _drawn(name, w) if w > 1 else w
-    if name == "log":
-        return _drawn(name, w) if w != 1 else 0
+    if (name, w) in (("sqrt", 0), ("sqrt", 1), ("log", 1)):
+        return w if name == "sqrt" else 0
+    if name in ("sqrt", "log"):
+        return _drawn(name, w)
     kind = "exponent" if name == "exp" else "angle"
     u = _drawn(kind, min(w, P - w)) * (1 if w <= P - w else -1) if w else 0
     if name == "exp":
@@ -86,8 +78,7 @@ def _function(name: str, w: int) -> int:
 
 
 def _length(rough: complex) -> float:
-    """|z|, infinite where it overflows."""
-    return math.hypot(rough.real, rough.imag)
+    return math.hypot(rough.real, rough.imag)  # abs() raises where it overflows
 
 
 def _rough(name: str, w: complex) -> complex:
@@ -111,7 +102,7 @@ def _constant(value: float) -> Sample:
 
 def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> list[Sample] | None:
     """The outputs at a point, with these numbers as the last inputs; None where one is not finite."""
-    inputs = (Sample(v, SPREAD * (2.0 * (v % P) / P - 1.0)) for v in point)
+    inputs = (Sample(v, 8.0 * (v % P) / P - 4.0) for v in point)
     try:
         outputs = program(*inputs, *(_sample(Fraction(v)) for v in numbers))
         return [value if isinstance(value, Sample) else _constant(value) for value in outputs]
@@ -132,19 +123,8 @@ def generic(numbers: Sequence[float]) -> tuple[float, ...]:
 def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -> tuple[bool, ...]:
     """Of each output whether its formula shows that it is a polynomial of this degree at most; −1: that it vanishes.
 
-    Parameters
-    ----------
-    program : Program
-        Its inputs are the variables, then parameters.
-    degree : int
-        In all variables together.
-    numbers : tuple of float
-        The parameters.
-
-    Returns
-    -------
-    tuple of bool
-        The difference of the order degree + 1 along a random line vanishes modulo P.
+    degree : in all inputs before the parameters together, whose values are `numbers`. The difference of the next order along a
+    random line vanishes.
     """
     count, order = program.inputs - len(numbers), degree + 1
     start, step = ([_drawn(word, i) for i in range(count)] for word in ("start", "step"))
@@ -161,19 +141,10 @@ def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -
 def remainder(program: Program, numbers: Sequence[float] = ()) -> float:
     """What is left of outputs that should vanish: the largest at random points, relative to the terms that they are sums of.
 
-    Parameters
-    ----------
-    program : Program
-        Its inputs are the variables, then parameters.
-    numbers : sequence of float
-        The parameters.
-
-    Returns
-    -------
-    float
-        0 only if the formulas show that all outputs vanish; NaN if they are finite nowhere.
+    It is 0 only if the formulas show that all vanish, and NaN if none is finite anywhere.
     """
-    count = program.inputs - len(numbers)
-    points = [_at(program, numbers, [_drawn(k, i) for i in range(count)]) for k in range(POINTS)]
-    values = [output.relative for outputs in points if outputs is not None for output in outputs]
-    return max((v for v in values if not math.isnan(v)), default=math.nan)
+    points = [[_drawn(k, i) for i in range(program.inputs - len(numbers))] for k in range(POINTS)]
+    outputs = [value for point in points for value in _at(program, numbers, point) or ()]
+    left = [_length(value.rough) / value.size if value.size else math.nan for value in outputs if value.residue]
+    finite = [max(v, math.ulp(0.0)) for v in left if not math.isnan(v)]
+    return max(finite, default=0.0 if outputs and not left else math.nan)
