@@ -63,7 +63,6 @@ class Table:
     method: str
     t: Array
     y: Array
-    _axes = 1  # of y, before those of a state
 
     @property
     def problem(self) -> Any:
@@ -100,9 +99,8 @@ class Table:
 
     @property
     def states(self) -> Array:
-        """(N, n), of an ensemble (rows, motions, n): `y` with one row for each state, without the place of a flying body."""
-        rows = self.y.reshape(*self.y.shape[: self._axes], math.prod(self.y.shape[self._axes :]))
-        return rows[..., : self.problem.space.size]
+        """(N, n), of an ensemble (rows, motions, n): `y` without the place of a flying body."""
+        return self.y[..., : self.problem.space.size]
 
     def invariants(self) -> Array:
         """The invariants of the problem at all times.
@@ -112,7 +110,7 @@ class Table:
         (..., m)
             Shape (N, m), of an ensemble (rows, motions, m); of a top H, J3, C1, C2; else see `problem.names`.
         """
-        return self.problem.invariants(self.states, self.t.reshape(-1, *(1,) * (self._axes - 1)))
+        return self.problem.invariants(self.states, self.t.reshape(-1, *(1,) * (self.y.ndim - 2)))
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
         """A pandas frame with a row for each time (and motion).
@@ -373,13 +371,9 @@ class Trajectory(Table):
         motion = {name: np.full((len(known), len(MOTION_COLUMNS[name])), np.nan) for name in names}
         if known.any():  # SciPy 1.15 makes no Rotation of none
             run = replace(self, y=self.y[known])
-            for name in names:
-                part = (
-                    run.rotation.as_quat(canonical=True, scalar_first=True)
-                    if name == "quaternion"
-                    else getattr(run, name)
-                )
-                motion[name][known] = part
+            motion["quaternion"][known] = run.rotation.as_quat(canonical=True, scalar_first=True)
+            for name in {*names} - {"quaternion"}:
+                motion[name][known] = getattr(run, name)
         return motion
 
 
@@ -422,7 +416,6 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     y: Array
     end_only: bool
     start: Start
-    _axes = 2
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.y[0] if self.end_only else self.y, dtype=dtype, copy=copy)
@@ -473,15 +466,13 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
         start = replace(self.start, state=self.start.state[place])
-        return self._run(self.y[:, place], motion_of(self.top, place), start)
-
-    def _run(self, y: Array, top: Any, start: Start | None = None) -> Trajectory:
-        return Trajectory(top, self.method, self.t, y, Work(), start=start)
+        return Trajectory(motion_of(self.top, place), self.method, self.t, self.y[:, place], Work(), start)
 
     def _motion(self) -> dict[str, Array]:
         if not isinstance(self.problem, RigidBody):
             return {}
-        motion = self._run(self.y.reshape(-1, self.y.shape[2]), self.top)._motion()  # all motions are of the same body
+        rows = self.y.reshape(-1, self.y.shape[2])  # all motions are of the same body
+        motion = Trajectory(self.top, self.method, self.t, rows, Work())._motion()
         return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in motion.items()}
 
     def _places(self) -> dict[str, Array]:

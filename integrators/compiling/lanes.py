@@ -28,9 +28,9 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
     step = jit(step, inline=True)
 
     @jit
-    def run(columns, first, last, every, block, tops, units, out):
+    def run(columns, first, last, every, block, tops, out):
         # `columns` holds blocks of columns of `lanes` numbers: states, tallies and constants. They are those of the `tops` of
-        # `out`, −1 for a lane that is not used; a row of `out` is a state times `units`, the first after `every` steps.
+        # `out`, −1 for a lane that is not used; its first row comes after `every` steps.
         for b in range(len(tops) // lanes):
             origin = b * (6 + SIZE + size) * lanes
             constants = origin + (6 + SIZE) * lanes
@@ -59,7 +59,7 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
                         top = tops[b * lanes + j]
                         if top >= 0:
                             for k in range(6):
-                                out[row, top, k] = columns[origin + k * lanes + j] * units[top, k]
+                                out[row, top, k] = columns[origin + k * lanes + j]
                     row += 1
                     next_row += every
 
@@ -86,7 +86,6 @@ def run_lanes(
     states: Array,
     constants: Array,
     tops: NDArray[np.int64],
-    units: Array,
     steps: int,
     every: int,
     out: Array,
@@ -95,8 +94,8 @@ def run_lanes(
 ) -> None:
     """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
 
-    `constants` (m, k) are those of each top. Rows of `out` (steps // every, m, 6) are the states times `units` (m, 6) after
-    every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
+    `constants` (m, k) are those of each top. Rows of `out` (steps // every, m, 6) are the states after every, 2 every, …
+    steps. Ends early, its rows unfinished, once `stopped()`.
     """
     step, pin, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # tops over again in the lanes left over
@@ -105,9 +104,9 @@ def run_lanes(
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
         run = compile_lanes(step, pin, constants.shape[1], lanes)
-        run(columns, 0, 0, 1, 1, places, units, out)
+        run(columns, 0, 0, 1, 1, places, out)
     stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):
         if stopped():
             break
-        run(columns, first, min(first + stride, steps), every, block, places, units, out)
+        run(columns, first, min(first + stride, steps), every, block, places, out)

@@ -120,16 +120,13 @@ def many(
     c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
     set_up = many_plain_constants if steps <= SHORT else real_map.many_constants
     set_up(alphas, Y0, h, states, c, units, forms, turns)
-    turned = (forms >= 0) & ((turns[:, 0] != 1.0) | (turns[:, 2] != 0.0))
-    # what turns keeps its own units until it has turned
-    scales = np.where(turned[:, None], 1.0, units) if turned.any() else units
     back, block = (real_map.pin, pin) if pin else (None, NEVER)
     kernels = real_map.KERNELS
     for number, kernel, parts in (*((i, k, 1) for i, k in enumerate(kernels)), (HALVES, kernels[0], 2)):
         tops = np.flatnonzero(forms == number)
         if len(tops):
-            run_lanes((kernel, back, block), states, c, tops, scales, parts * steps, parts * every, out, stopped)
-    real_map.turn_many(out, np.flatnonzero(turned), turns, every, units)
+            run_lanes((kernel, back, block), states, c, tops, parts * steps, parts * every, out, stopped)
+    real_map.leave_many(out, forms, turns, every, units)
     return forms >= 0
 
 

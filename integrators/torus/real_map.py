@@ -144,14 +144,19 @@ def turn_rows(rows, cos, sin, every):
 
 
 @jit
-def turn_many(out, tops, turns, every, units):
-    """`turn_rows` for the `tops` of out (rows, n, 6), by turns (n, 4) = cos, sin as double-doubles; then times the units."""
-    for top in tops:
-        cos, sin = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
-        turn_rows(out[:, top], cos, sin, every)
-        for row in range(len(out)):
-            for k in range(6):
-                out[row, top, k] *= units[top, k]
+def leave_many(out, forms, turns, every, units):
+    """`turn_rows` for the tops of out (rows, n, 6), by turns (n, 4) = cos, sin as double-doubles; then times the units.
+
+    But for tops whose number in `forms` is −1, see `many_constants`.
+    """
+    for top in range(len(forms)):
+        if forms[top] >= 0:
+            turn = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
+            if turn != NO_TURN:
+                turn_rows(out[:, top], turn[0], turn[1], every)
+            for row in range(len(out)):
+                for k in range(6):
+                    out[row, top, k] *= units[top, k]
 
 
 @jit
