@@ -168,9 +168,9 @@ class _Work:
         arguments = alphas, states, self.grid["h"], steps, every, out[len(out) - steps // every :]
         done = self.method.many(*arguments, self.stop.is_set, **self.options)
         finite = np.isfinite(out)
-        return (
-            done if finite.all() else done & finite.all(axis=(0, 2))
-        )  # along some axes only it takes many times as long
+        if not finite.all():  # along some axes only it takes many times as long
+            done &= finite.all(axis=(0, 2))
+        return done
 
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
