@@ -203,10 +203,10 @@ def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tup
         raise ValueError("y0: give the initial state; named tops, such as 'generic', have their own")
     y0, flight = top.parted(y0) if isinstance(top, RigidBody) else (y0, None)
     state = top.check_state(y0)
-    return top, find_method(_default(top) if method is None else method), state, flight
+    return top, find_method(default_method(top) if method is None else method), state, flight
 
 
-def _default(problem: Any) -> str:
+def default_method(problem: Any) -> str:
     """The exact method of a problem. ValueError where there is none."""
     if not {"uniform", "symmetric"}.isdisjoint(problem.offers):
         return "backlund"

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks, machine
-from lagrange_bench.integrators.api import check_problem, grid_times, integrate
+from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Start, motion_of
@@ -35,7 +36,7 @@ def integrate_ensemble(
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
-    method: str | Method = "backlund",
+    method: str | Method | None = None,
     every: int | None = None,
     t: ArrayLike | None = None,
     threads: int | None = None,
@@ -79,11 +80,12 @@ def integrate_ensemble(
     KeyboardInterrupt
         Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
     """
-    found, states = find_method(method), _check_states(top, Y0)
-    n, problem = len(states), check_problem(top)
+    states = _check_states(top, Y0)
+    n, sample = len(states), motion_of(top, 0) if len(states) else LagrangeTop()
+    found = find_method(default_method(sample) if method is None else method)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
-    times, sample = checks.check_times_or_grid(t, h, steps, every), motion_of(problem, 0) if n else LagrangeTop()
+    times = checks.check_times_or_grid(t, h, steps, every)
     if times is None:
         h = checks.check_step(h)
         found.prepare_for(sample, options)
@@ -94,7 +96,7 @@ def integrate_ensemble(
         if found.evaluate_for(sample, options) is None:
             raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
         grid = {"t": times}
-    work = _Work(problem, states, found, grid, options, np.empty((len(times), *states.shape)))
+    work = _Work(top, states, found, grid, options, np.empty((len(times), *states.shape)))
     work.do(threads)
     if work.failures and on_failure == "raise":
         place, error = min(work.failures, key=lambda failure: failure[0])
@@ -182,8 +184,8 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
         _check_numbers(problem, len(rows))
-        checked = [motion_of(problem, i).check_state(y, f"Y0[{i}]") for i, y in enumerate(rows)]
-        return np.reshape(checked, (len(rows), -1)) if rows else np.empty((0, problem.space.size))
+        checked = [_check_state(motion_of(problem, i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
+        return np.array(checked) if rows else np.empty((0, problem.space.size))
     try:
         states = np.asarray(Y0)
     except ValueError as error:
@@ -199,6 +201,13 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
     _check_numbers(problem, len(states))
     return states
+
+
+def _check_state(problem: Any, y: Any, name: str) -> Array:
+    """A state as `integrate` takes it."""
+    y, flight = problem.parted(y) if isinstance(problem, RigidBody) else (y, None)
+    state: Array = problem.check_state(y, name)
+    return state if flight is None else np.concatenate((state, flight))
 
 
 def _check_numbers(problem: Any, n: int) -> None:

@@ -465,8 +465,10 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
             raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
-        start = replace(self.start, state=self.start.state[place])
-        return Trajectory(motion_of(self.top, place), self.method, self.t, self.y[:, place], Work(), start)
+        state, top = self.start.state[place], motion_of(self.top, place)
+        state, flight = top.parted(state) if isinstance(top, RigidBody) else (state, None)
+        start = replace(self.start, state=state, flight=flight)
+        return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start)
 
     def _motion(self) -> dict[str, Array]:
         if not isinstance(self.problem, RigidBody):
