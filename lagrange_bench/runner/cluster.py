@@ -17,9 +17,9 @@ from functools import cache
 from typing import Any, Self
 
 from lagrange_bench import arguments
-from lagrange_bench.integrators import interrupts, memory
+from lagrange_bench.integrators import interrupts
 from lagrange_bench.results import provenance
-from lagrange_bench.runner import workers
+from lagrange_bench.runner import memory, workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 
 CONNECT = 30.0  # s to wait for the scheduler

@@ -22,10 +22,11 @@ from time import monotonic, perf_counter
 from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.integrators import announce, interrupts, memory
+from lagrange_bench.integrators import announce, interrupts
 from lagrange_bench.integrators.imported import IMPORTED
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
+from lagrange_bench.runner import memory
 
 # read by the numerical libraries when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")

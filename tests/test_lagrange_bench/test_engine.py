@@ -11,10 +11,10 @@ import pytest
 from faults import TOY, nobody_left, squares, start
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.integrators import memory, registry
+from lagrange_bench.integrators import registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store
-from lagrange_bench.runner import engine, progress, workers
+from lagrange_bench.runner import engine, memory, progress, workers
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
 
