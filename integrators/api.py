@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange_bench.integrators.cases import CASES, Case
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -26,7 +27,7 @@ TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
 
 def prepare(
-    top: LagrangeTop | PerturbedTop | Problem | NamedTop | str,
+    top: LagrangeTop | PerturbedTop | Problem | NamedTop | Case | str,
     y0: ArrayLike | None,
     h: float,
     method: str | Method | None = None,
@@ -65,7 +66,7 @@ def prepare(
 
 
 def integrate(
-    top: LagrangeTop | PerturbedTop | Problem | NamedTop | str,
+    top: LagrangeTop | PerturbedTop | Problem | NamedTop | Case | str,
     y0: ArrayLike | None = None,
     h: float | None = None,
     steps: int | None = None,
@@ -83,11 +84,11 @@ def integrate(
 
     Parameters
     ----------
-    top : LagrangeTop, PerturbedTop, RigidBody, Problem, NamedTop or str
-        What to follow; a name such as "generic" stands for that named top.
+    top : LagrangeTop, PerturbedTop, RigidBody, Problem, NamedTop, Case or str
+        What to follow; a name such as "generic" or "bruels" stands for a named top or case.
     y0 : (6,), optional
-        By default that of a named top. Initial (J, x); of a Problem as many numbers as its space has; of a RigidBody what its
-        `state` returns.
+        By default that of a named top or case. Initial (J, x); of a Problem as many numbers as its space has; of a
+        RigidBody what its `state` returns.
     h : float
         The step, in the top's own unit of time, 1 over the unit of J; of a RigidBody in s. A negative one runs backwards.
     steps : int
@@ -195,12 +196,14 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tuple[Any, Method, Array, Array | None]:
     """The problem, the method and the state, all checked; and of a flying body position and velocity."""
     if isinstance(top, str):
-        top = find_top(top)
-    if isinstance(top, NamedTop):
-        top, y0 = top.top, top.state if y0 is None else y0
+        top = CASES[top] if top in CASES else find_top(top)
+    if isinstance(top, (NamedTop, Case)):
+        top, y0 = top.top if isinstance(top, NamedTop) else top.body, top.state if y0 is None else y0
     check_problem(top).single()
     if y0 is None:
-        raise ValueError("y0: give the initial state; named tops, such as 'generic', have their own")
+        raise ValueError(
+            "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
+        )
     y0, flight = top.parted(y0) if isinstance(top, RigidBody) else (y0, None)
     state = top.check_state(y0)
     return top, find_method(default_method(top) if method is None else method), state, flight

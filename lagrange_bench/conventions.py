@@ -65,16 +65,18 @@ class Frames:
     """A case, and the turns from the world and the body of the rows to its own. digit : what matrices are rounded by."""
 
     def __init__(self, case: Case, convention: Convention, digit: float = 0.0):
-        if case.body.axis is None:
-            raise ValueError(f"case {case.name}: only symmetric bodies are judged so far")
+        if convention.axis is not None and case.body.axis is None:
+            raise ValueError(f"case {case.name}: --axis is of no use, for the body has no axis of symmetry")
         self.case, self.moving, self.axis = case, case.body, case.body.axis
         self.convention, self.digit = convention, digit
-        self.world, self.body = _turn(convention.up, self.moving.up), _turn(convention.axis, self.axis).T
-        x, R, omega = self.exact([0.0])
-        self.length = float(np.linalg.norm(self.moving.com))
+        self.world = _turn(convention.up, self.moving.up)
+        self.body = np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T
+        x, R, omega = self.exact([0.0, case.until])
+        self.length = float(np.linalg.norm(self.moving.com)) if self.moving.fixed else 0.0
         self.start = x[0]
-        self.sizes = {"position": self.length, "rotation": 1.0, "omega": float(np.linalg.norm(omega))}
-        self.energy, self.momentum = self.moving.energy_of(R, omega), self.moving.momentum_of(R, omega) @ self.moving.up
+        size = self.length or float(np.linalg.norm(x, axis=1).max()) or 1.0
+        self.sizes = {"position": size, "rotation": 1.0, "omega": float(np.linalg.norm(omega, axis=1).max())}
+        self.energy, self.momentum = self.moving.energy_of(R, omega)[:1], self.moving.momentum_of(R, omega)[:1]
 
     def exact(self, t: ArrayLike) -> Exact:
         """The motion of the case."""
@@ -96,8 +98,10 @@ class Frames:
                 x = given[group] @ self.world.T
                 x = x + self.start if self.convention.displaced or group == "displacement" else x
                 length = np.linalg.norm(x, axis=1)
-                add(position=np.linalg.norm(x - exact[0], axis=1), length=np.abs(length - self.length))
-                if not attitudes:
+                add(position=np.linalg.norm(x - exact[0], axis=1))
+                if self.length:
+                    add(length=np.abs(length - self.length))
+                if self.length and self.axis is not None and not attitudes:
                     add(axis=_angle(x / length[:, None], exact[0]))
         if "omega" in given:
             body = self.convention.omega_frame == "body"
@@ -107,8 +111,13 @@ class Frames:
             for R, _ in attitudes:
                 in_body = omega if body else (omega[:, None, :] @ R)[:, 0]
                 add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
-                add(momentum=np.abs(self.moving.momentum_of(R, in_body) @ self.moving.up - self.momentum))
+                add(momentum=self.momentum_error(self.moving.momentum_of(R, in_body)))
         return {name: found[name] for name in UNITS if name in found}
+
+    def momentum_error(self, momentum: Array) -> Array:
+        """Of a body without torque that of the vector, else of its part about the vertical, (n,)."""
+        off = momentum - self.momentum
+        return np.linalg.norm(off, axis=1) if "free" in self.moving.offers else np.abs(off @ self.moving.up)
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
         """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
@@ -149,13 +158,17 @@ class Frames:
         The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
         """
         vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
-        trace, along = E.trace(axis1=1, axis2=2), E @ self.axis
+        trace = E.trace(axis1=1, axis2=2)
         angle = np.arctan2(np.linalg.norm(vector, axis=1), trace - 1)
         chord = np.linalg.norm(E - np.eye(3), axis=(1, 2)) / math.sqrt(2)
+        rotation = np.maximum(angle, chord)
+        if self.axis is None:
+            return {"rotation": rotation}
+        along = E @ self.axis
         # of the quaternion (w, v) of E: 4 w v·axis, 4 w² and 4 (v·axis)²; of the two ratios the one that keeps its digits
         both, w, v = np.abs(vector @ self.axis), 1 + trace, 1 + 2 * along @ self.axis - trace
         spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
-        return {"axis": _angle(along, self.axis), "rotation": np.maximum(angle, chord), "spin": spin}
+        return {"axis": _angle(along, self.axis), "rotation": rotation, "spin": spin}
 
 
 def _turn(name: str | None, to: Array) -> Array:
@@ -258,7 +271,7 @@ class Hints:
             ups = [up or how.up] if group else [how.up, *AXES]
             turned = {
                 pair: self._error("rotation", up=pair[0], axis=pair[1])
-                for pair in itertools.product(ups, (how.axis, *AXES))
+                for pair in itertools.product(ups, (how.axis, *AXES) if self.frames.axis is not None else (None,))
             }
             best = min(turned, key=lambda pair: turned[pair])
             if turned[best] < self._limit("rotation"):
@@ -310,8 +323,11 @@ class Hints:
     def _starts(self) -> Iterator[str]:
         """The start of another case."""
         if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
+            how = replace(self.frames.convention, axis=None) if self.frames.axis is None else self.frames.convention
             for case in CASES.values():
-                if self._starts_as(Frames(case, self.frames.convention)):
+                if case.body.axis is None and how.axis is not None:
+                    continue
+                if self._starts_as(Frames(case, how)):
                     yield f"this is the start of the case {case.name}."
 
     def _starts_as(self, frames: Frames) -> bool:

@@ -1,4 +1,4 @@
-"""`judge`: how far the trajectory of any program is from the exact motion of a heavy top."""
+"""`judge`: how far the trajectory of any program is from the exact motion of a rigid body."""
 
 import itertools
 import math
@@ -15,10 +15,12 @@ from lagrange_bench import columns as written
 from lagrange_bench.arguments import own
 from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Frames, Hints
 from lagrange_bench.integrators import CASES, Case, StepError
+from lagrange_bench.integrators.cases import read_case
 
 Array = np.ndarray
-GRID, NEAR = 9, 1e-10  # decimals of a second; times that all are that near to multiples of 10⁻⁹ s are these
-SOME, FEW = 5e-13, 100  # the same where there are fewer times than `FEW`
+# sums of steps round: times that all are that near, relative to the last one, to multiples of a billionth of it are these; with
+# fewer rows than FEW they must be nearer
+DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
 
 
@@ -88,7 +90,7 @@ def judge(
     up: str | None = None,
     axis: str | None = None,
 ) -> Judgement:
-    """Judge the trajectory of a heavy top by its exact motion; at least one of position, rotation and omega.
+    """Judge the trajectory of a rigid body by its exact motion; at least one of position, rotation and omega.
 
         judge(t, position=x, rotation=R, case="bruels").rotation.max
 
@@ -175,7 +177,9 @@ def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, lis
 
 
 def find(case: str | Case) -> Case:
-    """The case of this name, or one's own, as it is or as module:NAME."""
+    """The case of this name, or one's own: as it is, as module:NAME, or in a TOML file."""
+    if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
+        return read_case(Path(case))
     if isinstance(case, str) and ":" in case:
         case = own(case, "case")
     if not isinstance(case, str | Case):
@@ -222,12 +226,18 @@ def _times(t: Array) -> Array:
     """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
     with np.errstate(all="ignore"):
         wrong = np.flatnonzero(~(np.diff(t, prepend=-math.inf) > 0) | ~np.isfinite(t))
-        rounded = np.round(t, GRID)
     if len(wrong):
         i = wrong[0]
         before = f" after {t[i - 1]:.12g}" if i else ""
         raise ValueError(f"row {i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase")
-    return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME)) else t
+    last = float(np.max(np.abs(t)))
+    if not last:
+        return t
+    unit = 10 ** (
+        DECIMALS - math.floor(math.log10(last))
+    )  # per second; a power of ten, so that decimals are its multiples
+    rounded = np.round(t * unit) / unit
+    return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME) * last) else t
 
 
 def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:

@@ -1,29 +1,32 @@
 """Named motions of rigid bodies with their exact solution: what any program that follows a rigid body can be compared with.
 
-Their numbers are decimals in a TOML file each, for the digits are part of a case. `Case.solution` gives doubles from the closed
-form, a microsecond a time; `Case.digits` gives as many digits as are wanted from Taylor series in integers, which share nothing
-with that.
+Their numbers are decimals in a TOML file each, for the digits are part of a case; a case of one's own is such a file, too.
+`Case.solution` gives doubles: from a closed form, a microsecond a time, where the body is free or symmetric, else from Taylor
+series. `Case.digits` gives as many digits as are wanted from Taylor series in integers, which share nothing with that.
 """
 
 from __future__ import annotations
 
 import tomllib
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from importlib.resources import files
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.api import integrate
-from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.checks import check_count, check_times
+from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.problem.top import Named
-from lagrange_bench.integrators.trajectory import Trajectory
+from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.trajectory import Start, Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 
 if TYPE_CHECKING:
@@ -51,6 +54,8 @@ class Case:
         At t = 0, from body to world; a quaternion has its scalar first.
     omega_body : (3,)
         In rad/s, at t = 0.
+    position, velocity : (3,)
+        Of a body that flies, its centre of mass at t = 0, in m and m/s.
     until, every : float
         In s, how long it is meant to run, and the time between rows of a reference.
     title, source, remarks : str
@@ -63,6 +68,8 @@ class Case:
     body: RigidBody
     rotation: Rotation | ArrayLike
     omega_body: ArrayLike
+    position: ArrayLike | None = None
+    velocity: ArrayLike | None = None
     until: float = 1.0
     every: float = 0.1
     title: str = ""
@@ -73,14 +80,22 @@ class Case:
     @property
     def state(self) -> np.ndarray[Any, np.dtype[np.float64]]:
         """What `integrate(case.body, case.state, …)` takes."""
-        return self.body.state(rotation=self.rotation, omega_body=self.omega_body)
+        flight = {} if self.body.fixed else {"position": self.position, "velocity": self.velocity}
+        return self.body.state(rotation=self.rotation, omega_body=self.omega_body, **flight)
 
     def solution(self, t: ArrayLike) -> Trajectory:
         """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
 
-        Doubles, from theta functions; errors are of the size of round-off, 1e-15 for each radian that the body turns.
+        Doubles, from the closed form of a free or a symmetric body: errors are of the size of round-off, 1e-15 for each radian
+        that the body turns. Of other bodies from Taylor series, whose errors are as small, but grow with the motion's own.
         """
-        return integrate(self.body, self.state, t=t, method="theta_functions")
+        closed = not {"free", "symmetric"}.isdisjoint(self.body.offers)
+        method, times = find_method("theta_functions" if closed else "taylor"), check_times(t)
+        state, flight = self.body.parted(self.state)
+        evaluate: Any = method.evaluate_for(self.body)
+        y, work = evaluate(self.body, state, times)
+        y = y if flight is None else np.hstack((y, self.body.flown(flight, times)))
+        return Trajectory(self.body, method.name, times, y, work, start=Start(state, method, None, {}, flight))
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.
@@ -91,10 +106,18 @@ class Case:
         if digits > MOST_DIGITS:
             raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
         facts = dict(self.exact) or self._facts()
+        place, speed = ([Fraction(v) for v in facts.pop(word, (0, 0, 0))] for word in ("position", "velocity"))
         com, start = [Fraction(v) for v in facts["com"]], matrix(facts.pop("quaternion"))
+        gravity = [Fraction(v) for v in facts["gravity"]]
+        if not self.body.fixed:
+            facts |= {"com": (0, 0, 0), "gravity": (0, 0, 0)}
         motion = rigid_motion(**facts, rotation=start, times=times, digits=digits + 5)
         for t, (R, omega) in zip(times, motion, strict=True):
-            position = [sum((a * b for a, b in zip(row, com, strict=True)), Fraction(0)) for row in R]
+            if self.body.fixed:
+                position = [sum((a * b for a, b in zip(row, com, strict=True)), Fraction(0)) for row in R]
+            else:
+                s = Fraction(t)
+                position = [x + s * (v + s * g / 2) for x, v, g in zip(place, speed, gravity, strict=True)]
             numbers = [Fraction(t), *position, *quaternion(R), *(v for row in R for v in row), *omega]
             yield [rounded(v, digits) for v in numbers]
 
@@ -102,7 +125,9 @@ class Case:
         """The numbers of a case of one's own: the doubles themselves."""
         facts = {name: getattr(self.body, name) for name in ("mass", "com", "inertia_com", "gravity")}
         start = as_rotation(self.rotation).as_quat(scalar_first=True)
-        return {**facts, "quaternion": start, "omega_body": self.omega_body}
+        flight = {"position": self.position, "velocity": self.velocity}
+        flight = {} if self.body.fixed else {name: (0, 0, 0) if v is None else v for name, v in flight.items()}
+        return {**facts, "quaternion": start, "omega_body": self.omega_body, **flight}
 
     def doubles(self, times: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
         """The same rows as doubles, (N, 20), from `solution`."""
@@ -150,18 +175,73 @@ def rounded(v: Fraction, digits: int) -> Decimal:
         return (round(number, places) + 0).normalize()
 
 
-def load(name: str) -> Case:
-    """The named case of `name`.toml."""
-    facts = tomllib.loads(files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8"))
-    words = {word: facts.pop(word).replace("\n", " ") for word in ("title", "source", "remarks")}
-    until, every = float(facts.pop("until")), float(facts.pop("every"))
-    mass, com, inertia, gravity, omega = (
-        np.array(facts[key], dtype=float) for key in ("mass", "com", "inertia_com", "gravity", "omega_body")
-    )
+NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; those with a default may be left out
+    "mass": [()],
+    "com": [(3,)],
+    "inertia_com": [(3,), (3, 3)],
+    "gravity": [(3,)],
+    "quaternion": [(4,)],
+    "omega_body": [(3,)],
+    "position": [(3,)],
+    "velocity": [(3,)],
+    "until": [()],
+    "every": [()],
+}
+DEFAULTS: dict[str, Any] = {"com": ["0", "0", "0"], "gravity": ["0", "0", "-9.81"], "quaternion": ["1", "0", "0", "0"]}
+DEFAULTS |= {"until": "1", "every": "0.1"}
+TEXTS = ("title", "source", "remarks")
+
+
+def read_case(path: Path) -> Case:
+    """The case in a TOML file, in the form of the named ones: numbers may be decimals in quotes, whose digits count.
+
+    Raises
+    ------
+    ValueError
+        It is no such file; the message says what is wrong.
+    OSError
+        There is no such file.
+    """
+    return _case(path.stem, read_toml(path), str(path))
+
+
+def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
+    if unknown := sorted(set(content) - {*NUMBERS, *TEXTS, "fixed"}):
+        raise ValueError(f"{where}: {unknown[0]} is not known; a case has {', '.join((*NUMBERS, 'fixed', *TEXTS))}")
+    facts: dict[str, Any] = {**DEFAULTS, **content}
+    fixed = content.get("fixed", True)
+    words = {word: str(facts.pop(word, "")).replace("\n", " ") for word in TEXTS}
+    facts.pop("fixed", None)
+    if missing := [word for word in ("mass", "inertia_com", "omega_body") if word not in facts]:
+        raise ValueError(f"{where}: {missing[0]} is missing")
+    values = {}
+    for word, value in facts.items():
+        try:
+            values[word] = np.array(value, dtype=float)
+        except (TypeError, ValueError):
+            values[word] = np.array(np.nan)
+        if values[word].shape not in NUMBERS[word] or not np.all(np.isfinite(values[word])):
+            raise ValueError(
+                f"{where}: {word} must be {'a number' if NUMBERS[word] == [()] else 'numbers'}; got {value!r}"
+            )
+    until, every = float(values["until"]), float(values["every"])
+    exact = {word: value for word, value in facts.items() if word not in ("until", "every")}
     rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
-    return Case(
-        name, RigidBody(float(mass), com, inertia, gravity), rotation, omega, until, every, **words, exact=facts
-    )
+    try:
+        body = RigidBody(float(values["mass"]), values["com"], values["inertia_com"], values["gravity"], fixed)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+    place, speed = values.get("position"), values.get("velocity")
+    if fixed and (place is not None or speed is not None):
+        raise ValueError(f"{where}: position and velocity belong to a body that flies: fixed = false")
+    return Case(name, body, rotation, values["omega_body"], place, speed, until, every, **words, exact=exact)
+
+
+def _named(name: str) -> Case:
+    text = files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no matter has: the remarks say so
+        return _case(name, tomllib.loads(text), name)
 
 
 class Cases(Named):
@@ -170,4 +250,5 @@ class Cases(Named):
     kind = "case"
 
 
-CASES: dict[str, Case] = Cases((name, load(name)) for name in ("bruels", "slow", "simo_wong", "metis"))
+NAMES = ("bruels", "slow", "simo_wong", "metis", "box", "brick", "middle_axis", "kovalevskaya", "flying_box")
+CASES: dict[str, Case] = Cases((name, _named(name)) for name in NAMES)

@@ -1,10 +1,10 @@
-"""Named motions of real tops, with their exact solution as a CSV file.
+"""Named motions of rigid bodies, with their exact solution as a CSV file.
 
 List the named cases, or write the exact motion of one: centre of mass, quaternion, rotation matrix and angular velocity at
 equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
 oneself.
 
-Up to 17 digits come from the closed form in doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
+Up to 17 digits are doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
 in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
 pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
 
@@ -56,9 +56,13 @@ def head(case: Any) -> list[str]:
 
     top, start = case.body, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
     facts = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
+    conventions = CONVENTIONS
+    if not top.fixed:
+        start += f", position {case.state[7:10].tolist()} m, velocity {case.state[10:].tolist()} m/s"
+        conventions = conventions.replace(", from the fixed point", "")
     title = f"{case.name}: {case.title}" if case.title else case.name
     words = [f"{title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]
-    return [f"# {line}" for line in (*words, *CONVENTIONS.splitlines())] + [COLUMNS]
+    return [f"# {line}" for line in (*words, *conventions.splitlines())] + [COLUMNS]
 
 
 def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: int) -> list[str]:
@@ -77,7 +81,9 @@ def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: i
 def add_options(command: argparse.ArgumentParser) -> None:
     time = in_range(Fraction, 1e-15, 1e9, "a positive number of seconds such as 0.1, at most 10^9")
     settings: dict[str, Any] = {"type": time, "metavar": "SECONDS"}
-    command.add_argument("name", nargs="?", metavar="NAME", help="the case, or module:CASE; without it they are listed")
+    command.add_argument(
+        "name", nargs="?", metavar="NAME", help="the case, mine.toml, or module:CASE; without it they are listed"
+    )
     command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
     command.add_argument("--until", help="last time (default: that of the case)", **settings)
     command.add_argument("--every", help="between two rows (default: that of the case)", **settings)

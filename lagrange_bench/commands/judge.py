@@ -1,8 +1,9 @@
-"""Judge the trajectory of any program by the exact heavy top.
+"""Judge the trajectory of any program by the exact motion of a rigid body.
 
-Read the trajectory of a heavy top that any program wrote as text, and print its errors: position, direction of the axis,
-rotation, spin about the axis, length, orthogonality, angular velocity, energy and vertical angular momentum, as far as the
-file has them. Also says whether the start is right, and which convention is perhaps another one.
+Read the trajectory of a rigid body that any program wrote as text, heavy or free, symmetric or not, with a fixed point or flying.
+Print its errors: position, direction of the axis, rotation, spin about the axis, length, orthogonality, angular velocity, energy
+and angular momentum, as far as the file has them. Also says whether the start is right, and which convention is perhaps another
+one.
 
 Columns are found by the names in the header; capitals and units in brackets do not matter:
   t | time                       s
@@ -17,8 +18,8 @@ Commas, semicolons, tabs or blanks separate them, # and % start comments, decima
 of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y. The smallest turn leads from there to the frames
 of the case; where that is half a turn, it is about x.
 
-Times that all are less than 1e-10 s (of fewer than 100 rows: 5e-13 s) from multiples of 1e-9 s are taken as these, for
-sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
+Times that are next to decimals of nine digits (to 1e-10 of the last one, with fewer than 100 rows 5e-13) are taken as these,
+for sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
 displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
 With --bounds a file violates them if one number in it is not finite, or if it ends before the case does (--until).
 
@@ -41,7 +42,10 @@ from lagrange_bench.output import PICTURES, Answer, check_target, table
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
-    text = "the top and its start: a name, see lagrange-bench case; or module:CASE, a Case of your own in ./module.py"
+    text = (
+        "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; or "
+    )
+    text += "module:CASE, a Case of your own in ./module.py"
     command.add_argument("--case", required=True, metavar="NAME", help=text)
     how = command.add_argument_group("how the files are written")
     text = "the columns of these names: words of the header, or indices from 0"

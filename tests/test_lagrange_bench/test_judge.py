@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import judge
 from lagrange_bench.experiments import heavy_top
 from lagrange_bench.integrators import CASES, RigidBody, integrate
+from lagrange_bench.judging import find
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)
@@ -78,7 +79,7 @@ def test_the_error_that_was_put_in_is_found():
     assert judge(fine, BRUELS.solution(fine).position, case="bruels").position.max < 1e-14
     once = judge(T, X + (T == 1)[:, None] * [1e-3, 0, 0], case="bruels")
     assert (once.position.max, once.position.end < 1e-14) == (pytest.approx(1e-3), True)
-    assert judge([1e-17], X[:1], case="bruels").start["right"]
+    assert judge([0.0], X[:1], case="bruels").start["right"]
     odd = np.random.default_rng(0).uniform(0, 2, 3)
     assert judge(np.sort(odd), BRUELS.solution(np.sort(odd)).position, case="bruels").position.max < 1e-15
     mine = type(BRUELS)("mine", RigidBody(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
@@ -297,3 +298,56 @@ def test_a_case_of_ones_own_is_named_by_its_module(folder):
     for name, message in (("my_own_case:NONE", "cannot be loaded"), ("my_own_case:OTHER", "must be a name or a Case")):
         with pytest.raises(ValueError, match=message):
             judge(T, X, case=name)
+
+
+MOLECULE = """
+mass = 1.3e-25
+inertia_com = ["1.46e-45", "1.46e-45", "2.92e-45"]
+gravity = [0, 0, 0]
+omega_body = ["1e12", "2e12", "3e12"]
+until = 4e-13
+every = 1e-14
+"""
+
+
+def test_any_body_is_judged(tmp_path, answer, run):
+    """Free, flying, heavy without symmetry; a molecule, whose times are nothing to a second; a case in a file."""
+    (tmp_path / "molecule.toml").write_text(MOLECULE)
+    for name in ("box", "flying_box", "kovalevskaya", "middle_axis", str(tmp_path / "molecule.toml")):
+        case = find(name)
+        t = np.linspace(0.0, case.until, 9)
+        exact = case.solution(t)
+        right = judge(t, exact.position, exact.rotation, exact.omega_body, case=case)
+        assert right.start["right"] is True
+        assert max(right.rotation.max, right.omega.max / np.max(np.abs(case.omega_body))) < 1e-14
+        assert right.momentum.max < 1e-13 * np.max(np.linalg.norm(exact.momentum, axis=1))
+        assert ("spin" in right.errors) is (case.body.axis is not None)
+        turned = exact.rotation * Rotation.from_rotvec((0.0, 1e-5, 0.0))
+        assert judge(t, rotation=turned, case=case).rotation.max == pytest.approx(1e-5, rel=1e-6)
+        late = judge(t[:-1], rotation=exact.rotation[1:], case=case)
+        assert late.start["right"] is False
+    flown = CASES["flying_box"].solution([0.0, 1.0])
+    assert judge([0.0, 1.0], flown.position + np.array((0, 0, 1e-3)), case="flying_box").position.max == pytest.approx(
+        1e-3
+    )
+    (tmp_path / "run.csv").write_text("t,wx,wy,wz\n0,1,2,3\n")
+    code, _, err = run("judge", str(tmp_path / "run.csv"), "--case", "box", "--axis", "z")
+    assert (code, "--axis is of no use" in err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("mass = 1", "inertia_com is missing"),
+        ("mass = 1\ninertia_com = [1, 2]\nomega_body = [0, 0, 1]", "inertia_com must be numbers"),
+        ("mass = 'a'\ninertia_com = [1, 2, 2]\nomega_body = [0, 0, 1]", "mass must be a number"),
+        ("mass = 1\ninertia = [1, 2, 2]\nomega_body = [0, 0, 1]", "inertia is not known"),
+        ("mass = 1\ninertia_com = [1, 2, 2]\nomega_body = [0, 0, 1]\nvelocity = [1, 0, 0]", "a body that flies"),
+        ("mass = -1\ninertia_com = [1, 2, 2]\nomega_body = [0, 0, 1]", "mass must be positive"),
+        ("mass", "not TOML"),
+    ],
+)
+def test_a_file_that_is_no_case_is_refused(text, words, tmp_path, run):
+    (tmp_path / "mine.toml").write_text(text)
+    code, _, err = run("judge", str(tmp_path / "run.csv"), "--case", str(tmp_path / "mine.toml"))
+    assert (code, words in err) == (2, True), err
