@@ -1,9 +1,16 @@
-"""The paper's two figures: its program beside the real, pole-free form of the same map.
+"""The paper's two figures: its program beside the real, pole-free form of the same map. And the exact step of n spins.
 
 Figure 1 of Kuznetsov, Petrera and Ragnisco iterates the two-point map with λ = 0.02i a thousand times, Figure 2 with
 λ = 500 + 5000i four thousand times. Both maps, the paper's MATLAB program with its complex divisions and the real form,
 are iterated here from the same data; what is judged is how far H, J3, |x|² and x·J move.
+
+"magnet" is the test of the exact step of the Gaudin magnet: one step of 5 to 80 units of time, on random magnets, against the
+reference solution of n spins. A unit is 1/√(Σ A_k² |s_k|²), A_k the couplings of the site that moves.
 """
+
+import math
+from itertools import product
+from random import Random
 
 import numpy as np
 import pandas as pd
@@ -13,11 +20,12 @@ from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import largest, worst
 from lagrange_bench.experiments.measuring.states import find, options_of, rounded
-from lagrange_bench.integrators import prepare
-from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators import GaudinMagnet, prepare
+from lagrange_bench.integrators.interface import INVARIANTS, Array
+from lagrange_bench.integrators.truth import truths
 
 VERSION = 1
-MEASURED = {"": ("n", *INVARIANTS)}
+MEASURED = {"": ("n", *INVARIANTS), "magnet": ("error",)}
 
 FIGURES: dict[int, dict] = {
     1: {"state": "figure1", "re": 0.0, "im": 0.02, "steps": 1000},
@@ -31,15 +39,42 @@ FORMS = {  # name in tables: method, its options
 }
 
 
+UNITS = (5.0, 20.0, 80.0)  # of time, the steps
+SPINS, SEEDS = {"quick": (2, 3), "full": range(2, 9)}, {"quick": range(1), "full": range(10)}
+
+
 def cells(profile: str) -> list[dict]:
-    return [
+    figures = [
         {"figure": figure, "form": form, "method": method, **run, **options}
         for figure, run in FIGURES.items()
         for form, (method, options) in FORMS.items()
     ]
+    magnets = product(SPINS[profile], UNITS, SEEDS[profile])
+    return figures + [{"part": "magnet", "spins": n, "units": units, "seed": seed} for n, units, seed in magnets]
 
 
 def measure(cell: dict) -> list[dict]:
+    return _magnet(cell) if cell.get("part") == "magnet" else _figure(cell)
+
+
+def random_magnet(n: int, seed: int) -> tuple[GaudinMagnet, Array]:
+    """A magnet and its spins (n, 3) of 0.2 to 1.5: sites at distances of 0.3 to 1, the moving one anywhere among them."""
+    draw = Random(f"magnet{n}/{seed}")
+    sites = np.cumsum([draw.uniform(0.3, 1.0) for _ in range(n)]).tolist()
+    draw.shuffle(sites)
+    spins = np.array([[draw.gauss(0.0, 1.0) for _ in range(3)] for _ in range(n)])
+    spins *= [[draw.uniform(0.2, 1.5) / math.hypot(*spin)] for spin in spins]
+    return GaudinMagnet(tuple(sites), draw.choice((-1, 1)) * draw.uniform(0.2, 1.5)), spins
+
+
+def _magnet(cell: dict) -> list[dict]:
+    magnet, spins = random_magnet(cell["spins"], cell["seed"])
+    h = cell["units"] / float(np.linalg.norm(magnet.couplings[0] * np.linalg.norm(spins, axis=1)))
+    true = truths.solution(magnet.problem(), spins.ravel(), [h], longest=math.inf)
+    return [{"error": rounded(np.max(np.abs(magnet.exact_step(spins, h).ravel() - true)))}]
+
+
+def _figure(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     stepper = prepare(top, y0, 1.0, cell["method"], lam=complex(cell["re"], cell["im"]), **options_of(cell))
     y = stepper.record(y0, cell["steps"], 1)
@@ -57,6 +92,14 @@ def measure(cell: dict) -> list[dict]:
 def invariants(rows: pd.DataFrame) -> pd.DataFrame:
     runs = rows.groupby(["figure", "form"], sort=False)
     return runs[list(INVARIANTS)].agg(largest).assign(steps=runs.steps.first()).reset_index()
+
+
+@of_part(
+    "magnet", "The exact step of random magnets: the largest difference from the reference solution after one step"
+)
+def magnets(rows: pd.DataFrame) -> pd.DataFrame:
+    runs = rows.groupby(["spins", "units"], sort=False)
+    return runs.error.agg(largest).reset_index().assign(magnets=runs.size().to_numpy())
 
 
 @of_part()
@@ -113,8 +156,23 @@ def _draw_drift(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(invariants)
-draw = drawn(figures=_draw_orbits, invariants=_draw_drift)
+@of_part("magnet")
+def _draw_magnets(rows: pd.DataFrame, style):
+    fig, ax = style.figure("column", 2.8)
+    for (units, runs), marker, beside in zip(rows.groupby("units"), "osD", (-0.15, 0.0, 0.15), strict=False):
+        look = {"linestyle": "none", "marker": marker, "label": f"a step of {units:g} units"}
+        ax.semilogy(runs.spins + beside, runs.error.clip(lower=1e-17), **look)
+    ax.set(xlabel="number of spins", ylabel="error of the exact step")
+    style.legend_below(fig)
+    fig.caption = (
+        "The exact step of random Gaudin magnets: the largest error of a component of a spin after one step, against the "
+        "reference solution. It is that of the rounded couplings there."
+    )
+    return fig
+
+
+tables = tabulated(invariants, magnets)
+draw = drawn(figures=_draw_orbits, invariants=_draw_drift, magnet=_draw_magnets)
 
 if __name__ == "__main__":
     script.run("paper")

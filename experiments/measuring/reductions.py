@@ -22,7 +22,7 @@ TIMED = ("seconds", "setup_seconds", "steps", "evals", "iterations")  # of a run
 def settled(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.DataFrame:
     """The rows, each cell that lacks a number as one failed row; the same object if none does.
 
-    measured : part of the experiment ("" if it has none) → the numbers that every row of it has.
+    measured : part of the experiment ("" for rows of none) → the numbers that every row of it has.
     """
     lacks = lacking(rows, measured)
     if (lacks == "").all():
@@ -34,7 +34,7 @@ def settled(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Dat
     heads["failure"] = "NotANumber: " + cells[heads.index].map(why)
     heads["status"] = "failed"
     for part, names in measured.items():
-        here = heads["part"] == part if part and "part" in heads else pd.Series(True, index=heads.index)
+        here = in_part(heads, part)
         heads = heads.assign(**{name: heads[name].mask(here) for name in names if name in heads})
     return pd.concat([rows[~failed], heads]).sort_index()
 
@@ -50,11 +50,18 @@ def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Ser
             done = done & rows[name].isna().to_numpy()
     poor = rows["error"].to_numpy(dtype=float) > USEFUL if "error" in rows else np.zeros(len(rows), dtype=bool)
     for part, names in measured.items():
-        here = done & (rows["part"] == part).to_numpy() if part and "part" in rows else done
+        here = done & in_part(rows, part).to_numpy()
         for name in names:
             if name in rows:
                 found[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (found == "")] = name
     return pd.Series(found, index=rows.index)
+
+
+def in_part(rows: pd.DataFrame, part: str) -> pd.Series:
+    """Which rows are of a part; "": of none."""
+    if "part" not in rows:
+        return pd.Series(not part, index=rows.index)
+    return rows["part"].eq(part) if part else rows["part"].isna()
 
 
 def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:

@@ -30,12 +30,12 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.backward_error.steps import STEPS, Series, flow
 from lagrange_bench.integrators.checks import check_state, check_step, check_times
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.paper.interpolating_flow import time_and_turn
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter
+from lagrange_bench.integrators.torus.clock import time_and_turn
 from lagrange_bench.integrators.truth import exact
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
@@ -245,7 +245,7 @@ def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
     """Exact: the time T(λ) and a turn by Θ(λ); a step with h < 0 is the inverse map."""
     try:
         with workdps(DIGITS):
-            T, turn = time_and_turn(top, y0, lam)
+            T, turn = time_and_turn(top.alpha, y0, lam)
             ahead = float(T - abs(h))
     except ValueError as error:
         raise NoPrediction(f"T(λ) and Θ(λ) are not known: {error}") from None

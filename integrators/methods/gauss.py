@@ -4,7 +4,7 @@ With Kᵢ = h bᵢ f(Yᵢ) the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ 
 invariants, here H, J3, C1 and C2, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without error (`gauss_coefficients`). The
 maps are symmetric, not Poisson.
 
-∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field, Simo and Wong's) all are the midpoint rule, s = 1.
+∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field) all are the midpoint rule, s = 1.
 
 Solvers. J of the stages follows from their x, so the unknowns are the K of x1, x2, x3.
 fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)).

@@ -1,7 +1,8 @@
 """Methods of multibody dynamics for a `RigidBody`: states (q, L), all in the frame of the body's principal axes.
 
     rattle            symplectic: half a kick, the discrete Moser–Veselov step of the free body, half a kick
-    simo_wong         turns by the mean angular velocity, by Cayley's formula; the torque of the mean position keeps the energy
+    simo_wong         a Cayley midpoint of Simo and Wong's kind: turns by the mean angular velocity; the torque of the mean
+                      position keeps the energy
     lie_midpoint      turns by the mean angular velocity, by the exponential; the torque is that of the midpoint
     generalized_alpha Newmark's formulas with weights α on the Lie group, numerical damping by `rho`
     rk4_normalized    RK4 in quaternions, which are made units after every step
@@ -17,8 +18,8 @@ it is horizontal: energy and the momentum about the vertical stay. The mean (w +
 by Newton's method to round-off; the derivative of the torque, of order h², is left out of its matrix.
 
 Sources: McLachlan & Zanna, Found. Comput. Math. 5 (2005) 87 (Moser–Veselov in quaternions); Simo & Wong, Int. J. Numer.
-Methods Eng. 31 (1991) 19 (mean angular velocity, with both formulas); Brüls, Cardona & Arnold, Mech.
-Mach. Theory 48 (2012) 121 (generalized-α).
+Methods Eng. 31 (1991) 19 (not seen: the formulas are ours); Brüls, Cardona & Arnold, Mech. Mach. Theory 48 (2012)
+121 (generalized-α).
 """
 
 from __future__ import annotations
@@ -304,12 +305,13 @@ RATTLE = of_bodies(
     source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87", prepare=partial(prepare, "rattle", rattle),
 )  # fmt: skip
 SIMO_WONG = of_bodies(
-    name="simo_wong", label="Simo–Wong", order=2, symmetric=True, conserves=frozenset({"H", "J3", "C1"}),
-    source="Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19", prepare=partial(prepare, "simo_wong", simo_wong),
+    name="simo_wong", label="Cayley midpoint", order=2, symmetric=True, conserves=frozenset({"H", "J3", "C1"}),
+    source="after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen",
+    prepare=partial(prepare, "simo_wong", simo_wong),
 )  # fmt: skip
 LIE_MIDPOINT = of_bodies(
     name="lie_midpoint", label="Lie midpoint", order=2, symmetric=True, conserves=frozenset({"J3", "C1"}),
-    source="Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, with the exponential",
+    source="as simo_wong, with the exponential",
     prepare=partial(prepare, "lie_midpoint", lie_midpoint),
 )  # fmt: skip
 GENERALIZED_ALPHA = of_bodies(

@@ -10,7 +10,8 @@
     5.5       two_point                                            the two-point map
     5.6       interpolating_flow                                   its time step and the flow it interpolates
     rivals    discrete_lax                                         the discrete tops of others, as two-point maps
-    n sites   gaudin_maps, gaudin_step                             both maps of the magnet, and a compiled step
+    n sites   gaudin_maps, gaudin_doubling                         both maps of the magnet, and its exact step
 
-`errata` gathers the misprints. Nothing here is on the path of an integrator: `torus` and `methods` import none of it.
+`errata` gathers the misprints. Nothing imports this package but its own commands, experiment and tests: see the layers in
+pyproject.toml.
 """

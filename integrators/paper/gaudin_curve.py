@@ -1,4 +1,4 @@
-"""Points of the spectral curve of the Gaudin magnet, the flow that a two-point step is, and λ for a short time.
+"""Points of the spectral curve of the Gaudin magnet, and the flow that a two-point step is.
 
 A point (λ, v), v² = ℓ(λ)·ℓ(λ), is given by λ, a `site` k and a `sheet`: (u − a_k) v is continued along the straight
 segment from a_k, where it is sheet · |s_k|, to λ. Sheet 1 of site k is the one on which short two-point steps follow the
@@ -10,7 +10,7 @@ paper's factor i), with μ = iv and the path from λ back along the segment and 
     ∫_λ^λ̄ μ du,   that is the flow of Σ c_j H_j with   c_j = Im ∫_a_k^λ du/(v (u − a_j)).
 
 The c_j are functions of the H_j and s_j²: the same at every step. All steps commute, so steps with λ_1 … λ_k are the
-flow with the sum of their c. The flow of one H_j over a time h, the central-spin model for j the central site, is got
+flow with the sum of their c. The flow of one H_j over a time h is got
 
 - to order 2k with λ_i = a_j + |s_j| h z_i, where Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k. The 1/z_i are the
   roots of the denominator of the diagonal Padé approximant of exp(2it). For k = 1 this is λ = a_j + i |s_j| h, the
@@ -26,16 +26,31 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg
+from mpmath import mp
 
-from lagrange_bench.integrators.checks import check_count
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter
 from lagrange_bench.integrators.paper.lax import check_sheet
-from lagrange_bench.integrators.paper.phase_space import Numbers, dot, root_near, sqrt
-
-FACTORS = 16  # steps that are composed, at most
+from lagrange_bench.integrators.paper.phase_space import Numbers, check_numbers, dot, root_near
 
 
-def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int = 0) -> Any:
+def check_parameter(magnet: Any, lam: Any, name: str = "lam") -> Any:
+    """λ as one finite number off every site."""
+    array = check_numbers(lam, name)
+    if array.ndim:
+        raise ValueError(f"{name} must be one number; got shape {array.shape}")
+    if any(array[()] == a for a in magnet.sites):
+        raise ValueError(f"{name} = {lam} lies on a site")
+    return array[()]
+
+
+def check_upper(magnet: Any, lam: Any, name: str = "lam") -> Any:
+    """λ in the upper half-plane."""
+    lam = check_parameter(magnet, lam, name)
+    if not lam.imag > 0:
+        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
+    return lam
+
+
+def eigenvalue(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0) -> Any:
     """v with det(L_G(λ) − v) = 0, (2.11); for `sheet` and `site` see the module.
 
     ValueError if lam lies on a site, the spin at `site` is zero, or a branch point lies on the segment.
@@ -45,7 +60,7 @@ def eigenvalue(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site:
     return check_sheet(sheet) * root_near(dot(ell, ell), _branch(magnet, spins, lam, magnet.check_site(site)))
 
 
-def _branch(magnet: GaudinMagnet, spins: Any, lam: Any, site: int) -> complex:
+def _branch(magnet: Any, spins: Any, lam: Any, site: int) -> complex:
     """v on sheet 1 in double: |s_site|/z Π √(1 − z/u_i)/Π (1 − z/a_j), z = λ − a_site, u_i the branch points.
 
     None of the principal roots jumps on the segment unless u_i lies on it. Sites and u_i are counted from a_site: they may lie
@@ -63,7 +78,7 @@ def _branch(magnet: GaudinMagnet, spins: Any, lam: Any, site: int) -> complex:
     return complex(np.sqrt(square) * np.prod(np.sqrt(1 - z / zeros)) / np.prod(1 - z / others) / z)
 
 
-def branch_points(magnet: GaudinMagnet, spins: Any, origin: Any = 0) -> Numbers:
+def branch_points(magnet: Any, spins: Any, origin: Any = 0) -> Numbers:
     """The zeros of v², less `origin`, in double; each site without a spin is one twice.
 
     v² = α² + Σ H_j/(u − a_j) + C_j/(u − a_j)² is a transfer function, c (u − A)⁻¹ b + α² with a block of two for each site. Its
@@ -81,7 +96,7 @@ def branch_points(magnet: GaudinMagnet, spins: Any, origin: Any = 0) -> Numbers:
     return found[np.isfinite(found)]
 
 
-def spectral_polynomial(magnet: GaudinMagnet, spins: Any) -> Numbers:
+def spectral_polynomial(magnet: Any, spins: Any) -> Numbers:
     """Ascending coefficients of Q(u) = Π (u − a_j)² v², of degree 2n; (2.12)."""
     H, C = magnet.hamiltonians(spins), magnet.casimirs(spins)
     squares = [np.array((a * a, -2 * a, 1)) for a in magnet.sites]
@@ -92,23 +107,19 @@ def spectral_polynomial(magnet: GaudinMagnet, spins: Any) -> Numbers:
     return Q
 
 
-def pade_parameters(magnet: GaudinMagnet, spins: Any, h: float, factors: int = 1, site: int = 0) -> Numbers:
-    """λ_i − a_site, shape (factors,), of a step of order 2·factors for the flow of H_site over the time h > 0."""
-    if check_count(factors, "factors", least=1) > FACTORS:
-        raise ValueError(f"factors must be from 1 to {FACTORS}; got {factors!r}")
-    if not (size := length(spins[site])) > 0:
-        raise ValueError(f"site: the spin at {site} is zero")
-    return size * h * pade_roots(factors)
-
-
-def length(spin: Any) -> Any:
-    """|s| of a real spin."""
-    return sqrt(dot(spin, spin)).real
-
-
-def pade_roots(k: int) -> Numbers:
-    """The z_i, shape (k,), with Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k."""
+def pade_roots(k: int) -> list[Any]:
+    """The z_i, i = 1 … k, with Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k, mpmath numbers."""
     f = math.factorial
-    denominator = [f(2 * k - j) * f(k) // (f(j) * f(k - j)) / f(2 * k) * (-1) ** j for j in range(k + 1)]
-    z = 2j / np.roots(denominator[::-1])
-    return z[np.argsort(z.real)]
+    denominator = [f(2 * k - j) * f(k) // (f(j) * f(k - j)) * (-1) ** j for j in range(k + 1)]
+    return [2j / root for root in polynomial_roots(denominator)]
+
+
+def polynomial_roots(p: Any) -> list[Any]:
+    """All roots of a polynomial with ascending coefficients, mpmath numbers: the eigenvalues of its companion matrix."""
+    n = len(p) - 1
+    companion = mp.matrix(n)
+    for i in range(n):
+        companion[i, n - 1] = -mp.mpf(p[i]) / p[n]
+        if i:
+            companion[i, i - 1] = 1
+    return mp.eig(companion, left=False, right=False)

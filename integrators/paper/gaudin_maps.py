@@ -8,15 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
-from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet, check_parameter, check_upper
+from lagrange_bench.integrators.paper.gaudin_curve import check_parameter, check_upper, eigenvalue
 from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot, refuse
 from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
 
 
-def one_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
+def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The one-point map, a complex Poisson map: L̃(u) = M L M⁻¹, M = ((u − λ + pq, p), (q, 1)); (5.1.3)–(5.1.8).
 
     p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are kept.
@@ -33,13 +32,13 @@ def one_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: 
     return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
 
-def one_point_inverse(magnet: GaudinMagnet, spins: Any, lam: Any, v: Any) -> Numbers:
+def one_point_inverse(magnet: Any, spins: Any, lam: Any, v: Any) -> Numbers:
     """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
     mirror = np.array((1, -1, 1))
     return one_point(magnet, magnet.check_spins(spins) * mirror, lam, v=v) * mirror
 
 
-def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
+def two_point_textbook(magnet: Any, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
     """The two-point map of (λ1, v1), (λ2, v2) as in section 5.5, (5.5.2)–(5.5.6): complex, with its divisions.
 
     M(λ1) annuls the eigenvector of v1, M(λ2) that of −v2. The inverse exchanges the two points. The map is real for
@@ -56,7 +55,7 @@ def two_point_textbook(magnet: GaudinMagnet, spins: Any, lam1: Any, v1: Any, lam
     return _dress(spins, two_point_dressing(x, X, lam1, lam2, np.array(magnet.sites)))
 
 
-def two_point(magnet: GaudinMagnet, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
+def two_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The real two-point map of λ and λ̄, without poles: every spin turns about one axis. Sheet −1 is the inverse.
 
     With ℓ(λ) = p + iq, n = Re v p + Im v q − p×q, w = Im λ n/|n| and g_j = a_j − Re λ

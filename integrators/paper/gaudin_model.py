@@ -11,30 +11,40 @@ n spins s_j = (s¹, s², s³) at sites a_j, in a field alpha along e3; spins are
 Alpha and sites are real; the spins may be complex. Everything here is + − * / and a square root: it runs in double, and
 in mpmath on object arrays.
 
-Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `gaudin_maps`, compiled steps in
-`gaudin_step`, the limit in which two sites become a top in `contraction`.
+Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `gaudin_maps`, the exact step in
+`gaudin_doubling`, the limit in which two sites become a top in `contraction`.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from random import Random
-from typing import Any, NamedTuple
+from typing import Any
 
-import mpmath
 import numpy as np
 
-from lagrange_bench.integrators.checks import Array, check_count
+from lagrange_bench.integrators.checks import Array, check_count, check_real
+from lagrange_bench.integrators.paper import gaudin_doubling
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.lax import gaudin_vector
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, dot, poisson_tensor
+from lagrange_bench.integrators.paper.phase_space import (
+    E3,
+    Numbers,
+    check_numbers,
+    check_reals,
+    cross,
+    dot,
+    poisson_tensor,
+)
 from lagrange_bench.integrators.problem.problem import Problem
 
 
 @dataclass(frozen=True)
 class GaudinMagnet:
-    """Sites and field of a magnet, and which flow it follows. Hashable, picklable.
+    """n spins at sites in a field, and which of their n commuting flows they follow. Hashable, picklable.
+
+        magnet = GaudinMagnet(sites=(0.0, -1.0, -3.0), alpha=0.5)
+        magnet.exact_step(spins, 80.0)
 
     Parameters
     ----------
@@ -42,8 +52,8 @@ class GaudinMagnet:
         The a_j: real numbers, also mpmath ones.
     alpha : number
         The field, along e3.
-    site : int, optional
-        Follow the flow of H_site; by default of H_0.
+    site : int
+        Follow the flow of H_site.
 
     Raises
     ------
@@ -53,7 +63,7 @@ class GaudinMagnet:
 
     sites: tuple[Any, ...]
     alpha: Any = 1.0
-    site: int | None = None
+    site: int = 0
 
     def __post_init__(self) -> None:
         sites, alpha = check_reals(self.sites, "sites"), check_reals(self.alpha, "alpha")
@@ -66,23 +76,41 @@ class GaudinMagnet:
             raise ValueError(f"alpha must be one number; got {self.alpha!r}")
         object.__setattr__(self, "sites", tuple(sites.tolist()))
         object.__setattr__(self, "alpha", alpha.tolist())
-        if self.site is not None:
-            self.check_site(self.site)
+        self.check_site(self.site)
 
-    @property
-    def flow(self) -> Numbers:
-        """The c, shape (n,), with which the magnet moves by Σ c_j H_j."""
-        return np.eye(len(self))[self.site or 0]
+    def exact_step(self, spins: Any, h: float) -> Array:
+        """The spins after the flow of H_site over a time h, as one step; computed in many digits and rounded once.
+
+        Parameters
+        ----------
+        spins : (n, 3) or (3n,)
+            Real spins.
+        h : float
+            The time, of either sign and any length. Units: H_j turns s_j by 2 alpha h about e3 where it is alone.
+
+        Returns
+        -------
+        (n, 3)
+            The spins.
+
+        Raises
+        ------
+        ValueError
+            Spins or h that make no sense.
+        ArithmeticError
+            600 digits do not suffice.
+        """
+        return gaudin_doubling.exact_step(self, self.check_real_spins(spins), check_real(h, "h"))
 
     def problem(self) -> Problem:
         """The flow of H_site as a `Problem`, for general methods. Its states have 3n numbers; magnets of a size share kernels."""
-        n, site = len(self), self.site or 0
+        n, site = len(self), self.site
 
         def energy(t: Any, y: Any, p: Any) -> Any:
             s = y.reshape(n, 3)
             return p[0] * s[site, 2] + sum(p[1 + k] * (s[site] @ s[k]) for k in range(n) if k != site)
 
-        return Problem("magnet", n, energy, (2 * self.alpha, *self.couplings[site]))
+        return Problem("magnet", n, energy, tuple(map(float, (2 * self.alpha, *self.couplings[site]))))
 
     def __len__(self) -> int:
         return len(self.sites)
@@ -100,11 +128,6 @@ class GaudinMagnet:
         spins = np.asarray(spins)
         products = spins @ np.swapaxes(spins, -1, -2)
         return 2 * self.alpha * spins[..., 2] + np.sum(self.couplings * products, axis=-1)
-
-    def hamiltonian_scales(self, spins: Any) -> Numbers:
-        """Sizes of the terms in H_j, shape (..., n): what a relative error refers to."""
-        size = np.sqrt(np.sum(np.abs(np.asarray(spins)) ** 2, axis=-1))
-        return size * (2 * abs(self.alpha) + size @ np.abs(self.couplings))
 
     def invariants(self, spins: Any) -> Numbers:
         """H_j and s_j², shape (..., 2n)."""
@@ -157,79 +180,6 @@ class GaudinMagnet:
         if check_count(site, "site") >= len(self):
             raise ValueError(f"site must be from 0 to {len(self) - 1}; got {site}")
         return site
-
-
-def check_numbers(values: Any, name: str) -> Numbers:
-    """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
-    try:
-        array = np.array(values)
-        finite = array.dtype.kind in "iufcO" and bool(np.all(np.isfinite(array.astype(complex))))
-    except (TypeError, ValueError, OverflowError):
-        finite = False
-    if not finite:
-        raise ValueError(f"{name} must be finite numbers; got {values!r}")
-    return array
-
-
-def check_reals(values: Any, name: str) -> Numbers:
-    """The same of real numbers."""
-    array = check_numbers(values, name)
-    if any(isinstance(v, (complex, mpmath.mpc)) for v in array.ravel().tolist()):
-        raise ValueError(f"{name} must be real numbers; got {values!r}")
-    return array
-
-
-def check_parameter(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
-    """λ as one finite number off every site."""
-    array = check_numbers(lam, name)
-    if array.ndim:
-        raise ValueError(f"{name} must be one number; got shape {array.shape}")
-    if any(array[()] == a for a in magnet.sites):
-        raise ValueError(f"{name} = {lam} lies on a site")
-    return array[()]
-
-
-def check_upper(magnet: GaudinMagnet, lam: Any, name: str = "lam") -> Any:
-    """λ in the upper half-plane."""
-    lam = check_parameter(magnet, lam, name)
-    if not lam.imag > 0:
-        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
-    return lam
-
-
-# ------------------------------------------------------------------------------------------------ named magnets
-
-
-class NamedMagnet(NamedTuple):
-    """A magnet and its initial spins (n, 3)."""
-
-    magnet: GaudinMagnet
-    spins: Array
-
-
-def random_magnet(n: int, seed: int) -> NamedMagnet:
-    """Sites at distances of 0.3 to 1, the moving one anywhere among them, alpha of either sign, spins of 0.2 to 1.5."""
-    draw = Random(f"magnet{n}/{seed}")
-    sites = [0.0]
-    while len(sites) < n:
-        sites.append(sites[-1] + draw.uniform(0.3, 1))
-    alpha = draw.choice((-1, 1)) * draw.uniform(0.2, 1.5)
-    spins = np.array([_drawn(draw, draw.uniform(0.2, 1.5)) for _ in range(n)])
-    return NamedMagnet(GaudinMagnet(tuple(sites), alpha, site=draw.randrange(n)), spins)
-
-
-def _drawn(draw: Random, size: float) -> tuple[float, float, float]:
-    """A spin in a random direction."""
-    z, phi = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi)
-    r = math.sqrt(1 - z * z)
-    return size * r * math.cos(phi), size * r * math.sin(phi), size * z
-
-
-def unit_of_time(magnet: GaudinMagnet, spins: Array) -> float:
-    """1/√(Σ A_k² |s_k|²), A_k the couplings of the magnet's site: 1 for `central_spin`; 1/(2 |alpha|) for one spin."""
-    site = magnet.site or 0
-    strengths = magnet.couplings[site] * np.linalg.norm(spins, axis=1)
-    return 1 / float(np.linalg.norm(strengths) if len(magnet) > 1 else 2 * abs(magnet.alpha))
 
 
 # ------------------------------------------------------------------------------------------------ misprints

@@ -10,11 +10,9 @@ and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. No multiple root of 
 the integrals diverge, and the step leads to a sleeping top (docs/exact-step.md, section 1). For a small λ = iη, T =
 2η/√C1: the paper's −iΔλ if C1 = 1.
 
-`sheet` is that of `two_point`, 1 forward in time, √Q the branch of `lax.root`. Quadratures run in mpmath's working
-precision and cost milliseconds: `time_step` has the inverse, λ of a given time, for the hot path.
+`sheet` is that of `two_point`, 1 forward in time, √Q the branch of `lax.root`. The quadratures are those of `torus.clock`.
 """
 
-from collections.abc import Callable
 from random import Random
 from typing import Any
 
@@ -28,10 +26,8 @@ from lagrange_bench.integrators.paper.phase_space import Numbers, function, inva
 from lagrange_bench.integrators.paper.two_point import Point, point, pole_free
 from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus import clock
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
-
-PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
-
 
 # ------------------------------------------------------------------------------------------ the limit λ1 → λ2
 
@@ -81,7 +77,7 @@ def moments(top: LagrangeTop, y: Any, lam: Any) -> tuple[Any, Any]:
 
     ValueError if a root of Q lies on the segment, or so close to it that 16 panels do not reach the precision.
     """
-    return _integral(top, y, lam, lambda u, m: 1 / m), _integral(top, y, lam, lambda u, m: u / m)
+    return clock.moments(lax.spectral_polynomial(top, phase_space.numbers(y)), lam)
 
 
 def time_and_turn(top: LagrangeTop, y: Any, lam1: Any, lam2: Any = None, sheet: int = 1) -> tuple[Any, Any]:
@@ -109,7 +105,7 @@ def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
     def integrand(u: Any, m: Any) -> Any:  # without the cancellation at u = 0
         return -(q[1] + u * (q[2] + u * (q[3] + u * q[4]))) / (r * m * (r + m))
 
-    return 2 * mp.pi - 2 * mp.arg(lam) - 2 * r * _integral(top, y, lam, integrand).imag
+    return 2 * mp.pi - 2 * mp.arg(lam) - 2 * r * clock.integral(q, lam, integrand).imag
 
 
 def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) -> Any:
@@ -123,7 +119,7 @@ def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) 
     def integrand(u: Any, m: Any) -> Any:
         return (q[2] - b * b + u * (q[3] + u * q[4])) / (m + r + b * u)
 
-    up, down = (_integral(top, y, lam, integrand) - r / lam + b * mp.log(lam) for lam in (lam2, lam1))
+    up, down = (clock.integral(q, lam, integrand) - r / lam + b * mp.log(lam) for lam in (lam2, lam1))
     return -1j * lax.check_sheet(sheet) * (up - down)
 
 
@@ -148,24 +144,6 @@ def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
         for coefficient in series[-2::-1]:
             state = state * (T / steps) + coefficient
     return gauge(state, function("exp", -1j * turn))
-
-
-def _integral(top: LagrangeTop, y: Any, lam: Any, integrand: Callable[[Any, Any], Any]) -> Any:
-    """∫ integrand(u, √Q(u)) du along the segment from 0 to λ."""
-    y, lam = phase_space.numbers(y), mp.mpmathify(lam)
-    share = complex(lam) * np.roots([complex(c) for c in lax.spectral_polynomial(top, y)])  # λ/u, Q(u) = 0
-    on_the_way = np.any((share.real > 1 + 1e-12) & (abs(share.imag) < 1e-12 * abs(share)))
-
-    def value(u: Any) -> Any:
-        return integrand(u, lax.root(top, y, u))
-
-    size = abs(value(lam / 2)) or mp.one  # the error of the quadrature is absolute
-    for panels in () if on_the_way else PANELS:
-        nodes = [mp.mpf(k) / panels for k in range(panels + 1)]
-        integral, error = mp.quad(lambda t: value(t * lam) / size, nodes, error=True)
-        if error <= 100 * mp.eps * (1 + abs(integral)):
-            return integral * size * lam
-    raise ValueError(f"lam = {mp.nstr(lam, 8)}: a root of Q lies on the segment from 0, or too close to it")
 
 
 # ------------------------------------------------------------------------------------------------ misprints

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
+import mpmath
 import numpy as np
 from mpmath import mp
 from numpy.typing import NDArray
@@ -61,6 +62,26 @@ def lift(z: Any, like: Any) -> Any:
 def numbers(y: Any) -> Numbers:
     """An object array of mpmath numbers, the doubles as they are."""
     return np.frompyfunc(mp.mpmathify, 1, 1)(np.asarray(y))
+
+
+def check_numbers(values: Any, name: str) -> Numbers:
+    """An array of finite numbers: real, complex or mpmath ones. ValueError naming the argument."""
+    try:
+        array = np.array(values)
+        finite = array.dtype.kind in "iufcO" and bool(np.all(np.isfinite(array.astype(complex))))
+    except (TypeError, ValueError, OverflowError):
+        finite = False
+    if not finite:
+        raise ValueError(f"{name} must be finite numbers; got {values!r}")
+    return array
+
+
+def check_reals(values: Any, name: str) -> Numbers:
+    """The same of real numbers."""
+    array = check_numbers(values, name)
+    if any(isinstance(v, (complex, mpmath.mpc)) for v in array.ravel().tolist()):
+        raise ValueError(f"{name} must be real numbers; got {values!r}")
+    return array
 
 
 def sqrt(z: Any) -> Any:

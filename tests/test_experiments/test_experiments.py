@@ -8,11 +8,11 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, paper, paper_sections, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, timing
-from lagrange_bench.integrators import TOPS, available
+from lagrange_bench.integrators import TOPS, GaudinMagnet, available
 from lagrange_bench.integrators.paper import one_point, two_point
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
@@ -151,6 +151,14 @@ def test_what_a_fresh_process_needs():
     for row in rows:
         assert 0 < row["second_s"] <= row["first_s"]
     assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
+
+
+def test_an_exact_step_that_is_off_shows_in_the_rows(monkeypatch):
+    cell = {"part": "magnet", "spins": 2, "units": 5.0, "seed": 0}
+    assert paper.measure(cell)[0]["error"] < 1e-14
+    right = GaudinMagnet.exact_step
+    monkeypatch.setattr(GaudinMagnet, "exact_step", lambda magnet, s, h: right(magnet, s, h * (1 + 1e-11)))
+    assert paper.measure(cell)[0]["error"] > 1e-13
 
 
 def test_perturbed_tops_say_who_wins_and_who_loses():

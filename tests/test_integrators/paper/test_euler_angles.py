@@ -13,6 +13,7 @@ from tests.test_integrators.paper.tools import CANONICAL, largest
 
 ELLIPTIC = [name for name, top in TOPS.items() if exact.regime(top.top, top.y0) == "elliptic"]
 POLES = {"planar", "planar_rotation", "through_pole"}
+QUICK = ("generic", "inverted", "through_pole")
 TIMES = (0.0, -2.9, 11.3)
 
 
@@ -35,7 +36,10 @@ def test_canonical(fine):
     assert largest(D @ rates(fine.top.alpha, q, *leaf) - vector_field(fine.top, y)) < mpf(10) ** -30
 
 
-@pytest.mark.parametrize("case", [*ELLIPTIC, *WIDE[:4]])
+@pytest.mark.parametrize(
+    "case",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in (*ELLIPTIC, *WIDE[:4])],
+)
 def test_sigma_form_and_angles_are_the_exact_solution(case):
     """J+, x+, x3 by ℘, ζ, σ, and corrected (4.5): θ, φ mod 2π, p_θ, p_φ: 30 digits, and round-off in double."""
     top, y = find(case)
@@ -66,6 +70,7 @@ def test_starts_where_J_plus_vanishes():
     assert np.max(np.abs(states(top, y, TIMES) - exact.solution(top, y, TIMES))) < 1e-14
 
 
+@pytest.mark.slow
 def test_next_to_the_poles():
     """alpha = 1e200: the poles a of φ are half-periods but for 1e-200 of them; the digits are provided for."""
     top, y, times = LagrangeTop(1e200), TOPS["generic"].state, np.array((0.0, 1e-100, 5e-100))

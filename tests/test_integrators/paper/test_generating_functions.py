@@ -104,6 +104,7 @@ def test_zero_field_is_degenerate(fine):
         assert rank_one == degenerate
 
 
+@pytest.mark.slow
 def test_no_reading_of_the_elliptic_integrals_works():
     """(5.4.11)–(5.4.15): amplitude, modulus, characteristic and sign of S read either way; ∂F/∂θ is never p_θ."""
     for readings in itertools.product((0, 1), repeat=4):

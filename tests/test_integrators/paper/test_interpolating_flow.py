@@ -95,6 +95,7 @@ def test_against_an_independent_integration(name):
         assert largest(image - np.array(moved)) < 1e-30 * (1 + largest(image))
 
 
+@pytest.mark.slow
 def test_the_interpolating_hamiltonian():
     """{H_int, z} = T z' + Θ e3 × z for H_int = ∫ μ dλ: no factor i; its gradient by differences."""
     with mp.workdps(36):

@@ -81,6 +81,19 @@ def test_L_is_in_su2_for_real_data():
     assert np.array_equal(np.trace(L, axis1=-2, axis2=-1), np.zeros(5))
 
 
+def test_two_spins_are_o4(p):
+    """(2.17): at ε = 1 J and J − 2x have the brackets of o(4), the antisymmetric matrices of four dimensions."""
+    E = np.zeros((6, 4, 4))
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        E[k, j, i] = E[3 + k, k, 3] = 1.0
+        E[k] -= E[k].T
+        E[3 + k] -= E[3 + k].T
+    brackets = [[np.einsum("ij,cij->c", a @ b - b @ a, E) / 2 for b in E] for a in E]
+    D = np.kron(((1, 0), (1, -2)), np.eye(3, dtype=int))
+    p.same(D @ con.bracket(p.y, 1) @ D.T, np.array(brackets) @ (D @ p.y))
+
+
 def test_root_follows_the_segment(p):
     """m is what continuation of √Q from √C1 along 0 → λ in small steps gives; one at a time, in arrays and mpmath."""
     lam = 3 * p.lam

@@ -16,7 +16,6 @@ from lagrange_bench.integrators.paper.contraction import to_magnet
 from lagrange_bench.integrators.paper.euler_angles import Weierstrass, angles, from_angles, states, to_angles
 from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
-from lagrange_bench.integrators.paper.gaudin_step import prepare, prepare_exact
 
 STATE, UPRIGHT, FLAT = TOPS["generic"].state, (0.0, 0.0, 3.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
 SLEEPING = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 1.0])
@@ -106,11 +105,9 @@ MAGNETS = [
     ("lam1", lambda: two_point_textbook(MAGNET, SPINS, 1.0, 1.0, 2j, 1.0)),
     ("lam2", lambda: two_point_textbook(MAGNET, SPINS, 1j, 1.0, 0.0, 1.0)),
     ("lam", lambda: MAGNET.vector(SPINS, 1.0)),
-    ("h must", lambda: prepare(MAGNET, SPINS, 0.0)),
-    ("h must", lambda: prepare_exact(MAGNET, SPINS, np.inf)),
-    ("factors", lambda: prepare(MAGNET, SPINS, 0.1, factors=99)),
+    ("h must", lambda: MAGNET.exact_step(SPINS, np.inf)),
+    ("spins", lambda: MAGNET.exact_step(SPINS * 1j, 1.0)),
     ("site", lambda: replace(MAGNET, site=4)),
-    ("site", lambda: prepare(MAGNET, SPINS * STILL, 0.1)),
 ]
 
 
