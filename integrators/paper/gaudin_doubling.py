@@ -124,7 +124,8 @@ def euclid(m: Numbers, p: Numbers, degree: int) -> tuple[Numbers, Numbers]:
     """r and t with r ≡ t p mod m: the first of Euclid's algorithm with r of degree `degree` or less."""
     before, now = (m, np.array([mp.zero])), (p, np.array([mp.one]))
     while len(now[0]) - 1 > degree:
-        quotient, rest = polydiv(before[0], now[0])
+        quotient_and_rest: tuple[Numbers, Numbers] = polydiv(before[0], now[0])
+        quotient, rest = quotient_and_rest
         before, now = now, (rest, polysub(before[1], np.convolve(quotient, now[1])))
     return now
 
