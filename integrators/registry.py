@@ -73,8 +73,6 @@ BUILT_IN = {
     "gauss6": "lagrange_bench.integrators.methods.gauss:GAUSS6",
     "gauss8": "lagrange_bench.integrators.methods.gauss:GAUSS8",
     "gauss12": "lagrange_bench.integrators.methods.gauss:GAUSS12",
-    "lsoda": "lagrange_bench.integrators.methods.scipy_ivp:LSODA",
-    "radau": "lagrange_bench.integrators.methods.scipy_ivp:RADAU",
     # lie-group
     "rkmk4": "lagrange_bench.integrators.methods.lie_group:RKMK4",
     "commutator_free4": "lagrange_bench.integrators.methods.lie_group:COMMUTATOR_FREE4",

@@ -7,7 +7,7 @@ from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import METHODS
 from tests.installed import FOR_TOPS, installed
 
-LONG = ("gauss8", "gauss12", "radau")  # 40 s; `test_problem` measures their orders, too
+LONG = ("gauss8", "gauss12")  # 40 s; `test_problem` measures their orders, too
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in METHODS]
 ELSEWHERE = {  # judged in fields with test-all; in `make test` by other tests
     *("backlund_splitting", *LONG),  # `test_backlund_splitting`, `test_problem`
