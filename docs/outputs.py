@@ -14,6 +14,7 @@ import io
 import os
 import re
 import shlex
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -22,7 +23,6 @@ from typing import NamedTuple
 import matplotlib
 
 from lagrange_bench import __main__ as cli
-from lagrange_bench.experiments.drawing import figures
 
 DOCS = Path(__file__).parent
 GUIDES = ("phase-theory", "reading-figures", "your-own-figures")
@@ -105,7 +105,7 @@ def main() -> None:
             sys.path.remove(folder)
             for file in Path(folder).glob("*.svg"):
                 if f"pictures/{file.name}" in text:
-                    (PICTURES / file.name).write_text(figures.compact(file.read_text("utf-8")), "utf-8")
+                    shutil.copy(file, PICTURES)
         if text != page.read_text(encoding="utf-8"):
             page.write_text(text, encoding="utf-8")
             print(page.relative_to(DOCS.parent))

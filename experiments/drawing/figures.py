@@ -1,4 +1,4 @@
-"""A figure as SVG, PDF or PNG, the same bytes every time; and as SVG inside a page next to others, made small."""
+"""A figure as SVG, PDF or PNG, the same bytes every time; and as SVG inside a page next to others."""
 
 import io
 import re
@@ -18,17 +18,20 @@ DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
-NUMBER = re.compile(r"-?\d+\.?\d*(?:e-?\d+)?")
-PLACED = re.compile(r'(\b(?:x|y|width|height)=|translate|rotate)("[^"p]*"|\([^)]*\))')
 
 
 # ---------------------------------------------------------------- files
 
 
 def svg(figure: Figure) -> str:
-    """The figure as a complete SVG document: no date, no version, so the same figure is the same text."""
+    """The figure as a complete SVG document: no date, no version, so the same figure is the same text.
+
+    A line says whose it is where one points at it, and text has another font where there is no DejaVu Sans.
+    """
     without = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    return compact(_printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode())
+    document = _printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode()
+    document = TITLED.sub(r"<g><title>\1</title>", document).replace("font-family: 'DejaVu Sans'; ", "")
+    return document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
 
 
 def pdf(figure: Figure) -> bytes:
@@ -62,62 +65,6 @@ def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[
         figure.set_dpi(dpi)
         getattr(canvas(figure), f"print_{kind}")(buffer, metadata=metadata)
     return buffer.getvalue()
-
-
-# ---------------------------------------------------------------- fewer bytes of SVG
-
-
-def compact(document: str) -> str:
-    """The same picture in fewer bytes: hundredths of a point, relative paths, no comments, no ids nobody refers to."""
-    document = re.sub(r"<!--.*?-->|<metadata>.*?</metadata>", "", document, flags=re.DOTALL)
-    document = TITLED.sub(r"<g><title>\1</title>", document)
-    document = document.replace("font-family: 'DejaVu Sans'; ", "")  # that of the document, once
-    document = re.sub(r' transform="rotate\(-?0 [^"]*\)"', "", document)
-    document = document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-    kept = {name for pair in re.findall(r'href="#([^"]+)"|url\(#([^)]+)\)', document) for name in pair}
-    document = re.sub(r' id="([^"]+)"', lambda match: match[0] if match[1] in kept else "", document)
-    document = re.sub(r'\bd="([^"]*)"', lambda match: f'd="{_path(match[1])}"', document)
-    document = PLACED.sub(lambda match: match[1] + NUMBER.sub(lambda n: _short(n[0]), match[2]), document)
-    document = re.sub(r'style="[^"]*"', lambda match: match[0].replace(": ", ":").replace("; ", ";"), document)
-    document = re.sub(r">\s+<", "><", document)
-    return re.sub(r"<defs></defs>|<g></g>", "", document)
-
-
-def _path(data: str) -> str:
-    """Path data with relative coordinates, rounded so that errors do not add up. Curves stay absolute."""
-    if re.search(r"[^MLZz\d\s.e-]", data):
-        return " ".join(token if token.isalpha() else _short(token) for token in data.split())
-    text, at, start = [], (0, 0), (0, 0)
-    for kind, x, y in re.findall(r"([MLZz]?)\s*(?:(-?\d\S*)\s+(-?\d\S*))?", data):
-        if kind in ("Z", "z"):
-            text.append("z")
-            at = start
-        if not x:
-            continue
-        to = (round(100 * float(x)), round(100 * float(y)))
-        if kind == "M":
-            text.append("M" + _pair(*to))
-            start = to
-        elif to != at:
-            text.append("l" + _pair(to[0] - at[0], to[1] - at[1]))
-        elif not text[-1].startswith("l"):
-            text.append("l0 0")  # a point, which round caps show
-        at = to
-    return "".join(text)
-
-
-def _pair(x: int, y: int) -> str:
-    second = _hundredths(y)
-    return _hundredths(x) + ("" if second.startswith("-") else " ") + second
-
-
-def _short(number: str) -> str:
-    return _hundredths(round(100 * float(number)))
-
-
-def _hundredths(n: int) -> str:
-    sign, whole, rest = "-" if n < 0 else "", abs(n) // 100, f"{abs(n) % 100:02d}".rstrip("0")
-    return f"{sign}{whole or ''}.{rest}" if rest else f"{sign}{whole}"
 
 
 # ---------------------------------------------------------------- in a page

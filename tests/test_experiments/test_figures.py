@@ -131,23 +131,12 @@ def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
     ax.set_xlabel("step <h> in $units")
     document = figures.svg(fig)
     used = set(re.findall(r'href="#([^"]+)"', document)) | set(re.findall(r"url\(#([^)]+)\)", document))
-    assert used == set(re.findall(r'\bid="([^"]+)"', document))
+    assert used <= set(re.findall(r'\bid="([^"]+)"', document))
+    assert f'<svg font-family="{figures.FONTS}" ' in document
     assert ">step &lt;h&gt; in $units</text>" in document
     titles = re.findall("<g><title>([^<]*)</title>", document)
     assert titles == [style.label("rk4"), style.label("strang")], "a line says whose it is"
     assert f"<title>{titles[0]}</title>" in figures.inline(document, "f", "label")
-
-
-def test_paths_are_shortened_and_rounding_does_not_add_up():
-    for path, short in (
-        ("M 1.23456 2 \nL 3.005 4.5 \nL 3.005 4.5 \nz \n", "M1.23 2l1.77 2.5z"),
-        ("M 0 0 L -0.25 10.001 M 5 5 L 5 5", "M0 0l-.25 10M5 5l0 0"),
-        ("M 0 -2.5 C 0.663008 -2.5 1.29895 -2.23 1.7 -1.7 z", "M 0 -2.5 C .66 -2.5 1.3 -2.23 1.7 -1.7 z"),
-    ):
-        assert figures.compact(f'<path d="{path}"/>') == f'<path d="{short}"/>'
-    long = figures.compact(f'<path d="M 0 0 {" ".join(f"L {0.0333 * k:.6f} 1" for k in range(1, 1001))}"/>')
-    ends = [float(x) for x, _ in re.findall(r"[Ml](-?[\d.]+) ?(-?[\d.]+)", long)]
-    assert sum(ends) == pytest.approx(33.3, abs=0.006)
 
 
 VALUES = [  # a value, as text, in LaTeX
