@@ -99,7 +99,7 @@ def _run(argv: list[str]) -> int:
     if not options.command:
         commands.print_help()
         return 0
-    options.words, options.parser = argv, commands
+    options.words = argv
     announce.quiet = bool(options.quiet)
     with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
         if getattr(options, "module", ()):
@@ -137,7 +137,7 @@ def _print(text: str) -> None:
         raise OSError(error.errno, error.strerror, "standard output") from error
 
 
-NAMES = "methods tops potentials case judge run report figure compare verify integrate check errata paper completion"
+NAMES = "methods tops potentials case judge run report figure compare verify integrate check errata paper"
 COMMANDS = tuple(importlib.import_module(f"lagrange_bench.commands.{name}") for name in NAMES.split())
 
 

@@ -14,7 +14,6 @@ from faults import python
 
 from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
-from lagrange_bench.commands import completion
 from lagrange_bench.experiments import EXPERIMENTS, phase
 from lagrange_bench.integrators import METHODS, registry
 from lagrange_bench.results.store import Store, default_results, make_record
@@ -313,15 +312,10 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert run(*words, "--quiet")[2] == ""
 
 
-def test_figures_are_listed_in_the_order_of_the_page_and_completed(run, swept, tmp_path, monkeypatch):
+def test_figures_are_listed_in_the_order_of_the_page(run, swept, tmp_path):
     for name in ("ensemble", "cost"):
         shutil.copy(default_results() / f"{name}.jsonl", tmp_path)
     swept(tmp_path, "sweep_mine", method="strang")
     code, out, err = run("figure", "--list", "--results", tmp_path)
     assert code == 0, err
     assert [name.partition("_")[0] for name in out.split()] == ["sweep", "cost", "ensemble", "ensemble"]
-    (tmp_path / "page" / "figures").mkdir(parents=True)
-    for name in out.split():
-        (tmp_path / "page" / "figures" / f"{name}.svg").touch()
-    monkeypatch.setattr("lagrange_bench.results.store.default_results", lambda profile=None: tmp_path)
-    assert set(out.split()) <= set(completion.names()["name"])

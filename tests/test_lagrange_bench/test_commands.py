@@ -8,7 +8,6 @@ import os
 import re
 import runpy
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -21,7 +20,6 @@ from test_cli import SHORT, examples
 
 import lagrange_bench
 from lagrange_bench import LagrangeTop, PerturbedTop, integrate, output
-from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.measuring import check
@@ -29,7 +27,7 @@ from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIAL
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
 from tests.reference import free_body
-from tests.test_docs import ROOT, commands
+from tests.test_docs import ROOT
 
 
 def test_tables_fit_a_terminal(run, monkeypatch):
@@ -143,46 +141,6 @@ def test_check_a_method_that_does_not(run, monkeypatch):
     assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
     how = "one step against the exact solution"  # of a claim that is kept
     assert (how in out, how in run(*words, "--verbose")[1]) == (False, True)
-
-
-COMPLETED = [  # what is typed, some of what is offered, and what is not
-    ("", {"run", "integrate", "completion"}, {"backlund", "--json"}),
-    ("-", {"--help", "--version"}, {"run"}),
-    ("run drift ph", {"phase"}, {"drift"}),
-    ("run --pro", {"--profile"}, {"--json"}),
-    ("run drift --profile ", {"quick", "full"}, {"drift"}),
-    ("run --tops g", {"generic"}, {"backlund"}),
-    ("integrate --top ", {"generic", "magnet"}, {"backlund"}),
-    ("integrate --method back", {"backlund", "backlund_paper"}, {"strang"}),
-    ("methods --potential ", {"tide", "charge"}, {"generic"}),
-    ("report --results ", {"tests"}, {"backlund", "--json"}),
-]
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_completion_in_bash(run, monkeypatch):
-    monkeypatch.chdir(cli.__file__.rpartition("/lagrange_bench/")[0])
-    program = run("completion", "bash")[1]
-    for typed, _, _ in COMPLETED:
-        words = f"lagrange-bench {typed.rstrip()}{' ' + chr(34) * 2 if typed.endswith(' ') or not typed else ''}"
-        program += f"\nCOMP_WORDS=({words})\nCOMP_CWORD=$((${{#COMP_WORDS[@]}} - 1)); _shtab_lagrange_bench\n"
-        program += 'echo "${COMPREPLY[@]}"\n'
-    done = subprocess.run(["bash", "-u", "-c", program], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    for (typed, offered, others), line in zip(COMPLETED, done.stdout.splitlines(), strict=True):
-        assert offered <= set(line.split()), typed
-        assert not others & set(line.split()), typed
-
-
-@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
-def test_completion_knows_every_command_and_option(run, shell):
-    code, out, err = run("completion", shell)
-    assert (code, err) == (0, "")
-    for name, options in commands().items():
-        assert name in out
-        assert not [flag for flag in options if flag.startswith("--") and flag.lstrip("-") not in out]
-    if syntax := shutil.which(shell):
-        assert subprocess.run([syntax, "-n"], input=out, capture_output=True, text=True, check=False).stderr == ""
 
 
 IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
