@@ -1,6 +1,6 @@
-"""Round-off: the same map written in different ways, and what each of them lets drift.
+"""Round-off: the exact Bäcklund step written in different ways, and what each of them lets drift.
 
-In exact arithmetic all forms of a method here are one map; what differs is rounding. Sixteen random tops take ten
+In exact arithmetic all forms here are one map; what differs is rounding. Sixteen random tops take ten
 million steps with each: how do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias), how far is the
 phase off, and what does a step cost? Steps of half a nutation period and more are tried too. A second part takes a
 thousand million steps of the exact Bäcklund map beside heyoka, which gets the same wall time. Steps and times are in
@@ -18,17 +18,15 @@ import pandas as pd
 
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
-from lagrange_bench.experiments.drawing.tables import numbers_in
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.experiments.measuring.states import RANDOM, as_rows, find, follow, log_counts, rounded
 from lagrange_bench.integrators import prepare
-from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.loops import MEMORY, NEVER, FixedStepper
+from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
-from lagrange_bench.integrators.torus.real_map import ALPHA, ALPHA_2, ETA, ETA2, MI_ETA, MR, P3, R
+from lagrange_bench.integrators.torus.real_map import ETA, R
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
@@ -47,84 +45,6 @@ MEASURED = {"drift": ERRORS, "cost": ("ns_per_step", "ns_per_step_median"), "lon
 # ---------------------------------------------------------------- forms of the Bäcklund step
 
 
-@compiled
-def direction(p, q, mr, mi, factor):
-    """factor (Re m p + Im m q − p×q)."""
-    return (
-        factor * ((mr * p[0] + mi * q[0]) - (p[1] * q[2] - p[2] * q[1])),
-        factor * ((mr * p[1] + mi * q[1]) - (p[2] * q[0] - p[0] * q[2])),
-        factor * ((mr * p[2] + mi * q[2]) - (p[0] * q[1] - p[1] * q[0])),
-    )
-
-
-@compiled
-def curve(s, c):
-    """p and q of a(λ) = p + iq."""
-    J1, J2, J3, x1, x2, x3 = s
-    p = (x1 + c[R] * J1, x2 + c[R] * J2, x3 + c[P3])
-    return p, (c[ETA] * J1, c[ETA] * J2, c[ETA] * (J3 + c[ALPHA_2] * c[R]))
-
-
-@compiled
-def squares(p, q):
-    return ((p[0] * p[0] + p[1] * p[1]) + p[2] * p[2]) + ((q[0] * q[0] + q[1] * q[1]) + q[2] * q[2])
-
-
-@compiled
-def axis(s, c):
-    """w, with m as it was at the start."""
-    p, q = curve(s, c)
-    mr, mi = c[MR], c[MI_ETA] / c[ETA]
-    return direction(p, q, mr, mi, 2.0 * c[ETA] / ((mr * mr + mi * mi) + squares(p, q)))
-
-
-@compiled
-def incremented(s, w, c):
-    J1, J2, J3, x1, x2, x3 = s
-    d1, d2 = -c[ALPHA_2] * w[1], c[ALPHA_2] * w[0]
-    s1, s2, s3 = J1 + (J1 + d1), J2 + (J2 + d2), J3 + J3
-    y1 = x1 + (c[R] * d1 + (s2 * w[2] - s3 * w[1]))
-    y2 = x2 + (c[R] * d2 + (s3 * w[0] - s1 * w[2]))
-    return J1 + d1, J2 + d2, J3, y1, y2, x3 + (s1 * w[1] - s2 * w[0])
-
-
-@compiled
-def corrected_m(s, c, tally):
-    """m is brought up to date in every step, m ← (m + a·a/m)/2; it is kept in the tally, m = 0 says not yet."""
-    p, q = curve(s, c)
-    mr, mi = tally[MEMORY], tally[MEMORY + 1]
-    if mr == 0.0 and mi == 0.0:
-        mr, mi = c[MR], c[MI_ETA] / c[ETA]
-    re = ((p[0] * p[0] + p[1] * p[1]) + p[2] * p[2]) - ((q[0] * q[0] + q[1] * q[1]) + q[2] * q[2])
-    im = 2.0 * ((p[0] * q[0] + p[1] * q[1]) + p[2] * q[2])
-    r = 1.0 / (mr * mr + mi * mi)
-    mr, mi = 0.5 * (mr + (re * mr + im * mi) * r), 0.5 * (mi + (im * mr - re * mi) * r)
-    tally[MEMORY], tally[MEMORY + 1] = mr, mi
-    w = direction(p, q, mr, mi, 2.0 * c[ETA] / ((mr * mr + mi * mi) + squares(p, q)))
-    return incremented(s, w, c)
-
-
-@compiled
-def constant_denominator(s, c, tally):
-    """|m|² + |p|² + |q|² from what it is on the torus, a constant less 4 alpha η² x3: the last constant is that one."""
-    p, q = curve(s, c)
-    n = c[-1] - 4.0 * c[ALPHA] * c[ETA2] * s[5]
-    return incremented(s, direction(p, q, c[MR], c[MI_ETA] / c[ETA], 2.0 * c[ETA] / n), c)
-
-
-@compiled
-def assigned(s, c, tally):
-    """x̃ = ((R² − η²) x + 2 (w·x) w + 2R w×x)/|λ|²: the rotation as a matrix, x assigned and not incremented."""
-    J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = axis(s, c)
-    r = 1.0 / (c[R] * c[R] + c[ETA2])
-    a, b, d = (c[R] * c[R] - c[ETA2]) * r, 2.0 * ((w1 * x1 + w2 * x2) + w3 * x3) * r, 2.0 * c[R] * r
-    y1 = a * x1 + (b * w1 + d * (w2 * x3 - w3 * x2))
-    y2 = a * x2 + (b * w2 + d * (w3 * x1 - w1 * x3))
-    y3 = a * x3 + (b * w3 + d * (w1 * x2 - w2 * x1))
-    return J1 - c[ALPHA_2] * w2, J2 + c[ALPHA_2] * w1, J3, y1, y2, y3
-
-
 class FormStepper(real_map.TorusStepper):
     """Takes any state: a form that leaves its torus is what is measured here."""
 
@@ -139,10 +59,8 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
         units = Units(top, y0, h)
         state = units.enter(y0)
         c, turn = real_map.exact_constants(units.alpha, state, units.time(h))
-        p, q = curve.py_func(tuple(state), c)
-        n = c[MR] ** 2 + (c[MI_ETA] / c[ETA]) ** 2 + squares.py_func(p, q) + 4 * c[ALPHA] * c[ETA2] * state[5]
         back, block = (real_map.pin, pin) if pin else (None, NEVER)
-        return FormStepper("form", h, units, np.append(c, n), kernel, back, block, turn=turn)
+        return FormStepper("form", h, units, c, kernel, back, block, turn=turn)
 
     return build
 
@@ -155,89 +73,15 @@ def program(top, y0, h):
     return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))
 
 
-# ---------------------------------------------------------------- good and bad forms of two rivals
-
-
-@compiled
-def midpoint_equation(s, c, tally, tolerance, doubled):
-    """The midpoint rule by plain iteration to a tolerance, 0 for stagnation; x̃ = 2x̄ − x or x̃ = x + h J̄×x̄."""
-    J1, J2, J3, x1, x2, x3 = s
-    alpha, h = c[0], c[1]
-    y1, y2, y3 = x1, x2, x3
-    last = math.inf
-    for _ in range(200):
-        K1 = J1 - 0.5 * h * alpha * y2
-        K2 = J2 + 0.5 * h * alpha * y1
-        z1 = x1 + 0.5 * h * (K2 * y3 - J3 * y2)
-        z2 = x2 + 0.5 * h * (J3 * y1 - K1 * y3)
-        z3 = x3 + 0.5 * h * (K1 * y2 - K2 * y1)
-        change = abs(z1 - y1) + abs(z2 - y2) + abs(z3 - y3)
-        y1, y2, y3 = z1, z2, z3
-        if change <= tolerance or (change >= last and change < 1e-14):
-            break
-        last = change
-    K1, K2 = J1 - 0.5 * h * alpha * y2, J2 + 0.5 * h * alpha * y1
-    L1, L2 = J1 - h * alpha * y2, J2 + h * alpha * y1
-    if doubled:
-        return L1, L2, J3, 2.0 * y1 - x1, 2.0 * y2 - x2, 2.0 * y3 - x3
-    return L1, L2, J3, x1 + h * (K2 * y3 - J3 * y2), x2 + h * (J3 * y1 - K1 * y3), x3 + h * (K1 * y2 - K2 * y1)
-
-
-@compiled
-def midpoint_to_a_tolerance(s, c, tally):
-    return midpoint_equation(s, c, tally, 1e-12, False)
-
-
-@compiled
-def midpoint_doubled(s, c, tally):
-    return midpoint_equation(s, c, tally, 0.0, True)
-
-
-@compiled
-def strang_as_a_matrix(s, c, tally):
-    """Kick, rotation x ← cos θ x + sin θ n×x + (1 − cos θ)(n·x) n, kick: as textbooks write it."""
-    J1, J2, J3, x1, x2, x3 = s
-    half, h = 0.5 * c[1] * c[0], c[1]
-    J1, J2 = J1 - half * x2, J2 + half * x1
-    size = math.sqrt((J1 * J1 + J2 * J2) + J3 * J3)
-    n1, n2, n3 = J1 / size, J2 / size, J3 / size
-    a, b = math.cos(h * size), math.sin(h * size)
-    d = (1.0 - a) * ((n1 * x1 + n2 * x2) + n3 * x3)
-    x1, x2, x3 = (
-        a * x1 + (b * (n2 * x3 - n3 * x2) + d * n1),
-        a * x2 + (b * (n3 * x1 - n1 * x3) + d * n2),
-        a * x3 + (b * (n1 * x2 - n2 * x1) + d * n3),
-    )
-    return J1 - half * x2, J2 + half * x1, J3, x1, x2, x3
-
-
-def kernel_of(kernel: Callable[..., Any]) -> Callable[..., FixedStepper]:
-    return lambda top, y0, h: FixedStepper("form", h, np.array((top.alpha, h)), kernel)
-
-
-def method(name: str, **options: Any) -> Callable[..., Any]:
-    return lambda top, y0, h: prepare(top, y0, h, name, **options)
-
-
-# name in tables → (method it is a form of, builder)
-FORMS: dict[str, tuple[str, Callable[..., Any]]] = {
-    "paper's program": ("backlund", program),
-    "x assigned": ("backlund", exact_map(assigned)),
-    "constant denominator": ("backlund", exact_map(constant_denominator)),
-    "corrected m": ("backlund", exact_map(corrected_m)),
-    "increments": ("backlund", exact_map(real_map.step)),
-    "x turned": ("backlund", exact_map(real_map.turning_step)),
-    "compensated": ("backlund", exact_map(real_map.compensated_step)),
-    "pinned, every 1024": ("backlund", exact_map(real_map.step, 1024)),
-    "pinned, every 64": ("backlund", exact_map(real_map.step, 64)),
-    "pinned, every 8": ("backlund", exact_map(real_map.step, 8)),
-    "pinned, every step": ("backlund", exact_map(real_map.step, 1)),
-    "midpoint, tolerance 1e-12": ("implicit_midpoint", kernel_of(midpoint_to_a_tolerance)),
-    "midpoint, 2x̄ − x": ("implicit_midpoint", kernel_of(midpoint_doubled)),
-    "midpoint, as registered": ("implicit_midpoint", method("implicit_midpoint")),
-    "Strang, matrix of sines": ("strang", kernel_of(strang_as_a_matrix)),
-    "Strang, as registered": ("strang", method("strang")),
-    "Strang, compensated": ("strang", method("strang", compensated=True)),
+FORMS: dict[str, Callable[..., Any]] = {
+    "paper's program": program,
+    "increments": exact_map(real_map.step),
+    "x turned": exact_map(real_map.turning_step),
+    "compensated": exact_map(real_map.compensated_step),
+    "pinned, every 1024": exact_map(real_map.step, 1024),
+    "pinned, every 64": exact_map(real_map.step, 64),
+    "pinned, every 8": exact_map(real_map.step, 8),
+    "pinned, every step": exact_map(real_map.step, 1),
 }
 
 
@@ -247,14 +91,13 @@ def cells(profile: str) -> list[dict]:
         {"part": "drift", "form": form, "state": state, "h": h, "steps": steps}
         for h, steps in zip(sizes, STEPS[profile], strict=True)
         for form in FORMS
-        if h == SIZES[0] or FORMS[form][0] == "backlund"
         for state in RANDOM
     ]
     listed += [
         {"part": "drift", "form": form, "state": state, "fraction": fraction, "steps": FRACTION_STEPS[profile]}
         for fraction in FRACTIONS
-        for form, (of, _) in FORMS.items()
-        if of == "backlund" and form != "paper's program"  # which has no turn about e3
+        for form in FORMS
+        if form != "paper's program"  # which has no turn about e3
         for state in RANDOM
     ]
     listed += [{"part": "cost", "timing": True, "h": h} for h in sizes]
@@ -286,7 +129,7 @@ def judged(top, y0, times, states, truth) -> list[dict]:
 def _drift(cell: dict) -> list[dict]:
     top, y0 = find(cell["state"])
     h = cell["fraction"] * exact.nutation_period(top, y0) if "fraction" in cell else cell["h"] * top.scales(y0)[2]
-    stepper = FORMS[cell["form"]][1](top, y0, h)
+    stepper = FORMS[cell["form"]](top, y0, h)
     return _follow(top, y0, stepper, h, log_counts(cell["steps"], per_octave=4))
 
 
@@ -294,8 +137,7 @@ def _cost(cell: dict) -> list[dict]:
     """All forms in turn in one process."""
     top, y0 = find(LONG_STATE)
     h, n = cell["h"] * top.scales(y0)[2], 20_000
-    forms = {name: build for name, (of, build) in FORMS.items() if cell["h"] == SIZES[0] or of == "backlund"}
-    runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in forms.items()}
+    runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in FORMS.items()}
     timed = timing.interleave(runs, min_time=0.01, repeats=7)
     return [
         {
@@ -392,39 +234,28 @@ def _draw_forms(rows: pd.DataFrame, style):
 
     drift = rows[rows.h == SIZES[0]]
     drift = drift.assign(place=drift.groupby("key", sort=False).cumcount())
-    drift["worst"], drift["casimirs"] = worst(drift, INVARIANTS), worst(drift, ("C1", "C2"))
-    panels = (  # of which method, what, its name, title
-        ("backlund", "worst", "largest error of H, C1, C2", "Bäcklund, exact λ(h)"),
-        ("backlund", "time", "phase (time) error", "Bäcklund, exact λ(h): phase"),
-        ("implicit_midpoint", "worst", "largest error of H, C1, C2", "Implicit midpoint"),
-        ("strang", "casimirs", "largest error of C1, C2", "Strang splitting"),
-    )
+    drift["worst"] = worst(drift, INVARIANTS)
     shades = {False: colormaps["viridis"], True: colormaps["Oranges"]}
-    fig, axes = style.figure("page", 4.9, nrows=2, ncols=2, sharex=True)
-    for ax, (of, what, text, title) in zip(axes.flat, panels, strict=True):
-        if what != "time" and ax is not axes[0, 0]:
-            ax.sharey(axes[0, 0])
-        names = [form for form in FORMS if FORMS[form][0] == of and (drift.form == form).any()]
+    fig, axes = style.figure("page", 2.9, ncols=2)
+    panels = (("worst", "largest error of H, C1, C2"), ("time", "phase (time) error"))
+    for ax, (what, text) in zip(axes, panels, strict=True):
+        names = [form for form in FORMS if (drift.form == form).any()]
         for i, form in enumerate(names):
             run = drift[drift.form == form]
             rms = np.sqrt(mean_square(run[what], run.place))
             pinned = form.startswith("pinned")
             colour = shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names))
             look = {"color": colour, "linestyle": style.DASHES[i % len(style.DASHES)], "linewidth": 1.0}
-            ax.loglog(run.groupby("place").t.median(), rms.where(rms > 0), **look, label=numbers_in(form))
-        ax.set(title=title, ylabel=text)
+            ax.loglog(run.groupby("place").t.median(), rms.where(rms > 0), **look, label=form)
+        ax.set(xlabel=style.TIME, ylabel=text)
         if what != "time":
             style.ulp_line(ax)
-    for ax in axes[-1]:
-        ax.set_xlabel(style.TIME)
-    style.label_ends(axes.flat)
+    style.label_ends(axes)
     fig.caption = (
-        "The same maps in different forms, root mean square over sixteen tops, h = 1/8: the worst relative error of the "
-        "invariants a map conserves, and the phase error of the exact one, in units of 1/(|J| + √(|α||x|)). Assigned: the new x "
-        "is computed as a whole; increments: its change is added; turned: x is turned about a vector made exactly long. "
-        "Constant denominator and corrected m take a part of the formula from the torus, or bring it up to date. "
-        "Compensated: what an addition rounds off goes into the next. Pinned (orange): moved back onto the invariants. "
-        "The thin line is one ulp."
+        "The exact Bäcklund step in different forms, root mean square over sixteen tops, h = 1/8: the worst relative error of "
+        "its invariants, and the phase error, in units of 1/(|J| + √(|α||x|)). Increments: the change of x is added; turned: x "
+        "is turned about a vector made exactly long. Compensated: what an addition rounds off goes into the next. Pinned "
+        "(orange): moved back onto the invariants. The thin line is one ulp."
     )
     return fig
 
