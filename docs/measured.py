@@ -23,9 +23,9 @@ PUBLISHED = [
     "|---|---|---|---|---|",
 ]
 ENGINES = [
-    "| program, version | integrator | order of rotation, `bruels` | position, `bruels` | position, `slow` | µs a step "
+    "| program, version | integrator | order, `bruels` | order, `slow` | position, `bruels` | position, `slow` | µs a step "
     "| of these overhead |",
-    "|---|---|---|---|---|---|---|",
+    "|---|---|---|---|---|---|---|---|",
 ]
 
 
@@ -64,11 +64,11 @@ def programs() -> list[str]:
         fast, slow = (cases[cases.case == case].iloc[0] for case in ("bruels", "slow"))
         own = engine == "lagrange-bench"
         setting = f" ({fast.setting})" if isinstance(fast.setting, str) and fast.setting else ""
-        order = "exact" if own and METHODS[integrator].order is None else shown(fast["order of rotation"], ".1f", "–")
+        exact = own and METHODS[integrator].order is None
         cells = [
             f"{'this bench' if own else engine}, {fast.version}",
             f"`{integrator}`" if own else f"{integrator}{setting}",
-            order,
+            *("exact" if exact else shown(each["order of rotation"], ".1f", "–") for each in (fast, slow)),
             *(shown(each[position], ".1e", "gave up", " m") for each in (fast, slow)),
             *(shown(fast[name] / 1e3, ".2g", "–") for name in ("ns per step", "of these overhead")),
         ]

@@ -119,8 +119,14 @@ def orders(case: str, method: str, group: pd.DataFrame) -> dict:
 
 
 def measured_orders(group: pd.DataFrame) -> dict[str, float]:
-    found = {name: metrics.order(group.h, group[name], floor=FLOOR).p for name in ("position", "rotation")}
-    return {f"order of {name}": p for name, p in found.items()}
+    """Of both errors. Those at smaller steps than the least error are round-off: they tell how large that is."""
+    orders = {}
+    for name in ("position", "rotation"):
+        error = group[name]
+        best = group.h[error == error.min()].max()
+        floor = max(FLOOR, error[group.h < best].max())
+        orders[f"order of {name}"] = metrics.order(group.h, error, floor=floor).p
+    return orders
 
 
 @of_part(failed=True)
