@@ -81,7 +81,8 @@ class PredictedPhase:
     def states(self, t: ArrayLike) -> Array:
         """States (N, 6) where the method is at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
-        With what oscillates, and what is lost of the invariants. First order in the local error; exact for the two-point map.
+        With what oscillates, and what is lost of the invariants. Exact for the two-point map. Of any other method first order
+        in the local error: where the method is off by more than the amplitude of the nutation, worth little.
         NoPrediction, a ValueError, if there is none.
         """
         theory = self._known()
