@@ -241,6 +241,13 @@ def test_whatever_a_file_holds_gets_a_clear_line(text, tmp_path, run):
     assert err.count("\n") == (1 if code else 0)
 
 
+def test_the_digits_of_a_case_are_part_of_it():
+    """-60/13 in place of -4.61538, as docs/heavy-top.md and docs/cases say: 4 μm at the end."""
+    body, case = CASES["bruels"].body, CASES["bruels"]
+    other = integrate(body, body.state(rotation=np.eye(3), omega_body=(0.0, 150.0, -60 / 13)), t=[0.0, 2.0])
+    assert np.linalg.norm(other.position[-1] - case.solution([2.0]).position[0]) == pytest.approx(4e-6, rel=0.1)
+
+
 def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     six = write(tmp_path / "six.csv", "t x y z", T, X, digits=6)
     code, out, err = run("judge", six, "--case", "bruels", "--bounds", "position=1e-5", "--draw", tmp_path / "a.svg")
