@@ -127,7 +127,11 @@ def test_a_vertical_tide_is_seen_in_any_formula():
             exact.solution(top, GENERIC.state, 9.0),
             exact.solution(in_tide(alpha, k) if k else LagrangeTop(alpha), GENERIC.state, 9.0),
         )
-    assert exact.vertical_field(Problem("tide", "e3", posed, (0.5,))) == (1.0, 0.5)
+    problem = Problem("tide", "e3", posed, (0.5,))
+    assert exact.vertical_field(problem) == (1.0, 0.5)
+    assert truths.solution(problem, np.array((0.1, 0.2, 0.3, 0.0, 0.0, 0.0)), [1.0]).tolist() == [
+        [0.1, 0.2, 0.3, 0, 0, 0]
+    ]
     for potential, parameters in OTHERS:
         top = PerturbedTop(GENERIC.top, POTENTIALS[potential], parameters)
         assert truths.name(top) == "reference solution"
