@@ -28,11 +28,11 @@ setup: .venv/bench
 
 bench: .venv/bench
 	$(BIN)/lagrange-bench run --profile quick; status=$$?; \
-	$(BIN)/lagrange-bench report --results results/local/quick --beside results/reference && exit $$status
+	$(BIN)/lagrange-bench report --results quick --beside reference && exit $$status
 
 full: .venv/bench
 	$(BIN)/lagrange-bench run --profile full; status=$$?; \
-	$(BIN)/lagrange-bench report --results results/local/full --beside results/reference && exit $$status
+	$(BIN)/lagrange-bench report --results full --beside reference && exit $$status
 
 report: .venv/bench
 	$(BIN)/lagrange-bench report

@@ -86,6 +86,14 @@ def location(text: str) -> Path:
     return Path(text)
 
 
+def results_folder(text: str) -> Path:
+    """A folder of results: reference, quick or full, from any folder, or a path."""
+    from lagrange_bench.results.store import folder_of
+
+    location(text)
+    return folder_of(text)
+
+
 def limits(text: str) -> tuple[float, float]:
     """Two numbers, the ends of an axis."""
     ends = numbers(text)

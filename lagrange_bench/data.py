@@ -14,7 +14,7 @@ from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import LagrangeTop, PerturbedTop
 from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.integrators.words import numbers, suggestion
-from lagrange_bench.results.store import REFERENCE, Store, find_results
+from lagrange_bench.results.store import Store, find_results
 
 # experiments whose rows have the tops' own unit of time; those of a `case` have s
 OWN_UNITS = ("driven", "ensemble")
@@ -70,7 +70,8 @@ def load(results: str | Path = "reference") -> Results:
     Parameters
     ----------
     results : str or Path
-        "reference", the published rows, which come with the package; or a folder that `lagrange-bench run` wrote to.
+        "reference", the published rows, which come with the package; "quick" or "full", what `lagrange-bench run` with this
+        profile stored, from any folder; or the path of a folder of results, "./quick" too.
 
     Returns
     -------
@@ -85,7 +86,7 @@ def load(results: str | Path = "reference") -> Results:
     FileNotFoundError : there is no such folder, or nothing is stored there. KeyError : when an experiment is asked for that has
     no rows there; the message names those that have.
     """
-    return Results(REFERENCE if str(results) == "reference" else find_results(Path(results)))
+    return Results(find_results(results))
 
 
 def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) -> pd.DataFrame:

@@ -15,14 +15,14 @@ from lagrange_bench.experiments import PROFILES, SWEEP
 from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.results import provenance
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import Record, _canonical, clean, default_results
+from lagrange_bench.results.store import REFERENCE, Record, _canonical, clean, default_results, name_of
 
 
 @dataclass(frozen=True)
 class Origin:
     """A folder of results, and the profile it was computed with, if that is known."""
 
-    folder: str  # as commands name it: from the checkout, or from the current folder
+    folder: str  # as commands name it: reference, quick or full, or a path
     profile: str | None = None
     default: bool = False  # the one that is drawn if nobody says which
     choice: Choice = ALL  # of what is stored there
@@ -57,13 +57,15 @@ class Origin:
         return self if profile in (PROFILES[0], self.profile) else Origin(named(default_results(profile)), profile)
 
 
-PUBLISHED = Origin("results/reference", "full", default=True)
+PUBLISHED = Origin(REFERENCE.name, "full", default=True)
 
 
 def named(folder: Path) -> str:
-    """A folder as seen from the checkout or the current folder; of any other only its own name."""
+    """The name of results, or a folder as seen from the current folder or the clone; of any other only its own name."""
+    if name := name_of(folder):
+        return name
     place = Path(os.path.abspath(folder))
-    for base in (provenance.checkout(), Path.cwd()):
+    for base in (Path.cwd(), provenance.checkout()):
         if base is not None and place.is_relative_to(base):
             return place.relative_to(base).as_posix()
     return place.name

@@ -35,6 +35,7 @@ SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "s
 ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
+NAMES = (REFERENCE.name, "quick", "full")  # of results, in place of a path
 LONGEST = 2000  # characters of a message
 NONE = type(None)
 SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
@@ -55,28 +56,46 @@ class StoreError(RuntimeError):
 def default_results(profile: str | None = None) -> Path:
     """Where results are if nobody says: of a run with this profile, or (None) the ones the report shows.
 
-    In a checkout results/local/<profile> and results/reference. For an installed package ./results/<profile>, and the
-    fullest of those there are: two profiles in one folder would be drawn into one figure; without any, the published ones.
+    In a clone results/local/<profile> of the clone, wherever the command is given, and the published ones. For an installed
+    package ./results/<profile>, and the fullest of those there are: two profiles in one folder would be drawn into one
+    figure; without any, the published ones.
     """
     root = provenance.checkout()
     if root is not None:
-        return root / "results" / "reference" if profile is None else root / "results" / "local" / profile
+        return REFERENCE if profile is None else root / "results" / "local" / profile
     results = Path("results")
     if profile is not None:
         return results / profile
     return next((results / name for name in ("full", "quick") if (results / name).is_dir()), REFERENCE)
 
 
-def find_results(chosen: Path | None) -> Path:
-    """The folder asked for, or the one that is shown if nobody says.
+def folder_of(word: str) -> Path:
+    """The folder of results that a word names, from any folder: one of NAMES, or else a path. ./quick is a path."""
+    if word not in NAMES:
+        return Path(word)
+    return REFERENCE if word == REFERENCE.name else default_results(word)
+
+
+def name_of(folder: Path) -> str | None:
+    """The name in NAMES of a folder of results, if it has one."""
+    place = os.path.abspath(folder)
+    return next((name for name in NAMES if os.path.abspath(folder_of(name)) == place), None)
+
+
+def find_results(chosen: str | Path | None) -> Path:
+    """The folder asked for, by name (a str in NAMES) or by path, or the one that is shown if nobody says.
 
     Raises
     ------
     FileNotFoundError : there is no such folder, or nothing is stored there.
     """
-    folder = default_results() if chosen is None else chosen
+    folder = default_results() if chosen is None else folder_of(chosen) if isinstance(chosen, str) else chosen
     if not folder.is_dir():
-        raise FileNotFoundError(f"no such folder of results: {folder}")
+        if name := name_of(folder):
+            command = f"lagrange-bench run --profile {name}"
+            raise FileNotFoundError(f"there is no {name} run yet in {os.path.abspath(folder)}: compute it, {command}")
+        known = f"; the name {folder.name} alone means {folder_of(folder.name)}" if folder.name in NAMES else ""
+        raise FileNotFoundError(f"no such folder of results: {folder}{known}")
     if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
         raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
     return folder

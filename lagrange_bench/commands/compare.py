@@ -4,7 +4,7 @@ Compare two stores cell by cell: which were added, removed or changed, and by ho
 times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test.
 
 examples:
-  lagrange-bench compare results/reference results/local/full
+  lagrange-bench compare reference full
   lagrange-bench compare before after --times               is the new code slower?
   lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
 
@@ -17,15 +17,15 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from lagrange_bench.arguments import add_module, location, tolerance
+from lagrange_bench.arguments import add_module, results_folder, tolerance
 from lagrange_bench.output import Answer, table
 
 MOST = 10  # cells listed of a kind
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("old", type=location, metavar="OLD", help="results: a folder that lagrange-bench run wrote to")
-    command.add_argument("new", type=location, metavar="NEW", help="other results")
+    command.add_argument("old", type=results_folder, metavar="OLD", help="results: reference, quick, full, or a folder")
+    command.add_argument("new", type=results_folder, metavar="NEW", help="other results")
     text = "relative difference allowed, where the absolute one is not (default: 0)"
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
     command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")

@@ -6,8 +6,8 @@ rows give the same bytes. Or draw any column of the stored rows against any othe
 examples:
   lagrange-bench figure --list
   lagrange-bench figure phase_h --format pdf --width column
-  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results results/local/quick
-  lagrange-bench figure drift_time --results results/local/quick --output drift.svg
+  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results quick
+  lagrange-bench figure drift_time --results quick --output drift.svg
   lagrange-bench figure phase_h --xlim 1e-2,1 --ylim 1e-12,1
   lagrange-bench figure drift_time --x t_scaled --y C2 --tops random000 --methods rk4,backlund
   lagrange-bench figure --all --format pdf --output paper/figures
@@ -17,7 +17,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_choice, add_module, choice_of, limits, location
+from lagrange_bench.arguments import add_choice, add_module, choice_of, limits, location, results_folder
 from lagrange_bench.output import PICTURES, Answer
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
@@ -38,7 +38,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     for flag in ("--xlim", "--ylim"):
         command.add_argument(flag, type=limits, metavar="A,B", help="limits of that axis, in every panel")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
-    command.add_argument("--results", type=location, metavar="DIR", help=text)
+    command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=location, metavar="PATH", help=text)
     add_choice(command)

@@ -4,9 +4,9 @@ Turn stored results into one offline page (index.html), figures (SVG) and tables
 
 examples:
   lagrange-bench report                                        the published results
-  lagrange-bench report --results results/local/quick --open   your own run, in the browser
-  lagrange-bench report --results results/local/quick --beside results/reference
-  lagrange-bench report --results results/local/quick --methods mine:METHOD,rk4,backlund --output my_page
+  lagrange-bench report --results quick --open   your own run, in the browser; from any folder
+  lagrange-bench report --results quick --beside reference
+  lagrange-bench report --results quick --methods mine:METHOD,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
 not be drawn, which the page says in its place · 2 no such results, or files cannot be written
@@ -16,19 +16,20 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from lagrange_bench.arguments import add_choice, add_module, choice_of, location
+from lagrange_bench.arguments import add_choice, add_module, choice_of, location, results_folder
 from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "what lagrange-bench run stored (default: the published results; of an installed package your latest run, if any)"
-    command.add_argument("--results", type=location, metavar="DIR", help=text)
+    text = "what lagrange-bench run stored: reference, quick, full, or a folder (default: reference, the published results; of "
+    text += "an installed package your latest run, if any)"
+    command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "where the page goes; it is created (default: the folder page in that of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
-    text = "other results, whose verdict on each claim stands beside yours: results/reference, the published ones"
-    command.add_argument("--beside", type=location, metavar="DIR", help=text)
+    text = "other results, whose verdict on each claim stands beside yours: reference, the published ones, or others"
+    command.add_argument("--beside", type=results_folder, metavar="DIR", help=text)
     add_module(command)
 
 

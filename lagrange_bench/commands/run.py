@@ -33,7 +33,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_choice, choice_of, location, positive, scheduler, seconds
+from lagrange_bench.arguments import add_choice, choice_of, positive, results_folder, scheduler, seconds
 from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
 from lagrange_bench.output import Answer
 
@@ -43,9 +43,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=PROFILES, default="quick", help=text)
-    text = "where results are stored, and looked for (default: results/local/PROFILE of the source tree, or "
-    text += "./results/PROFILE; of a FILE.toml its name instead of PROFILE)"
-    command.add_argument("--results", type=location, metavar="DIR", help=text)
+    text = "where results are stored, and looked for: a folder, or quick or full (default: PROFILE, or of a FILE.toml its name; "
+    text += "in results/local of the clone, or without a clone in ./results)"
+    command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     add_choice(command)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
@@ -64,7 +64,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
     from lagrange_bench.experiments import sweep
-    from lagrange_bench.results.store import default_results
+    from lagrange_bench.results.store import default_results, name_of
     from lagrange_bench.runner import engine
 
     names = [sweep.read(name) if name.endswith(".toml") else name for name in options.experiments] or EXPERIMENTS
@@ -80,7 +80,7 @@ def run(options: argparse.Namespace) -> Answer:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
     if summary.old and not options.again:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
-    report = f"lagrange-bench report --results {shlex.quote(str(results))}"
+    report = f"lagrange-bench report --results {shlex.quote(name_of(results) or str(results))}"
     report += "".join(f" --module {module}" for module in _own_modules(names)) + choice.words
     data = {**vars(summary), "results": str(results), "exit_code": summary.exit_code, "next": report}
     data["drawn"] = [str(path) for path in drawn]

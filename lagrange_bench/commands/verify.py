@@ -7,8 +7,8 @@ round-off. Times are not compared.
 examples:
   lagrange-bench verify                              sixty cells of the published results
   lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
-  lagrange-bench verify results/local/quick --sample 20 --json
-  lagrange-bench verify results/local/full --old --sample 10000   did your edit change any row?
+  lagrange-bench verify quick --sample 20 --json
+  lagrange-bench verify full --old --sample 10000   did your edit change any row?
 
 The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
 such results, none that can be computed again, or an experiment's VERSION is newer than they are
@@ -17,16 +17,16 @@ such results, none that can be computed again, or an experiment's VERSION is new
 import argparse
 from collections import Counter
 
-from lagrange_bench.arguments import add_module, location, positive, seconds, whole
+from lagrange_bench.arguments import add_module, positive, results_folder, seconds, whole
 from lagrange_bench.commands.compare import changed_columns
 from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     where = command.add_mutually_exclusive_group()
-    text = "results (default: the published ones)"
-    where.add_argument("folder", nargs="?", type=location, metavar="DIR", help=text)
-    where.add_argument("--results", type=location, metavar="DIR", help="the same, as in the other commands")
+    text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
+    where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
+    where.add_argument("--results", type=results_folder, metavar="DIR", help="the same, as in the other commands")
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")

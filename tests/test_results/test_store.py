@@ -338,6 +338,34 @@ def test_default_results(monkeypatch, tmp_path):
         store.find_results(Path("nowhere"))
 
 
+@pytest.mark.parametrize("clone", [True, False])
+def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, clone):
+    """A folder of the same name here is a path, ./quick; the error of an absent run says where it would be."""
+    monkeypatch.setattr(provenance, "checkout", lambda: tmp_path / "clone" if clone else None)
+    local = Path("clone/results/local" if clone else "results")
+    (tmp_path / "quick").mkdir()
+    (tmp_path / "quick" / "drift.jsonl").write_text("{}\n")
+    monkeypatch.chdir(tmp_path)
+    assert store.find_results("reference") == store.REFERENCE
+    assert store.find_results("./quick") == store.find_results(Path("quick")) == Path("quick")
+    with pytest.raises(
+        FileNotFoundError, match=f"no quick run yet in {tmp_path / local / 'quick'}: .* --profile quick"
+    ):
+        store.find_results("quick")
+    with pytest.raises(
+        FileNotFoundError, match=f"no such folder of results: results/local/full; .* means .*{local}/full"
+    ):
+        store.find_results("results/local/full")
+    (tmp_path / local / "quick").mkdir(parents=True)
+    (tmp_path / local / "quick" / "drift.jsonl").write_text("{}\n")
+    if clone:
+        (tmp_path / "elsewhere").mkdir()
+        monkeypatch.chdir(tmp_path / "elsewhere")
+    assert store.find_results("quick").samefile(tmp_path / local / "quick")
+    assert store.name_of(store.find_results("quick")) == "quick"
+    assert store.name_of(Path("quick")) is None
+
+
 def unexplained(columns):
     """Fields of the published cells and rows that a table of columns does not name: experiment → their names."""
     found = {}
