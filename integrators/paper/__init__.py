@@ -12,6 +12,6 @@
     rivals    discrete_lax                                         the discrete tops of others, as two-point maps
     n sites   gaudin_maps, gaudin_doubling                         both maps of the magnet, and its exact step
 
-`errata` gathers the misprints. Nothing imports this package but its own commands, experiment and tests: see the layers in
-pyproject.toml.
+`errata` gathers the misprints. Nothing imports this package but its own commands, its experiment and its tests (the layers in
+pyproject.toml say so); `GaudinMagnet` is a public name.
 """

@@ -7,7 +7,8 @@ half-plane, λ = R + iη. One step is flow(T) followed by the rotation R3(Θ) ab
 
 λ(h) solves T = h, Θ = 0. For small h that is a power series. Larger times come from *time doubling*, which is exact and
 needs neither a branch nor an iteration. Two steps with (λ, m) are one with (λ', m'). This is the group law of the curve
-with its two points at infinity glued (proof below):
+with its two points at infinity glued, twice a divisor reduced (Cantor, Math. Comp. 48 (1987) 95); its use for λ(h) is a
+result of this project (proof below):
 
     g  = Q'(λ)/(2m)      a1 = Re m/η      b0 = Re g/(2η)      b1 = (a1 + Im g)/(2η²)
     λ' = R − b0/b1 + iη'                  η' = √(2 a1 b1 + alpha²)/b1
