@@ -79,8 +79,8 @@ def integrate(
 
     Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
     and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
-    map for each time then: a jump, not a sequence of steps. With `t`, `backlund_splitting` chooses its step for `tol`
-    and reports it in `work.notes`.
+    map for each time then: a jump, not a sequence of steps. With `t` and `tol`, `backlund_splitting` halves its step until two
+    runs agree, and reports the step in `work.notes`.
 
     Parameters
     ----------

@@ -138,25 +138,6 @@ def _worst(numbers: pd.Series) -> Any:
     return numbers.fillna(np.inf).idxmax()
 
 
-def worst_to_tolerance(rows: pd.DataFrame) -> Reading:
-    """The largest errors in units of the one asked for."""
-    runs = table(rows, "perturbed", "tolerances")
-    note = f"{runs.answered.sum()} runs; {runs.chaotic.sum()} chaotic ones left out"
-    return Reading(runs["largest error / tol"], note)
-
-
-def refused_tolerances(rows: pd.DataFrame) -> float:
-    """The share of runs that were refused."""
-    runs = table(rows, "perturbed", "tolerances")
-    return float(runs.refused.sum() / (runs.refused.sum() + runs.answered.sum()))
-
-
-def expected_errors(rows: pd.DataFrame) -> float:
-    """Of how many runs the error expected is within a factor of ten of the true one."""
-    runs = table(rows, "perturbed", "tolerances")
-    return float((runs["expected within a factor of ten"] * runs.answered).sum() / runs.answered.sum())
-
-
 def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]], closed: bool = False) -> Reading:
     """How many times as long the best method takes that is not exact in time as the best Bäcklund map, set-up counted.
 

@@ -27,6 +27,7 @@ PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}"
 PYTHON |= {name: name + "({})" for name in FUNCTIONS}
 UFUNCS = {"add": "add", "subtract": "sub", "multiply": "mul", "divide": "div", "negative": "neg"}
 UFUNCS |= {name: name for name in FUNCTIONS}
+WAVES = ("sin", "cos", "exp")
 NESTED = 16  # terms in one another in generated code, at most: the parser takes some hundred
 REFUSAL = "a formula may use + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of lagrange_bench only"
 
@@ -505,6 +506,33 @@ def with_slopes(program: Program, count: int) -> Program:
     outputs, by = tape.run(program, *inputs), inputs[:count]
     columns = [tape.along(outputs, by, [float(i == k) for i in range(count)]) for k in range(count)]
     return tape.program((*outputs, *(slope for column in columns for slope in column)))
+
+
+@cache
+def phase_rates(program: Program, place: int) -> Program:
+    """The derivatives, by one input, of the arguments of sin, cos and exp, in the order of the lines."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(program.inputs)]
+    phases = tuple(line[1] for line in program.lines if line[0] in WAVES)
+    terms = tape.run(Program(program.inputs, program.lines, phases), *inputs)
+    return tape.program(tape.along(terms, [inputs[place]], [1.0]))
+
+
+def bandwidth(program: Program, place: int, numbers: Sequence[Any]) -> float:
+    """The highest angular frequency of the outputs as functions of one input, at these inputs: numbers, or arrays of them.
+
+    Frequencies of factors add up. sin, cos and exp add the largest derivative of their argument to its own frequency, as in
+    Carson's rule for the band of a modulated wave. A root, a quotient and an exponential have overtones, which do not count.
+    """
+    with np.errstate(all="ignore"):
+        rates = iter(phase_rates(program, place)(*map(np.float64, numbers)))
+    widths: dict[Any, float] = {}
+    for line, (operation, *arguments) in enumerate(program.lines, program.inputs):
+        found = [widths.get(argument, 0.0) for argument in arguments]
+        widths[line] = sum(found) if operation in ("mul", "div") else max(found)
+        if operation in WAVES:
+            widths[line] += float(np.max(np.abs(next(rates))))
+    return max(widths.get(output, 0.0) for output in program.outputs)
 
 
 @cache

@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -92,56 +92,40 @@ LEAP = 2.0  # the longest flow between two of them, in h
 SECOND_REACH = 0.5  # of the kicks whose commutators make the part of second order, in h
 
 
-def least_squares(
-    f: Callable[[Any], Any], spacing: float, count: int, widest: float, decay: float
-) -> tuple[float, ...]:
-    """b_j with Σ_j 2 b_j sin(j w spacing) ≈ f(w) on (0, widest), the weight exp(−decay w)/w, in forty digits."""
-    import mpmath
-
-    with workdps(40):
-        points = [widest * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
-        A, right = mpmath.matrix(len(points), count), mpmath.matrix(len(points), 1)
-        for i, w in enumerate(points):
-            weight = mpmath.exp(-decay * w) / w
-            right[i] = weight * f(w)
-            for j in range(count):
-                A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(spacing) * (j + 1) * w)
-        found = mpmath.lu_solve(A.T * A, A.T * right)
-        return tuple(float(b) for b in found)
-
-
 @cache
 def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
-    """b_j of the corrector for all motions: fitted to Σ b_i cos(w t_i)/(2 sin(w/2)) − 1/w on (0, 4), t_i the times of the kicks
-    from the middle of the step.
+    """b_j with Σ_j 2 b_j sin(j w SPACING) ≈ Σ b_i cos(w t_i)/(2 sin(w/2)) − 1/w on (0, WIDEST), t_i the times of the kicks from
+    the middle of the step: least squares with the weight exp(−3w)/w, in forty digits.
     """
     import mpmath
 
     times = [math.fsum(chosen.a[: i + 1]) - 0.5 for i in range(len(chosen.b))]
+    with workdps(40):
+        points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
+        A, right = mpmath.matrix(len(points), NODES), mpmath.matrix(len(points), 1)
+        for i, w in enumerate(points):
+            weight = mpmath.exp(-3 * w) / w
+            kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(chosen.b, times, strict=True))
+            right[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
+            for j in range(NODES):
+                A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
+        return tuple(map(float, mpmath.lu_solve(A.T * A, A.T * right)))
 
-    def boundary(w: Any) -> Any:
-        kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(chosen.b, times, strict=True))
-        return kicks / (2 * mpmath.sin(w / 2)) - 1 / w
 
-    return least_squares(boundary, SPACING, NODES, WIDEST, 3.0)
-
-
-def _corrector(chosen: Scheme, b: Sequence[Any], spacing: float) -> list[tuple[float, Any]]:
+def _corrector(chosen: Scheme, b: Sequence[float], spacing: float) -> list[tuple[float, float]]:
     """(flow, kick) one after the other, for h = 1: half of all kicks in the order of their times, and the other half backwards.
 
     So no commutator of two kicks is left, of size ε²h³. What is of second order is made of commutators, once with both signs of
     their kicks: so nothing of order ε³ is left.
     """
     numbered = list(enumerate(b, 1))
-    half: list[tuple[float, Any]] = [
-        (side * spacing * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]
-    ]
+    half = [(side * spacing * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]
     kicks = [*half, *reversed(half)]
     if chosen.second:
         reach, a = SECOND_REACH, math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
         for u, v in ((a, math.copysign(a, chosen.second)), (-a, -math.copysign(a, chosen.second))):
             kicks += [(0.0, u), (reach, v), (-reach, v), (0.0, -u), (-reach, -v), (reach, -v)]
-    parts: list[tuple[float, Any]] = []
+    parts: list[tuple[float, float]] = []
     at = 0.0
     for place, kick in (*kicks, (0.0, 0.0)):
         hops = math.ceil(abs(place - at) / LEAP)  # a long flow takes the slow route to its λ
@@ -153,7 +137,7 @@ def _corrector(chosen: Scheme, b: Sequence[Any], spacing: float) -> list[tuple[f
     return parts
 
 
-def _ways(chosen: Scheme, sign: float, corrector: Iterable[tuple[float, Any]]) -> tuple[list, list]:
+def _ways(chosen: Scheme, sign: float, corrector: Iterable[tuple[float, float]]) -> tuple[list, list]:
     """(flow, kick) by which a state enters the run, and by which it leaves, for |h| = 1: inverse to each other."""
     after = [(chosen.a[0] * sign, 0.0), *corrector]
     before, pending = [], 0.0
@@ -165,33 +149,11 @@ def _ways(chosen: Scheme, sign: float, corrector: Iterable[tuple[float, Any]]) -
 
 @cache
 def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
-    """`ends_of` for |h| = 1, with the corrector for all motions."""
+    """`ends_of` for |h| = 1."""
     corrector = _corrector(chosen, corrector_kicks(chosen), SPACING) if corrected else ()
     return tuple(map(np.array, _ways(chosen, sign, corrector)))
 
 
-@cache
-def _linear_ends(chosen: Scheme, count: int, spacing: float, sign: float) -> tuple[tuple[Array, Array], ...]:
-    """Of a corrector of so many b_j: both ways with kicks of 0, and the kicks as a matrix that multiplies b."""
-    ways = _ways(chosen, sign, _corrector(chosen, list(np.eye(count)), spacing))
-    return tuple(
-        (np.array([(t, 0.0) for t, _ in way]), np.array([k + np.zeros(count) for _, k in way])) for way in ways
-    )
-
-
-def ends_of(
-    chosen: Scheme, h: float, corrected: bool, fitted: Array | None = None, spacing: float = SPACING
-) -> tuple[Array, ...]:
-    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other.
-
-    fitted : b_j of a corrector of one's own, at distances of `spacing`.
-    """
-    sign = math.copysign(1.0, h)
-    if fitted is None:
-        return tuple(abs(h) * way for way in _ends(chosen, corrected, sign))
-    made = []
-    for flows, kicks in _linear_ends(chosen, len(fitted), spacing, sign):
-        way = flows.copy()
-        way[:, 1] = kicks @ fitted
-        made.append(abs(h) * way)
-    return tuple(made)
+def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, ...]:
+    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
+    return tuple(abs(h) * way for way in _ends(chosen, corrected, math.copysign(1.0, h)))

@@ -16,9 +16,8 @@ processed6  two kicks and a flow back between them, with both corrections too, a
 saba4       Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
 aba…        aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
 
-V may depend on t: a kick takes it at the time of the flows before. Then H is not conserved, there is no guard, and no step is
-chosen. Else H of the whole problem shows what the step does not resolve: a resonance, or a close encounter with a singularity.
-A run with a fixed h warns where H moves by much more than in its first steps; with `tol`, `backlund_choice` takes the run again.
+V may depend on t: a kick takes it at the time of the flows before. With `tol` in place of h the step is halved until two runs
+agree (`step_halving`).
 
 Every map here is Poisson and symmetric, and C1 and C2 are pinned. Only a table with all digits makes it so, not any smooth one: a
 step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
@@ -33,8 +32,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
-from itertools import chain
+from dataclasses import dataclass
+from functools import cache, partial
+from itertools import chain, pairwise
 from typing import Any
 
 import numpy as np
@@ -42,18 +42,20 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, put, take
+from lagrange_bench.integrators.compiling.expression import bandwidth, phase_rates, put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
-from lagrange_bench.integrators.methods import backlund, backlund_choice, fitted_corrector
-from lagrange_bench.integrators.methods.backlund_choice import Candidate, ChosenWork
-from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning, Work
+from lagrange_bench.integrators.methods import backlund, step_halving
+from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, WIDEST, Scheme, ends_of
+from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.methods.splitting import torques
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.system import depends
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.torus import time_step
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import look_up, table_size, tables
@@ -63,7 +65,8 @@ ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = ran
 # of one flow and one kick: its time from that of the step; 1/(2|m|²) in the middle of the box
 TIME, KICK, TWIST, SECOND, WHEN, INVERSE, GROUP = range(7)
 
-NAME, FITTED = "backlund_splitting", "fitted"
+NAME = "backlund_splitting"
+first_nutation_period = at_first_interpreted(time_step.nutation_period)
 LOST = 1
 MOST_PARTS = 2**16  # of an exact step that is too long for one; its kicks are too far from one another long before
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
@@ -153,26 +156,15 @@ def numbers_of(field: Field, timed: bool) -> Any:
     return run
 
 
-@unrolled
-def push(s, before):
-    """|the kick|², of a state after it and before it."""
-    a, b, c = s[0] - before[0], s[1] - before[1], s[2] - before[2]
-    return (a * a + b * b) + c * c
-
-
 @cache
 def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool, timed: bool = False) -> Any:
-    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows.
-
-    It leaves in MEMORY the strongest kick of the run, squared, and the state after that step: there the guard looks at H.
-    """
+    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
     kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)
-    first, stride, keep = NUMBERS + field.parameters, GROUP + table_size(degree, level), put(6)
+    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
 
     @jit(inline=True)
     def step(s, c, tally):
         alpha = c[ALPHA]
-        strongest = 0.0
         for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
             torus = invariants(s, alpha)
@@ -185,13 +177,8 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
                 s, found = flow(s, alpha, c[place + TIME])
                 if not found:
                     tally[loops.FAILURE] = LOST
-            before = s
             t = c[first - 1] + (c[STEP] * tally[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
             s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
-            strongest = max(strongest, push(s, before))
-        if strongest > tally[loops.MEMORY]:
-            tally[loops.MEMORY] = strongest
-            keep(tally, loops.MEMORY + 1, s)
         return s
 
     return step
@@ -249,22 +236,6 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
     return at_first_interpreted(run)
 
 
-@cache
-def energies(field: Field) -> Any:
-    """(rows, numbers) → H of each row, V included."""
-    potential, numbers = machine_code(field.potential), take(field.parameters)
-
-    @jit
-    def run(rows, numbers_of):
-        q, found = numbers(numbers_of, 0), np.empty(len(rows))
-        for k in range(len(rows)):
-            J1, J2, J3, x1, x2, x3 = rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3], rows[k, 4], rows[k, 5]
-            found[k] = 0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + (numbers_of[0] * x3 + potential((x1, x2, x3), q)[0])
-        return found
-
-    return at_first_interpreted(run)
-
-
 # ------------------------------------------------------------------------------------ the box of the tables
 
 # steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
@@ -274,10 +245,7 @@ MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further tha
 
 @cache
 def pilot(field: Field, level: bool, timed: bool = False) -> Any:
-    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick.
-
-    And the strongest kick, squared.
-    """
+    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
     kicked, numbers = kick_of(field, level, 0), numbers_of(field, timed)
     start = NUMBERS + field.parameters - 1  # the time, where V depends on it
 
@@ -287,45 +255,39 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
         s = (y[0], y[1], y[2], y[3], y[4], y[5])
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
-        strongest = 0.0
         for k in range(steps):
             s, found = flow(s, alpha, h)
             if not found:
                 break
-            before = s
             s = kicked(s, numbers(c, NUMBERS, c[start] + (k + 1) * h), (h,))
-            strongest = max(strongest, push(s, before))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
-        return low_h, high_h, low_j, high_j, strongest
+        return low_h, high_h, low_j, high_j
 
     return at_first_interpreted(run)
 
 
-STRONG = 0.05  # of V's range along the pilot to the energy of the top, from which other methods are better
-CHOICES = ("aba864", "processed6", "strang")  # where the step is chosen: the others are never the cheapest by much
-TOLERANCE = 1e-9  # default of the error at the last time
+STRONG = 0.05  # of the range of V to the energy of the top, from which other methods are better
 RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
-SURPRISE = 8.0  # times as far as in the first steps H may move; in regular runs it is below 4
-FIRST, ROWS = 64.0, 4  # length of the first steps in time scales, at most; places at which H is looked at
-LONG_RUN = 2**16  # steps from which the first ones are always looked at: that is then below 3 % of the run
-# that H moves by more than this share of V's range, or a kick that is so much stronger squared, is looked into in any run
-MOVED, STRONGER = 2.0**-13, 4.0
+SHORTEST = math.pi  # nutation period there is, in time scales of the top
+TOLERANCE = 1e-9
 
 
 class ExactSplittingStepper(loops.ConjugateStepper):
     """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector.
 
-    `watched`: a run warns where H moves by much more than in its first steps.
+    `after`: how much later than the problem it starts, if V depends on time.
     """
 
     def __init__(
-        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool | str, twisted: bool,
-        tabled: bool, watched: bool = False,
+        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool,
+        tabled: bool, after: float = 0.0,
     ):  # fmt: skip
-        top, level, timed = problem.as_top, problem.level, problem.timed
+        top, level, timed, start = problem.as_top, problem.level, problem.timed, problem.start + after
         numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
+        if timed:
+            numbers[-1] = start
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         gradients = (1 + bool(chosen.d)) if twisted else 0
@@ -340,9 +302,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
                 group[WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
         head = np.array((top.alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
-        self.watched, self.scales, self.usual = watched, top.top.scales(y0), 0.0
-        self.energy = (self.scales[0] or top.scales(y0)[0]) ** 2
-        if tabled and self._box(head, y0, pilot(field, level, timed), h, max(map(abs, chosen.b))):
+        if tabled and _set_box(head, top.top.scales(y0), y0, pilot(field, level, timed), h):
             different = tuple(dict.fromkeys(times))
             degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
             if degree:
@@ -353,21 +313,25 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        kicks = fitted_corrector.fitted_kicks(field, y0, numbers, h) if corrected == FITTED else None
-        before, after = ends_of(chosen, h, bool(corrected), kicks, fitted_corrector.SPACING)
-        self._energies = energies(field)
+        self.sweep: Problem | None = None  # if its frequencies in time change: then the end of a run counts, too
+        way_in, way_out = ends_of(chosen, h, corrected)
         step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
         super().__init__(
             NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
-            map_rows=map_over(field, level, timed), way_in=(numbers, before, (problem.start, 0.0, 0.0)),
-            way_out=(numbers, after, (problem.start - chosen.a[0] * h, 0.0, 0.0)),
+            map_rows=map_over(field, level, timed), way_in=(numbers, way_in, (start, 0.0, 0.0)),
+            way_out=(numbers, way_out, (start - chosen.a[0] * h, 0.0, 0.0)),
             rhs_per_step=n, failures=FAILURES, timed=timed,
         )  # fmt: skip
 
     def rows(self, out: Array, every: int) -> Array:
-        numbers, after, (start, *_) = self._way_out
-        self._map(out[1:], (numbers, after, (start, every * self.h, 1.0)))
+        numbers, parts, (start, *_) = self._way_out
+        self._map(out[1:], (numbers, parts, (start, every * self.h, 1.0)))
         return out
+
+    def record(self, y: Array, n: int, every: int) -> Array:
+        if self.sweep:
+            _warn_long(self.sweep, np.asarray(y, dtype=float), self.h, n * self.h)
+        return super().record(y, n, every)
 
     def enter(self, y: Array) -> Array:
         J1, J2, J3, x1, x2, x3 = y.tolist()
@@ -378,70 +342,25 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             raise StepError(NAME, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h)
         return super().enter(y)
 
-    def record(self, y: Array, n: int, every: int) -> Array:
-        rows = super().record(y, n, every)
-        if self.watched and n >= 256:
-            self._watch(rows, n)
-        return rows
 
-    def moves(self, rows: Array, tally: Array) -> Array:
-        """How far H of the later `rows` is from that of the first, in rate²; the last number: where the kick was strongest."""
-        strongest = rows[-1:]
-        if tally[loops.MEMORY] > 0.0:
-            strongest = self._left(tally[None, loops.MEMORY + 1 : loops.MEMORY + 7].copy())
-        H = self._energies(np.concatenate((rows, strongest)), self._way_in[0])
-        with np.errstate(all="ignore"):
-            moved = np.abs(H[1:] - H[0]) / self.energy
-        return np.where(np.isfinite(moved), moved, np.inf)
-
-    def _left(self, rows: Array) -> Array:
-        """`leave`, for the guard: it fails no run."""
-        try:
-            return self.leave(rows)
-        except StepError:
-            return np.full_like(rows, np.inf)
-
-    def least_move(self, n: int) -> float:
-        """The round-off of H after n steps, in rate²."""
-        return 2.0**-53 * (2.0 + math.sqrt(n))
-
-    def _watch(self, rows: Array, n: int) -> None:
-        """Warns where H moves by much more than in the first steps; short runs are looked at only if they seem odd."""
-        c, H = self.constants, self._energies(rows[:: len(rows) - 1], self._way_in[0])
-        odd = abs(H[1] - H[0]) * c[SCALE_H] * MARGIN > MOVED or self.tally[loops.MEMORY] > STRONGER * self.usual
-        if not odd and n < LONG_RUN:
-            return
-        moved = self.moves(rows[:: math.ceil((len(rows) - 1) / ROWS)], self.tally).max()
-        every = math.ceil(min(FIRST * self.scales[2] / abs(self.h), n / (8 if odd else 64)) / ROWS)
-        first, tally, state = np.empty((ROWS + 1, 6)), np.zeros(loops.SIZE), self.enter(rows[0])
-        self._run(state, 0, ROWS * every, every, self.block, c, tally, first)
-        promised = self.moves(np.concatenate((rows[:1], self._left(first[1:]))), tally).max()
-        times = moved / max(promised, self.least_move(n))
-        if times > SURPRISE:
-            text = (
-                f"H moves by {moved:.1e}, {times:.2g} times as far as in the first steps: the motion comes closer to what "
-                "perturbs it, or h is in resonance with it; take a shorter h, or tol= in place of h"
-            )
-            warn_caller(text, StepWarning)
-
-    def _box(self, c: Array, y0: Array, run: Callable[..., Any], h: float, kick: float) -> bool:
-        """Sets the box of the tables, from a run with long steps; False if that does not get through."""
-        rate, _, unit = self.scales
-        if not math.isfinite(unit):  # without V nothing moves
+def _set_box(
+    c: Array, scales: tuple[float, float, float], y0: Array, run: Callable[..., tuple[float, ...]], h: float
+) -> bool:
+    """Sets the box of the tables, from a run with long steps; False if that does not get through."""
+    rate, _, unit = scales
+    if not math.isfinite(unit):  # without V nothing moves
+        return False
+    low_h, high_h, low_j, high_j = run(y0, c, math.copysign(STRIDE * unit, h), PILOT)
+    for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
+        width = 0.5 * MARGIN * (high - low) + 2.0**-40 * size
+        if not 0.0 < width < math.inf or 1.0 / width == math.inf:
             return False
-        stride = math.copysign(STRIDE * unit, h)
-        low_h, high_h, low_j, high_j, strongest = run(y0, c, stride, PILOT)
-        if not all(map(math.isfinite, (low_h, high_h, low_j, high_j))):
-            return False
-        self.usual = strongest * (kick * h / stride) ** 2
-        for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
-            c[place] = 0.5 * (low + high)
-            c[place + 1] = 1.0 / (0.5 * MARGIN * (high - low) + 2.0**-40 * size)
-        return True
+        c[place], c[place + 1] = 0.5 * (low + high), 1.0 / width
+    return True
 
 
 def prepare(
-    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | str | None = None,
+    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> Stepper:  # fmt: skip
     """Without V every scheme is the exact step."""
@@ -455,7 +374,7 @@ def prepare(
 
 
 def prepare_in_field(
-    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | str | None = None,
+    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> ExactSplittingStepper:  # fmt: skip
     """Kicks by V, exact flows of the top without it.
@@ -463,90 +382,139 @@ def prepare_in_field(
     Parameters
     ----------
     scheme : of SCHEMES. corrector, modified_kick : on by default for "strang" and "processed6", and possible for these only.
-    corrector : "fitted", with "strang": to V along this motion (`fitted_corrector`); as True where that is not possible.
     table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    if corrected == FITTED and top.timed:
-        raise ValueError(f"corrector={FITTED!r} needs a V that does not depend on time")
     _warn_strong(top.as_top, y0)
-    _warn_long(top.as_top, y0, h)
-    return ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table), not top.timed)
+    _warn_long(top, y0, h)
+    stepper = ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
+    if top.timed:
+        V = top.as_top.formula.value
+        stepper.sweep = top if depends(phase_rates(V, V.inputs - 1), [V.inputs - 1]) else None
+    return stepper
 
 
-def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool | str, bool]:
+def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
     check_choice(scheme, "scheme", SCHEMES)
-    fitted = isinstance(corrector, str) and corrector == FITTED
-    if fitted and scheme != "strang":
-        raise ValueError(f"corrector={FITTED!r} belongs to scheme='strang'; got scheme={scheme!r}")
     chosen = []
-    for name, value in (("corrector", True if fitted else corrector), ("modified_kick", modified_kick)):
+    for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
         flag = scheme in PROCESSED if value is None else check_flag(value, name)
         if flag and scheme not in PROCESSED:
             raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
         chosen.append(flag)
     check_flag(table, "table")
-    return FITTED if fitted else chosen[0], chosen[1]
+    return chosen[0], chosen[1]
 
 
-def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, ChosenWork]:
-    """Scheme and step chosen by a short pilot: `tol` is the error at the last time, relative to the scales of J and x.
+@dataclass
+class NotedWork(Work):
+    """Work of all runs, and the step of the last one."""
+
+    notes: str = ""
+
+
+def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, NotedWork]:
+    """The step is halved until two runs agree to `tol`, relative to the scales of J and x: see `step_halving`.
 
     In a uniform field one exact step to each time, whatever `tol`.
     """
+    tol, notes = step_halving.check_tolerance(tol), []
     if "uniform" in problem.offers:
-        backlund_choice.check_tolerance(tol)
         try:
             states, work = backlund.evaluate_exact(problem, y0, times)
         except StepError as error:
             raise StepError(NAME, error.reason) from None
-        return states, ChosenWork(**vars(work), notes="one exact step to each time")
-    if problem.timed:
-        reason = "depends on time, so backlund_splitting cannot choose a step; give h and steps"
-        raise ValueError(f"t: H of {problem!r} {reason}")
-    top, tol = problem.as_top, backlund_choice.check_tolerance(tol)
+        return states, NotedWork(**vars(work), notes="one exact step to each time")
+    top = problem.as_top
     _warn_strong(top, y0)
-    small, map_rows = SCHEMES["aba1064"], map_over(top.formula.perturbation, "J3" in top.conserved)
-    numbers, one = np.array(top.numbers), np.column_stack((small.a, (*small.b, 0.0)))
 
-    def candidate(name: str, widest: float) -> Candidate:
-        chosen, processed = SCHEMES[name], name in PROCESSED
+    def run(y: Array, grid: Array, work: Work) -> Array:
+        if not (problem.timed or np.any(top.rhs(y))):
+            notes.append("an equilibrium: no step is needed")
+            return np.tile(y, (len(grid), 1))
+        rate, size, unit = top.scales(y)
+        last, parts = float(grid[-1]), math.ceil(step_halving.PLACES / len(grid))
+        frequency = _frequency(problem, y, np.linspace(0.0, last, step_halving.PLACES))
+        longest = 2.0 * min(_longest(nutation_period(top, y), frequency), unit)
+        track = partial(_track, problem, y, grid, parts, longest, work)
+        rows, halved, difference = step_halving.agreeing(NAME, track, tol, (rate, size))
+        largest = longest / 2**halved
+        notes.append(
+            f"strang, h ≤ {largest:.3g} to t = {last:g}; twice the step makes a difference of {difference:.1e}"
+        )
+        return rows[parts - 1 :: parts]
 
-        def build(h: float, table: bool) -> ExactSplittingStepper:
-            return ExactSplittingStepper(top, y0, h, chosen, processed, processed, table)
+    states, work = at_times(NAME, top, run, y0, times)
+    return states, NotedWork(**vars(work), notes="; ".join(notes))
 
-        return Candidate(build, len(chosen.b) * (1.5 if processed else 1.0), widest)
 
-    def shorter(y: Array, h: float, parts: int) -> tuple[Array, int]:
-        rows, tally = np.array(y)[None], np.zeros(loops.SIZE)
-        map_rows(rows, numbers, np.tile(one * (h / parts), (parts, 1)), (0.0, 0.0, 0.0), tally)
-        if tally[loops.FAILURE]:
-            raise StepError(NAME, FAILURES[int(tally[loops.FAILURE])], h=h)
-        return rows[0], parts * len(small.b)
+def _track(problem: Any, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:
+    """States at the times of `grid` and, with equal distances, at parts − 1 before each; steps of at most longest/finer.
 
-    candidates = {name: candidate(name, RESONANT * (1 if name in PROCESSED else 2)) for name in CHOICES}
-    return backlund_choice.evaluate(NAME, top, y0, times, tol, candidates, shorter)
+    A uniform grid is one run. Otherwise a run goes from each time to the next.
+    """
+    n, last, tracks = len(grid), float(grid[-1]), []
+    uniform = np.allclose(grid, last * np.arange(1, n + 1) / n, rtol=4 * 2.0**-52, atol=0.0)
+    for start, end in [(0.0, last)] if uniform else pairwise((0.0, *grid.tolist())):
+        rows = (n if uniform else 1) * parts
+        every = finer * max(1, math.ceil(abs(end - start) / rows / longest))
+        h = (end - start) / (rows * every)
+        if h == 0.0:  # it underflows: nothing moves in so short a time
+            tracks.append(np.tile(y, (rows, 1)))
+            continue
+        stepper = ExactSplittingStepper(problem, y, h, SCHEMES["strang"], True, True, True, start)
+        tracks.append(stepper.record(y, rows * every, every)[1:])
+        y = tracks[-1][-1]
+        for name in ("steps", "rhs_evals", "iterations"):
+            setattr(work, name, getattr(work, name) + getattr(stepper.work, name))
+    return np.concatenate(tracks)
 
 
 def _warn_strong(top: PerturbedTop, y0: Array) -> None:
     rate, length, _ = top.top.scales(y0)
     strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
     if strength > STRONG * rate * rate:
-        share = strength / rate**2 if rate > 0 else math.inf
+        share = strength / rate / rate if rate > 0 else math.inf
         text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 costs less"
         warn_caller(text, StepWarning)
 
 
-def _warn_long(top: PerturbedTop, y0: Array, h: float) -> None:
-    unit = top.top.scales(y0)[2]
-    if abs(h) > 0.39 * unit:  # an eighth of the shortest period there is, π units
-        period = backlund_choice.nutation_period(top, y0)
-        if abs(h) >= 0.5 * period:
-            reason = f"h is {abs(h) / period:.2g} of the nutation period, in resonance with it; take less than a half"
-            raise StepError(NAME, reason, h=h)
-        if abs(h) > RESONANT * period:
-            text = f"h is {abs(h) / period:.2g} of the nutation period: from 1/8 on, V's harmonics are near resonance with it"
-            warn_caller(text, StepWarning)
+def _warn_long(problem: PerturbedTop | Problem, y0: Array, h: float, span: float = 0.0) -> None:
+    """A warning, or a StepError, where the step is in resonance with V along the motion from y0 on, over a time `span`."""
+    top, h, frequency = problem.as_top, abs(h), _frequency(problem, y0, np.array((0.0, span)))
+    if h <= RESONANT * SHORTEST * top.top.scales(y0)[2] * (1.0 - h * frequency / WIDEST):
+        return
+    period = nutation_period(top, y0)
+    if h >= 0.5 * period:
+        reason = f"h is {h / period:.2g} of the nutation period, in resonance with it; take less than a half"
+        raise StepError(NAME, reason, h=h)
+    if h > (longest := _longest(period, frequency)):
+        drive = f" and {h * frequency / math.tau:.2g} of the shortest period of H in time" if frequency else ""
+        text = f"h is {h / period:.2g} of the nutation period{drive}: V's harmonics are near resonance with it; take less than"
+        warn_caller(f"{text} {longest:.3g}", StepWarning)
+
+
+def _longest(period: float, frequency: float) -> float:
+    """The step from which V along the motion has harmonics near 2π/h: of the nutation, of H in time, and of both together."""
+    share = 1.0 / (RESONANT * period) + frequency / WIDEST
+    return 1.0 / share if share > 0.0 else math.inf
+
+
+def _frequency(problem: PerturbedTop | Problem, y0: Array, after: Array) -> float:
+    """The highest angular frequency of V in time, at these times after the start: what sin, cos and exp in its formula show."""
+    if not problem.timed:
+        return 0.0
+    V, numbers = problem.as_top.formula.value, problem.as_top.parameters[:-1]
+    return bandwidth(V, V.inputs - 1, (*y0[3:], *numbers, problem.start + after))
+
+
+def nutation_period(top: PerturbedTop, y0: Array) -> float:
+    """Of the top without V, to 1e-15; where nothing oscillates inf, or a long time."""
+    rate, size, unit = top.top.scales(y0)
+    if not 0.0 < rate < math.inf:
+        return math.inf
+    y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
+    return unit * first_nutation_period(top.alpha / rate * (size / rate), y)[0]  # type: ignore[no-any-return]
 
 
 METHOD = Method(

@@ -103,6 +103,18 @@ def test_at_times(name, problem, states):
         assert np.array_equal(got[:, i], integrate(one(problem, i), states[i], t=t, method=name).y)
 
 
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
+@pytest.mark.parametrize("grid", [{"h": 0.05, "steps": 40}, {"t": [0.3, -2.0], "tol": 1e-8}])
+def test_a_top_that_hardly_turns_takes_no_other_along(grid):
+    """The squares of its J underflow."""
+    top, (_, turning, *_) = PerturbedTop(LagrangeTop(0.0), TIDE, (0.3, 0.6, 0.0, 0.8)), STATES
+    states = [turning, *([J, -J, 0.0, 1.0, 0.0, 0.0] for J in (1e-155, 1e-163, 1e-170, 5e-324, 0.0))]
+    got = integrate_ensemble(top, states, method="backlund_splitting", **grid)
+    for i, y0 in enumerate(states):
+        alone = integrate(top, y0, method="backlund_splitting", **grid).y
+        assert np.array_equal(np.reshape(got, (-1, 6, 6))[:, i], alone[-1:] if "h" in grid else alone)
+
+
 def errors(alphas, states, got, expected):
     """Of each top's own state."""
     return np.array(

@@ -1,0 +1,72 @@
+"""A step for an error `tol`: run, halve the step, run again, until two runs agree. No estimate is fitted to anything.
+
+States are compared at all output times and, if these are few, at `PLACES` of the run: so two runs do not agree by chance at
+one time. A run is good if it differs by at most `tol` from the one with twice its step, and if that difference is at most half
+of the one before, or both are below `tol`: at least three runs. As long as each halving at least halves the difference, the
+error is at most the last difference (a geometric series). Where a method of order p shows its order it is 1/(2^p − 1) of that
+(Richardson); this factor is not used, for near a close encounter two differences can show an order that the third denies.
+What is so narrow in time that all runs step over it is not seen.
+
+Where halving does not help three times, at differences of at most `MOST`, what is left is round-off, or the motion is
+sensitive to it. On a chaotic motion runs never agree. Source: this project; Hairer, Nørsett & Wanner, Solving Ordinary
+Differential Equations I (1993), section II.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import check_real
+from lagrange_bench.integrators.interface import Array, StepError
+
+LEAST, MOST = 1e-13, 0.1  # of tol
+PLACES = 16
+HALVINGS, STALLS = 10, 3
+
+
+def check_tolerance(tol: Any) -> float:
+    """`tol` as a float; ValueError if no error of doubles can be meant by it."""
+    value = check_real(tol, "tol")
+    if not LEAST <= value <= MOST:
+        raise ValueError(f"tol must be between {LEAST:g} and {MOST:g}; got {value:g}")
+    return value
+
+
+def agreeing(
+    name: str, run: Callable[[int], Array], tol: float, scales: tuple[float, float]
+) -> tuple[Array, int, float]:
+    """The states (N, 6) of a run that agrees with those before, how often its step was halved, and the last difference.
+
+    run : 1, 2, 4, … → the states with the first step, half, a quarter of it … scales : of J and x.
+
+    Raises
+    ------
+    StepError : the runs do not agree.
+    """
+    before, stalled, coarse = math.nan, 0, None
+    for halved in range(HALVINGS + 1):
+        try:
+            fine, why = run(2**halved), ""
+        except StepError as error:  # a step that long cannot be taken
+            fine, why = None, f" ({error.reason})"
+        difference = math.nan if coarse is None or fine is None else _difference(coarse, fine, scales)
+        falls = difference <= 0.5 * before
+        if difference <= tol and (falls or before <= tol):
+            return fine, halved, difference
+        stalled += before <= MOST and not falls
+        if stalled == STALLS:
+            why = ": half of the step does not help, what is left is round-off, or the motion is sensitive to it"
+            break
+        before, coarse = difference, fine
+    reason = f"tol = {tol:g} is not reached: two runs differ by {difference:.0e}{why}"
+    raise StepError(name, f"{reason}; take a larger tol, or method='taylor', which chooses each step")
+
+
+def _difference(a: Array, b: Array, scales: tuple[float, float]) -> float:
+    """The largest of several states, relative to the scales of J and x."""
+    sizes = [np.linalg.norm((a - b)[:, 3 * i : 3 * i + 3], axis=1).max() / scale for i, scale in enumerate(scales)]
+    return float(np.max(sizes))
