@@ -136,8 +136,8 @@ def to_tolerance(cell: dict) -> list[dict]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", StepWarning)  # of a V that is strong
                 run = integrate(top, y0, t=[time], method=cell["method"], tol=cell["tol"])
-        except StepError as error:
-            rows.append({"answer": "refused", "reason": str(error)})
+        except StepError as refusal:
+            rows.append({"answer": "refused", "reason": str(refusal)})
             continue
         error = float(metrics.scaled_error(top.top, y0, run.y, right)[0])
         rows.append({"answer": "given", "error": states.rounded(error)})

@@ -313,7 +313,9 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        self.sweep: Problem | None = None  # if its frequencies in time change: then the end of a run counts, too
+        self.sweep: PerturbedTop | Problem | None = (
+            None  # if its frequencies in time change: then the end of a run counts, too
+        )
         way_in, way_out = ends_of(chosen, h, corrected)
         step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
         super().__init__(

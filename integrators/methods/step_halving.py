@@ -26,6 +26,7 @@ from lagrange_bench.integrators.interface import Array, StepError
 LEAST, MOST = 1e-13, 0.1  # of tol
 PLACES = 16
 HALVINGS, STALLS = 10, 3
+NO_ROWS = np.full((1, 6), np.nan)
 
 
 def check_tolerance(tol: Any) -> float:
@@ -47,13 +48,13 @@ def agreeing(
     ------
     StepError : the runs do not agree.
     """
-    before, stalled, coarse = math.nan, 0, None
+    before, stalled, coarse = math.nan, 0, NO_ROWS
     for halved in range(HALVINGS + 1):
         try:
             fine, why = run(2**halved), ""
         except StepError as error:  # a step that long cannot be taken
-            fine, why = None, f" ({error.reason})"
-        difference = math.nan if coarse is None or fine is None else _difference(coarse, fine, scales)
+            fine, why = NO_ROWS, f" ({error.reason})"
+        difference = _difference(coarse, fine, scales)
         falls = difference <= 0.5 * before
         if difference <= tol and (falls or before <= tol):
             return fine, halved, difference

@@ -338,7 +338,7 @@ def test_runs_are_compared_on_the_way():
 
 
 def test_what_is_below_round_off_or_chaotic_is_refused():
-    top, y0, unit = problem("moderate_tide")
+    top, y0, unit = problem("weak_tide")
     with pytest.raises(
         StepError, match=r"tol = 1e-13 is not reached: .* or the motion is sensitive to it; take .*'taylor'"
     ):
