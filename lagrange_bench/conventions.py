@@ -11,13 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from lagrange_bench.consistency import Rows
 from lagrange_bench.integrators import CASES, Case
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
 UNITS = {  # what is judged → its unit, in the order in which it is reported
     **{"position": "m", "axis": "rad", "rotation": "rad", "spin": "rad", "length": "m", "orthogonality": "1"},
-    **{"omega": "rad/s", "energy": "J", "momentum": "kg m²/s"},
+    **{"omega": "rad/s", "spin_rate": "rad/s", "energy": "J", "momentum": "kg m²/s"},
 }
 AXES = {
     sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
@@ -33,7 +34,15 @@ POSITIONS, SPEEDS = (
 # what columns may be: the factor that makes them right
 SCALES = {"position": POSITIONS, "displacement": POSITIONS, "omega": {**SPEEDS, "of the other sign": -1.0}}
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
-BETTER = 10  # times less is the error with another convention, for a hint
+BETTER = 10  # times less is the error with another convention than with this one, and with any other, for a hint
+PREFIXES = (
+    3,
+    5,
+    9,
+    17,
+    33,
+    65,
+)  # rows from the first on, where the whole run gives no hint: a poor one is right there only
 RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
 OFF = 1e-3  # RᵀR − 1 of a matrix that still counts as a rotation; more, where the digits of the file are fewer
 TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
@@ -76,6 +85,7 @@ class Frames:
         self.start = x[0]
         size = self.length or float(np.linalg.norm(x, axis=1).max()) or 1.0
         self.sizes = {"position": size, "rotation": 1.0, "omega": float(np.linalg.norm(omega, axis=1).max())}
+        self.spin_rate = None if self.axis is None else float(omega[0] @ self.axis)
         self.energy, self.momentum = self.moving.energy_of(R, omega)[:1], self.moving.momentum_of(R, omega)[:1]
 
     def exact(self, t: ArrayLike) -> Exact:
@@ -108,11 +118,24 @@ class Frames:
             omega = given["omega"] @ (self.body if body else self.world.T)
             right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
             add(omega=np.linalg.norm(omega - right, axis=1))
+            if body and self.axis is not None:
+                add(spin_rate=np.abs(omega @ self.axis - self.spin_rate))
             for R, _ in attitudes:
                 in_body = omega if body else (omega[:, None, :] @ R)[:, 0]
+                if self.axis is not None:
+                    add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
                 add(momentum=self.momentum_error(self.moving.momentum_of(R, in_body)))
         return {name: found[name] for name in UNITS if name in found}
+
+    def rows(self, given: Mapping[str, Array], t: Array) -> Rows | None:
+        """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
+        group = next((name for name in ATTITUDES if name in given), None)
+        if group is None:
+            return None
+        frame = self.convention.omega_frame
+        omega = given["omega"] @ (self.body if frame == "body" else self.world.T) if "omega" in given else None
+        return Rows(t, self.attitude(group, given[group])[0], omega, frame)
 
     def momentum_error(self, momentum: Array) -> Array:
         """Of a body without torque that of the vector, else of its part about the vertical, (n,)."""
@@ -200,13 +223,27 @@ class Hints:
         self.given, self.t, self.exact = _rows(given, some), t[some], _at(exact, some)
         self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
 
-    def all(self) -> list[str]:
-        """Every hint; a convention is tried only where something is wrong."""
+    def written(self) -> list[str]:
+        """Frames, orders, units; a convention is tried only where something is wrong."""
         hints = list(self._conventions())
         hints = hints or list(self._axes())
         for each in (self._speeds, self._times, self._starts):
             hints += each()
-        return hints or [*self._points(), *self._turns()]
+        return hints
+
+    def turned(self) -> list[str]:
+        """Other axes; positions of the fixed point."""
+        return [*self._fixed_point(), *self._turns()]
+
+    def _fixed_point(self) -> Iterator[str]:
+        if "position" not in self.given or not self.frames.length:
+            return
+        if np.linalg.norm(self.given["position"], axis=1).max() < RIGHT * self.sizes["position"]:
+            yield "the positions are those of the fixed point, not of the centre of mass."
+
+    def moved(self) -> list[str]:
+        """Another origin, another point of the body."""
+        return list(self._points())
 
     def _wrong(self, judged: str) -> bool:
         return bool(self.now.get(judged, 0.0) > START)
@@ -225,6 +262,7 @@ class Hints:
         how = self.frames.convention
         quat = "xyzw" if how.quat == "wxyz" else "wxyz"
         frame = "world" if how.omega_frame == "body" else "body"
+        best: dict[str, list[tuple[float, str]]] = {}
         ordered = f"the quaternions are in the order {quat}: {self.way or f'--quat {quat}, or other names'}."
         moving = "the angles are about axes that move with the body, not about fixed ones."
         inverse = "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate."
@@ -242,7 +280,11 @@ class Hints:
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
             tried = self._wrong(judged) and (not group or group in self.given)
-            if tried and self._error(judged, **changes) < self._limit(judged):
+            if tried:
+                best.setdefault(judged, []).append((self._error(judged, **changes), words))
+        for judged, found in best.items():
+            (least, words), *others = sorted(found)
+            if least < self._limit(judged) and all(least * BETTER < error for error, _ in others):
                 yield words
         if "rotation vector" in self.given and self._wrong("rotation"):
             rows = {**self.given, "angles": self.given["rotation vector"]}
@@ -335,11 +377,12 @@ class Hints:
         return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
 
     def _points(self) -> Iterator[str]:
-        """Another origin, or another point of the body, if it is clear which of them."""
-        if "position" not in self.given or not self._wrong("position"):
+        """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
+        if "position" not in self.given or not self._wrong("position") or not self.frames.moving.fixed:
             return
-        x, R, _ = self.exact
-        there = self.given["position"] @ self.frames.world.T
+        group = next((name for name in ATTITUDES if name in self.given), None)
+        R = self.exact[1] if group is None else self.frames.attitude(group, self.given[group])[0]
+        x, there = R @ self.frames.moving.com, self.given["position"] @ self.frames.world.T
         least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
         for points, back, words in (
             (there - x, self.frames.world.T, "are off by {}: another origin."),
@@ -350,8 +393,11 @@ class Hints:
             ),
         ):
             mean = points.mean(0)
-            if np.abs(points - mean).max() < least:
-                fits.append(f"the positions {words.format(_vector(back @ mean, 'm'))}")
+            scatter = float(np.abs(points - mean).max())
+            off = np.linalg.norm(there - x, axis=1).max()
+            if scatter < least and off > max(BETTER * scatter, START * self.sizes["position"]):
+                digits = max(0, -math.floor(math.log10(scatter))) if scatter > 0 else 9
+                fits.append(f"the positions {words.format(_vector((back @ mean).round(min(digits, 9)), 'm'))}")
         yield from fits if len(fits) == 1 else []
 
     def _turns(self) -> Iterator[str]:
@@ -374,6 +420,23 @@ class Hints:
                         f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
                     )
         yield from fits if len(fits) == 1 else []
+
+
+def hints(frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = "") -> list[str]:
+    """Those of the whole run; else of its first rows. Rows themselves tell the frame of ω, and missing torques."""
+    whole = Hints(frames, given, t, exact, good, way)
+    found = whole.written() or whole.turned()
+    if not found and len(good) and good[0] == 0:
+        prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
+        found = next(filter(None, (each.written() for each in prefixes)), [])
+    found = found or whole.moved()
+    rows = frames.rows(_rows(given, good), t[good])
+    if rows is not None:
+        if (other := rows.other_frame()) and not any("--omega" in hint for hint in found):
+            found.append(f"ω is in the {other} frame: --omega {other}, from Python omega_frame.")
+        elif rows.without_gyroscopic_torque(frames.moving):
+            found.append("the program leaves out the gyroscopic torque ω × I ω: an option of many engines.")
+    return found
 
 
 def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:

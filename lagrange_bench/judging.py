@@ -13,7 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import columns as written
 from lagrange_bench.arguments import own
-from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Frames, Hints
+from lagrange_bench.consistency import rate_note
+from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Frames
+from lagrange_bench.conventions import hints as find_hints
 from lagrange_bench.integrators import CASES, Case, StepError
 from lagrange_bench.integrators.cases import read_case
 
@@ -22,6 +24,7 @@ Array = np.ndarray
 # fewer rows than FEW they must be nearer
 DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
+SOME_ROWS = 8  # from which the growth of an error is told
 
 
 class Error(NamedTuple):
@@ -38,7 +41,7 @@ class Judgement:
     span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case, in doubles
     (`right`) and in single precision (`single`); None where that time is not 0. floor : errors below it are lost in the printed
     digits. hints : conventions that the rows perhaps have. curves : times and errors, (2, M), to be drawn. columns : of a file,
-    how they were read.
+    how they were read. turns : of the exact motion. size : what positions are compared with, m.
     """
 
     case: str
@@ -52,6 +55,8 @@ class Judgement:
     curves: dict[str, Array] = field(default_factory=dict, repr=False)
     file: str | None = None
     columns: str = ""
+    turns: float = 0.0
+    size: float = 1.0
 
     @property
     def step(self) -> float:
@@ -61,6 +66,35 @@ class Judgement:
     def ends_before(self, until: float) -> bool:
         """Whether the last row is before this time, s, by more than half of the distance of two rows."""
         return self.span[1] < until - (0.5 * self.step if self.rows > 1 else 0.0)
+
+    def summary(self) -> list[str]:
+        """How wrong it is, in a sentence; and until when it is near."""
+        name = next((name for name in ("axis", "rotation", "position", "omega") if name in self.errors), None)
+        if name is None or self.rows < 2 or not math.isfinite(self.errors[name].end):
+            return []
+        off, span = f"{self.errors[name].end:.1e} {UNITS[name]}", self.span[1] - self.span[0]
+        lines = [f"After {span:.4g} s, {self.turns:.3g} turns: {name} off by {off}{self._growth(name)}."]
+        near, bound = ("position", 0.1 * self.size) if "position" in self.errors else ("rotation", 0.1)
+        if near in self.errors and self.errors[near].max > bound:
+            t, error = self.curves[near]
+            first = int(np.argmax(~(error <= bound)))
+            until = f"until t = {t[first]:.3g} s" if first else "at no time"
+            lines.append(f"The {near} is within {bound:.2g} {UNITS[near]} {until}.")
+        return lines
+
+    def _growth(self, name: str) -> str:
+        """how the largest error so far grows with time, if the rows tell."""
+        t, error = self.curves[name]
+        worst = np.maximum.accumulate(error)
+        use = (t > t[-1] / 8) & (worst > max(self.floor.get(name, 0.0), 1e-15))
+        if np.count_nonzero(use) < SOME_ROWS or not np.isfinite(worst[-1]):
+            return ""
+        power = float(np.polyfit(np.log(t[use]), np.log(worst[use]), 1)[0])
+        if power < 0.25:
+            return ", not growing"
+        nearest = round(power)
+        law = "t" if nearest == 1 else f"t^{nearest}"
+        return f", growing like {law if abs(power - nearest) < 0.25 else f't^{power:.1f}'}"
 
     def __getattr__(self, name: str) -> Error:
         if name in UNITS and name in self.errors:
@@ -176,6 +210,12 @@ def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, lis
     return made
 
 
+def converges_elsewhere(orders: Sequence[float]) -> bool:
+    """Whether errors stop falling far from round-off, as those of a program that follows another motion."""
+    known = [order for order in orders if math.isfinite(order)]
+    return len(known) > 1 and known[-1] < 0.3 < max(known)
+
+
 def find(case: str | Case) -> Case:
     """The case of this name, or one's own: as it is, as module:NAME, or in a TOML file."""
     if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
@@ -199,7 +239,7 @@ def _judged(
         exact = frames.exact(t)
         found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        hints = Hints(frames, given, t, exact, good, way).all() if len(good) else []
+        hints = find_hints(frames, given, t, exact, good, way) if len(good) else []
         if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
@@ -212,7 +252,10 @@ def _judged(
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    judged = Judgement(case.name, len(t), span, errors, start, floors, hints, list(_notes(t, found)), curves)
+    notes = [*_notes(t, found), *_own_notes(frames, given, t, hints)]
+    size, speed = frames.sizes["position"], np.mean(np.linalg.norm(exact[2], axis=1))
+    turns = float(speed * (t[-1] - t[0]) / (2 * math.pi))
+    judged = Judgement(case.name, len(t), span, errors, start, floors, hints, notes, curves, turns=turns, size=size)
     if t[-1] > 10 * case.until:
         judged.notes.insert(
             0, f"The times go to {t[-1]:.9g}, the case to {case.until:g} s: perhaps they are no seconds."
@@ -248,6 +291,17 @@ def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
         yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
+
+
+def _own_notes(frames: Frames, given: Mapping[str, Array], t: Array, hints: Sequence[str]) -> Iterator[str]:
+    """What the rows say of themselves."""
+    rows = frames.rows(given, t)
+    if rows is None:
+        return
+    yield from rows.notes()
+    if rows.omega is not None and frames.axis is not None and not hints:
+        text = rate_note(rows.t, rows.spin_rate(frames.axis))
+        yield from [text] if text else []
 
 
 def draw(path: Path, judged: Sequence[Judgement]) -> str:

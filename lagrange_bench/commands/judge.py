@@ -39,6 +39,8 @@ from typing import Any
 from lagrange_bench.arguments import location, number_pairs, numbers, pairs, seconds
 from lagrange_bench.output import PICTURES, Answer, check_target, table
 
+HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
+
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
@@ -85,11 +87,14 @@ def run(options: argparse.Namespace) -> Answer:
     violated = [line for each in judged if asked for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, conventions.UNITS), ""]]
     for name, found in orders.items():
-        if found:
+        if not all(map(math.isnan, found)):
             shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
             lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
-    if not options.steps and len({f"{each.step:.6g}" for each in judged}) < len(judged):
+    steps = {f"{each.step:.6g}" for each in judged}
+    if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
+    if any(judging.converges_elsewhere(found) for found in orders.values()):
+        lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
@@ -109,7 +114,7 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
     off = {name: judged.errors[name].max for name in bounds if not judged.errors[name].max <= bounds[name]}
     lines = [f"{judged.file}: {name} is off by {error:.3g}: above {bounds[name]:g}" for name, error in off.items()]
     if bad := [name for name, error in judged.errors.items() if not math.isfinite(error.max) and name not in off]:
-        lines.append(f"{judged.file}: {', '.join(bad)} cannot be measured: a number is not finite")
+        lines.append(f"{judged.file}: {', '.join(bad).replace('_', ' ')} cannot be measured: a number is not finite")
     if judged.ends_before(until):
         lines.append(f"{judged.file}: the last row is at t = {judged.span[1]:.9g}, before {until:g} s")
     return lines
@@ -117,15 +122,20 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
 
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
     """What is to be said of one file."""
-    rows: list[tuple[str, ...]] = [("error of", "largest", "last row", "unit")]
-    rows += [(name, f"{error.max:.2e}", f"{error.end:.2e}", units[name]) for name, error in judged.errors.items()]
+    rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit")]
+    rows += [
+        (name.replace("_", " "), f"{error.max:.2e}", f"{error.end:.2e}", units[name])
+        for name, error in judged.errors.items()
+    ]
     first, last = judged.span
     lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", f"read as {judged.columns}"]
     lines += table(rows)
     lines.append(_start(judged.start, units))
     for name, floor in judged.floor.items():
+        if judged.errors[name].max > HIDDEN * floor:
+            continue
         lines.append(f"The digits printed for {name} say nothing of errors below {floor:.1e} {units[name]}.")
-    return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints)]
+    return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints), *judged.summary()]
 
 
 def _start(start: dict[str, Any], units: dict[str, str]) -> str:

@@ -1,6 +1,7 @@
 """`judge`: whatever a program writes is read in its own convention, and the error that was put in is the one reported."""
 
 import json
+import math
 import os
 
 import numpy as np
@@ -128,7 +129,7 @@ def test_spin_at_half_a_turn():
         ({"position": X @ INTO}, "--up=y"),
         ({"rotation": M @ INTO.T}, "--axis=z"),
         ({"position": X * [1, -1, -1]}, "--up=-z"),
-        ({"position": 0 * X}, "the point (0, 0, 0) m of the body"),
+        ({"position": 0 * X}, "those of the fixed point"),
         ({"position": X + np.arange(1, 4)}, "off by (1, 2, 3) m: another origin"),
         ({"position": 1e3 * X}, "position is in mm"),
         ({"position": X / 0.0254}, "position is in inches"),
@@ -260,7 +261,8 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     assert data["files"][0]["position"]["max"] == pytest.approx(7e-7, rel=0.3)
     half = write(tmp_path / "half.csv", "t x y z", T[::2], X[::2], digits=6)
     assert answer("judge", six, half, "--case", "bruels")["orders"] == {"position": [None], "rotation": []}
-    assert "give their steps" in run("judge", six, six, "--case", "bruels")[1]
+    assert "order" not in run("judge", six, six, "--case", "bruels")[1]  # equal steps tell none
+    assert "give their steps" in run("judge", six, six, half, "--case", "bruels")[1]
     cone = CASES["metis"].solution(T[:20])
     short = write(tmp_path / "cone.csv", f"t {NINE}", cone.t, cone.rotation.as_matrix().reshape(-1, 9), digits=6)
     assert answer("judge", short, "--case", "metis")["files"][0]["start"]["right"]
@@ -272,7 +274,7 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
         (early, "2", 1, "the last row is at t = 0.04, before 2 s"),
         (early, "0.055", 1, "the last row is at t = 0.04, before 0.055 s"),
         (early, "0.04", 0, "All errors are within the bounds."),
-        (wild, "2", 1, "omega cannot be measured: a number is not finite"),
+        (wild, "2", 1, "omega, spin rate cannot be measured: a number is not finite"),
     ):
         words = run("judge", file, "--case", "bruels", "--bounds", "position=9", "--until", until)
         assert (words[0], said in words[1]) == (code, True), words
@@ -358,3 +360,60 @@ def test_a_file_that_is_no_case_is_refused(text, words, tmp_path, run):
     (tmp_path / "mine.toml").write_text(text)
     code, _, err = run("judge", str(tmp_path / "run.csv"), "--case", str(tmp_path / "mine.toml"))
     assert (code, words in err) == (2, True), err
+
+
+def poor(case, h, until=2.0, damping=0.0, cap=np.inf, gyroscopic=True):
+    """A run of first order, as engines make it: rows of t, x, R and ω in the world, each a step."""
+    body, R, omega = case.body, case.solution([0.0]).rotation.as_matrix()[0], np.array(case.omega_body)
+    inertia = body.axes.T @ np.diag(body.inertia) @ body.axes
+
+    def rate(w):
+        torque = body.mass * np.cross(body.com, R.T @ body.gravity) - np.cross(w, inertia @ w)
+        return np.linalg.solve(inertia, torque if gyroscopic else torque + np.cross(w, body.inertia_com @ w))
+
+    rows = []
+    for k in range(round(until / h) + 1):
+        rows.append((k * h, R @ body.com, R, R @ omega))
+        half = omega + h / 2 * rate(omega)
+        new = (omega + h * rate(half)) * math.exp(-h * damping)
+        new[1] = math.copysign(min(abs(new[1]), cap), new[1])
+        R, omega = R @ Rotation.from_rotvec(h * new).as_matrix(), new
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+@pytest.mark.parametrize(("name", "h"), [("slow", 1 / 60), ("slow", 1 / 240), ("bruels", 1 / 240)])
+def test_conventions_of_poor_runs_are_named(name, h):
+    """Runs that are lost within a second: their first rows, or the rows themselves, tell."""
+    t, x, M, omega = poor(CASES[name], h)
+    right = judge(t, x, M, omega, case=name, omega_frame="world")
+    assert right.position.max > 0.01
+    assert right.hints == []
+    q = Rotation.from_matrix(M).as_quat()
+    for given, hint in (
+        ({"rotation": M, "omega": omega}, "--omega world"),
+        ({"rotation": q, "omega": omega, "omega_frame": "world"}, "--quat xyzw"),
+        ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
+        ({"position": x @ INTO, "rotation": INTO.T @ M}, "--up=y"),
+    ):
+        found = judge(t, **given, case=name).hints
+        assert any(hint in each for each in found), (hint, found)
+
+
+def test_what_engines_do_to_a_spin_is_named():
+    slow = CASES["slow"]
+    for engine, words in (
+        ({"damping": 0.1}, "exp(−0.1 t): damping?"),
+        ({"cap": 4.0}, "from 10 to 4 rad/s in the first step: a cap"),
+    ):
+        t, x, M, omega = poor(slow, 1 / 240, **engine)
+        judged = judge(t, x, M, omega, case=slow, omega_frame="world")
+        assert any(words in note for note in judged.notes), judged.notes
+        assert judged.spin_rate.max > 1.0
+    t, x, M, omega = poor(slow, 1 / 240, gyroscopic=False)
+    judged = judge(t, x, M, omega, case=slow, omega_frame="world")
+    assert judged.hints == ["the program leaves out the gyroscopic torque ω × I ω: an option of many engines."]
+    lost = np.concatenate((omega[:1], 0 * omega[1:]))
+    still = np.concatenate((M[:1], np.repeat(M[:1], len(M) - 1, axis=0)))
+    assert any("equal" in note for note in judge(t, rotation=still, omega=lost, case=slow).notes)
+    assert "After 2 s, 3.59 turns: axis off by" in judged.summary()[0]
+    assert "within 0.1 m until t =" in judged.summary()[1]

@@ -1,0 +1,115 @@
+"""What the rows of a trajectory say of themselves, without a right motion: does ω turn the body, does the torque turn ω?
+
+Neighbouring rows k, k + 1 give the turn Θ from one attitude to the next over the time between them, dt. Then
+
+    Θ/dt = ω             in the body, and half way in the world: tells the frame of ω, and rows that are late or lost
+    I (ω' − ω)/dt = T − ω × I ω       tells a program that leaves out ω × I_c ω, with I_c about the centre of mass
+
+Medians over all rows: a few bad ones, as of a run that blows up, decide nothing.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.integrators import RigidBody
+
+Array = np.ndarray
+CLEARLY = 4.0  # so many times nearer is the other frame, or the other equation
+ANOTHER_TURN = 2.8  # rad: a larger turn between two rows may be the other way round
+FEWEST = 3  # rows
+LITTLE = 1e-3  # relative: a gyroscopic torque below this share of the change of ω is not seen
+
+
+class Rows:
+    """Attitudes (N, 3, 3), body to world, and angular velocities (N, 3) in one of the frames, at times t (N,)."""
+
+    def __init__(self, t: Array, R: Array, omega: Array | None, frame: str):
+        good = np.isfinite(R).all((1, 2)) & (np.isfinite(omega).all(1) if omega is not None else True)
+        self.t, self.R, self.frame = t[good], R[good], frame
+        self.omega = None if omega is None else omega[good]
+        self.dt = np.diff(self.t)[:, None]
+        turns = np.transpose(self.R[:-1], (0, 2, 1)) @ self.R[1:]
+        self.turn = Rotation.from_matrix(turns).as_rotvec() if len(turns) else np.empty((0, 3))
+        self.clear = np.linalg.norm(self.turn, axis=1) < ANOTHER_TURN
+
+    def _in_body(self, frame: str) -> Array:
+        assert self.omega is not None
+        return self.omega if frame == "body" else np.einsum("nji,nj->ni", self.R, self.omega)
+
+    def off(self, frame: str) -> float:
+        """The median of |Θ/dt − ω|/|ω| if ω is in this frame; NaN where the rows do not tell."""
+        if self.omega is None or np.count_nonzero(self.clear) < FEWEST - 1:
+            return np.nan
+        omega = self._in_body(frame)
+        half = Rotation.from_rotvec(self.turn / 2).as_matrix()
+        # ω of both rows in the body half way
+        if frame == "body":
+            mean = (omega[:-1] + omega[1:]) / 2
+        else:
+            mean = (np.einsum("nji,nj->ni", half, omega[:-1]) + np.einsum("nij,nj->ni", half, omega[1:])) / 2
+        size = np.median(np.linalg.norm(self.turn / self.dt, axis=1)[self.clear])
+        error = np.linalg.norm(self.turn / self.dt - mean, axis=1)[self.clear]
+        return float(np.median(error) / size) if size > 0 else np.nan
+
+    def other_frame(self) -> str | None:
+        """The frame that ω is clearly in, if it is not the one named."""
+        other = "world" if self.frame == "body" else "body"
+        return other if CLEARLY * self.off(other) < self.off(self.frame) else None
+
+    def without_gyroscopic_torque(self, body: RigidBody) -> bool:
+        """Whether ω changes clearly more like that of a body without ω × I_c ω."""
+        if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
+            return False
+        omega, mass = self._in_body(self.frame), body.mass
+        lever = body.com if body.fixed else np.zeros(3)
+        inertia = body.inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+        down = np.einsum("nji,j->ni", self.R, body.gravity)
+        torque = mass * np.cross(lever, down)
+        coupling, own = np.cross(omega, omega @ inertia.T), np.cross(omega, omega @ body.inertia_com.T)
+        inverse = np.linalg.inv(inertia).T
+        change = np.diff(omega, axis=0) / self.dt
+        right, other = ((part[:-1] + part[1:]) / 2 @ inverse for part in (torque - coupling, torque - coupling + own))
+        clear = self.clear
+
+        def median(values: Array) -> float:
+            return float(np.median(np.linalg.norm(values, axis=1)[clear]))
+
+        return median(right - other) > LITTLE * median(right) and CLEARLY * median(change - other) < median(
+            change - right
+        )
+
+    def spin_rate(self, axis: Array) -> Array:
+        """The angular velocity about an axis of the body, (N,)."""
+        return self._in_body(self.frame) @ axis
+
+    def notes(self) -> list[str]:
+        """Rows that are equal to the one before, and an angular velocity that is lost after the start."""
+        notes = []
+        if len(self.t) > 1 and np.array_equal(self.R[0], self.R[1]) and (self.omega is None or self.omega[0].any()):
+            notes.append("Rows 1 and 2 are equal: perhaps each row holds the state before.")
+        elif self.omega is not None and len(self.t) >= FEWEST:
+            first, second = np.linalg.norm(self.omega[:2], axis=1)
+            seen = np.linalg.norm(self.turn[0] / self.dt[0])
+            if first > 0 and second < 0.1 * first and seen < 0.1 * first:
+                notes.append(
+                    f"The second row does not follow from the first: |ω| is {second:.3g} rad/s there, {first:.3g} at the start. "
+                    "Perhaps the program lost the velocities it was given."
+                )
+        return notes
+
+
+def rate_note(t: Array, rate: Array) -> str:
+    """What the angular velocity about the axis of symmetry, which the exact motion keeps, does; "" if it stays."""
+    good = np.isfinite(rate)
+    t, rate = t[good], np.abs(rate[good])
+    if len(t) < FEWEST or not np.all(rate > 0):
+        return ""
+    if rate[1] < 0.9 * rate[0] and np.all(np.abs(rate[1:] / rate[1] - 1) < 0.5):
+        return (
+            f"The spin falls from {rate[0]:.4g} to {rate[1]:.4g} rad/s in the first step: a cap on angular velocities?"
+        )
+    fall = np.log(rate / rate[0])
+    slope = float(fall @ (t - t[0]) / ((t - t[0]) @ (t - t[0])))
+    if fall[-1] < -0.01 and np.max(np.abs(fall - slope * (t - t[0]))) < 0.1 * abs(fall[-1]):
+        return f"The spin falls like exp(−{-slope:.3g} t): damping?"
+    return ""
