@@ -98,7 +98,9 @@ def followed(
     values = top.invariants(y, np.concatenate(((0.0,), times)))
     drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
     found = dict(zip(top.names, drift[1:].T, strict=True))
-    own_quantities = METHODS[cell["method"]].keeps if "uniform" in top.offers else {}  # these hold in a uniform field
+    own_quantities = (
+        METHODS[cell["method"]].claims.keeps if "uniform" in top.offers else {}
+    )  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
         found[KEPT + own] = (values[1:] - values[0]) / size
@@ -120,7 +122,7 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     for method, group in rows.groupby("method", sort=False):
         record = METHODS.get(method)
         t = np.sort(group.groupby("t_index").t.median().to_numpy())
-        has = {KEPT + quantity for quantity in record.keeps} if record else set()
+        has = {KEPT + quantity for quantity in record.claims.keeps} if record else set()
         for name in (*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())):
             found = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
             growth = metrics.growth_exponent(t, found)
@@ -138,7 +140,6 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
                     "low": growth.low,
                     "high": growth.high,
                     "verdict": metrics.verdict(*growth, most, floor=FLOOR),
-                    "biased, as the method says": record.biased.get(quantity, "") if record else "",
                 }
             )
     return pd.DataFrame(table)

@@ -232,7 +232,7 @@ def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
         floor = max(100 * run.error.min(skipna=False), between[0])
         run = run[(run.error > floor) & (run.error < between[1])].sort_values("h")[:4]
         slope = float(np.polyfit(np.log(run.h), np.log(run.error), 1)[0]) if len(run) > 2 else np.nan
-        says = METHODS[method].order_for(states.find(state)[0]) if method in METHODS else None
+        says = METHODS[method].order if method in METHODS else None
         table.append({"state": state, "method": method, "claimed": says, "measured": slope, "points": len(run)})
     return pd.DataFrame(table)
 

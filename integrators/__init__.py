@@ -28,6 +28,7 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.compiling.expression import sqrt as sqrt
     from lagrange_bench.integrators.ensemble import integrate_ensemble as integrate_ensemble
     from lagrange_bench.integrators.interface import INVARIANTS as INVARIANTS
+    from lagrange_bench.integrators.interface import Claims as Claims
     from lagrange_bench.integrators.interface import Method as Method
     from lagrange_bench.integrators.interface import StepError as StepError
     from lagrange_bench.integrators.interface import Stepper as Stepper

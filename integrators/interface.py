@@ -6,9 +6,10 @@ Tests read the claims and check them; experiments only ever see a `Stepper`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import inspect
+from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
-from functools import partial, wraps
+from functools import cached_property, partial, wraps
 from typing import Any, Protocol
 
 import numpy as np
@@ -114,23 +115,78 @@ NEEDS = {
 
 # fields of `Method`: what they must be
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "a text": (
-        lambda value: isinstance(value, str),
-        "name label family source needs exact_for uniform_only reduces_to",
-    ),
-    "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
+    "a text": (lambda value: isinstance(value, str), "name label family source needs"),
     "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
     "a function": (callable, "prepare"),
-    "a function or None": (
-        lambda value: value is None or callable(value),
-        "evaluate many",
-    ),
-    "a dict": (lambda value: isinstance(value, Mapping), "keeps biased special"),
-    "a set, such as frozenset({'J3'})": (lambda value: isinstance(value, (set, frozenset)), "conserves if_quadratic"),
+    "a function or None": (lambda value: value is None or callable(value), "evaluate many"),
+    "a dict": (lambda value: isinstance(value, Mapping), "special"),
+    "a record such as Claims(symmetric=True, conserves={'J3'})": (lambda value: isinstance(value, Claims), "claims"),
+}
+# likewise, of `Claims`
+KINDS_OF_CLAIMS: dict[str, tuple[Callable[[Any], bool], str]] = {
+    "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
+    "a set, such as {'J3'}": (lambda value: isinstance(value, (set, frozenset)), "conserves conserves_if_quadratic"),
+    "a dict": (lambda value: isinstance(value, Mapping), "keeps"),
 }
 
 
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
+
+
+def _check_kinds(record: Any, kinds: Mapping[str, tuple[Callable[[Any], bool], str]]) -> None:
+    for what, (fits, names) in kinds.items():  # of another kind, everything that reads it would fail
+        for name in names.split():
+            if not fits(value := getattr(record, name)):
+                raise ValueError(f"{name} must be {what}; got {value!r}")
+
+
+@dataclass(frozen=True)
+class Claims:
+    """What a method says of its steps, besides their order: `lagrange-bench check` puts each claim to the test.
+
+    Parameters
+    ----------
+    symmetric : bool
+        step(-h) undoes step(h).
+    poisson : bool
+        One step is a Poisson map.
+    conserves : set of str
+        Of INVARIANTS: at round-off, for every h, as far as the problem conserves them.
+    conserves_if_quadratic : set of str
+        These, too, if H is quadratic.
+    keeps : dict
+        What else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
+        (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state.
+
+    Raises
+    ------
+    ValueError
+        A field of a wrong type, or an unknown invariant.
+    """
+
+    symmetric: bool = False
+    poisson: bool = False
+    conserves: Set[str] = frozenset()
+    conserves_if_quadratic: Set[str] = frozenset()
+    keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
+
+    def __post_init__(self) -> None:
+        _check_kinds(self, KINDS_OF_CLAIMS)
+        for name in ("conserves", "conserves_if_quadratic"):
+            if unknown := getattr(self, name) - set(INVARIANTS):
+                raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+            object.__setattr__(self, name, frozenset(getattr(self, name)))  # can be hashed
+
+
+CLAIMED = "write it as claims=Claims({0}=…)"
+MOVED = {  # fields of older records → what to do
+    **{name: CLAIMED.format(name) for name in ("symmetric", "poisson", "conserves", "keeps")},
+    "if_quadratic": CLAIMED.format("conserves_if_quadratic"),
+    "biased": "claim only what is kept up to a random walk of round-off",
+    "exact_for": "leave it out; order is that in a potential",
+    "reduces_to": "leave it out",
+    "uniform_only": "leave it out",
+}
 
 
 @dataclass(frozen=True)
@@ -151,20 +207,12 @@ class Method:
         Citation, equation numbers.
     prepare : callable
         (problem, y0, h, **options) → Stepper: everything slow happens here, once.
-    symmetric : bool
-        step(-h) undoes step(h).
-    poisson : bool
-        One step is a Poisson map.
-    conserves : frozenset of str
-        Of INVARIANTS: at round-off, for every h, as far as the problem conserves them.
+    claims : Claims
+        Symmetry, the bracket, and what is conserved; nothing by default.
     control : str
         "step": one internal step per h; "tolerance": h is the output grid, tol the knob.
     needs : str
         Of NEEDS: what a problem must offer.
-    if_quadratic : frozenset of str
-        Conserved, too, if H is quadratic.
-    exact_for : str
-        Of NEEDS: problems that offer this are followed exactly in time, whatever `order` is.
     special : dict
         Builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there.
     evaluate : callable, optional
@@ -176,25 +224,13 @@ class Method:
         A package that may be missing on some platforms.
     engine : str
         What takes the steps: "numba" compiled here; "heyoka"; "scipy" and "python" interpreted.
-    keeps : dict
-        What else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
-        (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state.
-    biased : dict
-        Of `conserves` and `keeps`: those whose round-off in a uniform field grows faster than a random walk, and why.
-    uniform_only : str
-        The reason, where `needs` is "uniform".
-    reduces_to : str
-        In a uniform field it is this other method, and measured under its name.
-
-    Attributes
-    ----------
-    options : tuple of str
-        Keyword options of `prepare`.
 
     Raises
     ------
     ValueError
-        A field of a wrong type, an unknown invariant or word; or `biased` names what is not claimed.
+        A field of a wrong type, or an unknown word.
+    TypeError
+        A field that there is not; the message says where what it said is written now.
     """
 
     name: str
@@ -203,32 +239,22 @@ class Method:
     order: int | None
     source: str
     prepare: Callable[..., Stepper]
-    symmetric: bool = False
-    poisson: bool = False
-    conserves: frozenset[str] = frozenset()
+    claims: Claims = Claims()
     control: str = "step"
     needs: str = "uniform"
-    if_quadratic: frozenset[str] = frozenset()
-    exact_for: str = ""
     special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
     engine: str = "numba"
-    keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
-    biased: Mapping[str, str] = field(default_factory=dict, hash=False)
-    uniform_only: str = ""
-    reduces_to: str = ""
-    options: tuple[str, ...] = field(init=False)
+
+    def __new__(cls, *_: Any, **fields: Any) -> Method:
+        if moved := [name for name in fields if name in MOVED]:
+            raise TypeError(f"Method has no field {moved[0]!r}: {MOVED[moved[0]]}")
+        return super().__new__(cls)
 
     def __post_init__(self) -> None:
-        for what, (fits, names) in KINDS.items():  # of another kind, everything that reads it would fail
-            for name in names.split():
-                if not fits(value := getattr(self, name)):
-                    raise ValueError(f"{name} must be {what}; got {value!r}")
-        for name in ("conserves", "if_quadratic"):
-            if unknown := set(getattr(self, name)) - set(INVARIANTS):
-                raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+        _check_kinds(self, KINDS)
         for name, words in (("needs", (self.needs,)), ("special", self.special)):
             for word in words:
                 if word not in NEEDS:
@@ -237,9 +263,11 @@ class Method:
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
         if self.engine not in ENGINES:
             raise ValueError(f"engine must be one of {', '.join(ENGINES)}; got {self.engine!r}")
-        if unclaimed := sorted(set(self.biased) - self.conserves - set(self.keeps)):
-            raise ValueError(f"biased names what is not claimed: {unclaimed}")
-        object.__setattr__(self, "options", keyword_options(self.prepare))
+
+    @cached_property
+    def options(self) -> tuple[str, ...]:
+        """Keyword options of `prepare`."""
+        return keyword_options(self.prepare)
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
@@ -249,7 +277,7 @@ class Method:
         named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
         if self.needs == "uniform":
             what = f"the potential {potential.name}" if potential else named
-            reason = self.uniform_only or "its record names no needs (“Any problem” in docs/adding-a-method.md)"
+            reason = f"its record needs {NEEDS['uniform']} (“Any problem” in docs/adding-a-method.md)"
             advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and potential else ""
             return f"{self.name} does not take {what}: {reason}{advice}"
         if potential and self.needs in ("smooth", "quadratic"):
@@ -314,13 +342,13 @@ class Method:
 
     def kept(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
-        return problem.conserved if self.exact_for in problem.offers else problem.kept_by(self)
-
-    def order_for(self, problem: Any) -> int | None:
-        """The order for this problem, which the method takes; None: exact in time."""
-        return None if self.exact_for in problem.offers else self.order
+        return frozenset(problem.kept_by(self))
 
     @property
     def knob(self) -> str:
         """The option that trades work for precision: "tol" or "rtol" for control "tolerance", else "h"."""
         return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
+
+
+_FIELDS = inspect.signature(Method.__init__)  # not those of `__new__`
+Method.__signature__ = _FIELDS.replace(parameters=list(_FIELDS.parameters.values())[1:])  # type: ignore[attr-defined]

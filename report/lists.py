@@ -21,17 +21,16 @@ def methods() -> pd.DataFrame:
 
 
 def _method(name: str, record: Method) -> dict[str, str | int]:
-    # a method that is another one in a uniform field is listed for what it is elsewhere
-    conserves = record.conserves if record.reduces_to else record.conserves | record.if_quadratic
-    kept = [name for name in INVARIANTS if name in conserves]
+    claims = record.claims
+    kept = [name for name in INVARIANTS if name in claims.conserves | claims.conserves_if_quadratic]
     return {
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
         "engine": record.engine,
         "order": record.order or "exact",
-        "keeps to round-off": ", ".join([*kept, *record.keeps]) or "nothing",
-        "symmetric": "yes" if record.symmetric else "no",
+        "keeps to round-off": ", ".join([*kept, *claims.keeps]) or "nothing",
+        "symmetric": "yes" if claims.symmetric else "no",
         "needs": NEEDS[record.needs],
         "source": record.source,
     }

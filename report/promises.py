@@ -98,10 +98,9 @@ def taken_by_theory(rows: pd.DataFrame) -> Reading:
 
 
 def kept_as_claimed(rows: pd.DataFrame) -> Reading:
-    """Growth exponents of what methods claim to conserve and do not themselves call biased."""
+    """Growth exponents of what methods claim to conserve."""
     verdicts = all_methods(table(rows, "drift", "verdicts"))
-    excuse = verdicts["biased, as the method says"]
-    asked, excused = (verdicts[verdicts.claimed & chosen] for chosen in (excuse == "", excuse != ""))
+    asked = verdicts[verdicts.claimed]
     if (asked.verdict == "failed").any():
         bad = asked[asked.verdict == "failed"].iloc[0]
         raise Refuted(f"{bad.method}: {bad.invariant} is not finite")
@@ -110,8 +109,6 @@ def kept_as_claimed(rows: pd.DataFrame) -> Reading:
         raise NoData("no claimed invariant moves by more than sixteen ulps")
     worst = walking.loc[_worst(walking.exponent)]
     note = f"{len(asked)} invariants claimed by {asked.method.nunique()} methods; worst: {worst.invariant} of {worst.method}"
-    if len(excused):
-        note += f"; called biased: {', '.join(f'{r.invariant} of {r.method}' for r in excused.itertuples())}"
     return Reading(walking.exponent, note)
 
 

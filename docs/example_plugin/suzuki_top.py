@@ -9,7 +9,7 @@ Source: Suzuki, Phys. Lett. A 146 (1990) 319.
 
 import numpy as np
 
-from lagrange_bench import FixedStepper, Method, compiled
+from lagrange_bench import Claims, FixedStepper, Method, compiled
 
 ALPHA, OUTER, MIDDLE = range(3)  # places of the constants
 S = 1 / (4 - 4 ** (1 / 3))
@@ -60,10 +60,7 @@ METHOD = Method(
     label="Suzuki 4",
     family="splitting",
     order=4,
-    symmetric=True,
-    poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
-    control="step",
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="Suzuki, Phys. Lett. A 146 (1990) 319",
     prepare=prepare,
 )

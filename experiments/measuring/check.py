@@ -156,7 +156,7 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
 
     One step of a method that remembers others (e.g. Adams) is a step of its starter: there runs of one length decide.
     """
-    claimed = method.order_for(find(names[0])[0])
+    claimed = method.order
     if claimed is None:
         return
     if method.control == "tolerance":
@@ -262,7 +262,7 @@ def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ve
         there = there.or_(run_error(method, name, 0.25, 80), name, 0.25)
         back_again = back_again.or_(return_error(method, name, 0.25, 80), name, -0.25)
     ahead, back = there.size, back_again.size
-    if method.control == "step" and method.order_for(find(names[0])[0]) is None:
+    if method.control == "step" and method.order is None:
         how = f"80 steps against the {_truth(names)}, h = 0.25, {len(names)} states{there.where}"
         yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how, there.at)
     elif method.control == "tolerance":
@@ -319,7 +319,7 @@ def declines_long_steps(span: float) -> Iterator[None]:
 
 def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
-    if not method.symmetric:
+    if not method.claims.symmetric:
         yield Verdict("symmetric", None, None, "", NOT_CLAIMED)
         return
     worst = Worst()
@@ -337,7 +337,7 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
 
 def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
-    if not method.poisson:
+    if not method.claims.poisson:
         yield Verdict("Poisson map", None, None, "", NOT_CLAIMED)
         return
     worst, bound = Worst(), 1e-8
@@ -354,8 +354,8 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
     """The invariants the record names stay at round-off for small and large h; the others are only reported.
 
-    Roundings that go either way add up like √n, those that always go the same way like n: these are a fault, of a method
-    that does not say so (`biased`). After 10⁵ steps 0.4 ulps a step are found.
+    Roundings that go either way add up like √n, those that always go the same way like n: these are a fault.
+    After 10⁵ steps 0.4 ulps a step are found.
     """
     n = steps or (10_000 if quick else 100_000)
     if method.control == "tolerance":
@@ -367,7 +367,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     claimed: dict[str, list[str]] = {}
     quantities: dict[str, None] = {}
     for name, span, top, y0, h in steps_on(names):
-        kept, keeps = method.kept(top), method.keeps if "uniform" in top.offers else {}
+        kept, keeps = method.kept(top), method.claims.keeps if "uniform" in top.offers else {}
         if span == SPANS[0]:
             for quantity in (*kept, *keeps):
                 claimed.setdefault(quantity, []).append(label(name))
@@ -389,7 +389,6 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         for quantity, size in found.items():
             worst[quantity] = worst[quantity].or_(size, name, span)
     at = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
-    biased = method.biased if "uniform" in find(names[0])[0].offers else {}
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
         largest = worst.get(quantity if on else f"({quantity})")
@@ -401,7 +400,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         if not on:
             yield Verdict(claim, None, largest.size, "", f"{NOT_CLAIMED}; {how}", largest.at)
             continue
-        bound = EPS * (BIAS * n if quantity in biased else min(BIAS * n, WALK * n**0.5))
+        bound = EPS * min(BIAS * n, WALK * n**0.5)
         if bound < largest.size <= ROUND_OFF * n * EPS:
             how += f"; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
             how += "that always goes the same way” in docs/adding-a-method.md"

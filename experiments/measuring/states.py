@@ -98,7 +98,7 @@ def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[f
 def methods_on(state: str | None = None) -> dict[str, Method]:
     """The methods that are measured on a state, by name; None: on any top in a uniform field.
 
-    Elsewhere these are the methods that accept the problem, else all for a top but those that are another one there.
+    In a uniform field `backlund_splitting` is `backlund`, and left out.
     A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
     """
     from lagrange_bench.integrators import METHODS
@@ -106,7 +106,7 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
     loaded = {name: method for name, method, _ in METHODS.each() if method}
     top = find(state)[0] if state else LagrangeTop()
     if "uniform" in top.offers:
-        return {name: m for name, m in loaded.items() if not m.reduces_to and m.takes(top) is None}
+        loaded.pop("backlund_splitting", None)
     return {name: m for name, m in loaded.items() if m.takes(top) is None}
 
 

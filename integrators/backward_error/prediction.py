@@ -277,7 +277,9 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
     angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
-    return Theory(user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle, not method.symmetric)
+    return Theory(
+        user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle, not method.claims.symmetric
+    )
 
 
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:

@@ -44,7 +44,7 @@ from lagrange_bench.integrators.compiling.double_double import (
     sub,
 )
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
@@ -279,8 +279,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
 
 
 METHOD = Method(
-    name="addition_theorem", label="Addition theorem", family="closed-form", order=None, symmetric=True, poisson=True,
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    name="addition_theorem", label="Addition theorem", family="closed-form", order=None,
+    claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
-    prepare=prepare, uniform_only="it is the closed form of an integrable top",
+    prepare=prepare,
 )  # fmt: skip

@@ -25,7 +25,7 @@ from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods import symmetric_body
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -158,14 +158,13 @@ def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> sym
     return symmetric_body.prepared("backlund", body, y0, h, prepare_exact, frames, pin=pin)
 
 
-ALL = frozenset({"H", "J3", "C1", "C2"})
 SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/0403028, section 5.5"
 
 
 EXACT = Method(
-    name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None, symmetric=True, poisson=True,
-    conserves=ALL, source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
-    uniform_only="it is a map of the torus of an integrable top",
+    name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None,
+    claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
+    source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     evaluate=evaluate_exact, many=many,
     special={"symmetric": prepare_body},
 )  # fmt: skip

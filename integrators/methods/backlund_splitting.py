@@ -45,7 +45,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import bandwidth, phase_rates, put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Stepper, StepWarning, Work
 from lagrange_bench.integrators.methods import backlund, step_halving
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, WIDEST, Scheme, ends_of
 from lagrange_bench.integrators.methods.dense import at_times
@@ -520,9 +520,8 @@ def nutation_period(top: PerturbedTop, y0: Array) -> float:
 
 
 METHOD = Method(
-    name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4, symmetric=True, poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}),
+    name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4,
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field, needs="top", exact_for="uniform", special={"uniform": prepare}, evaluate=evaluate,
-    reduces_to="backlund",
+    prepare=prepare_in_field, needs="top", special={"uniform": prepare}, evaluate=evaluate,
 )  # fmt: skip

@@ -42,7 +42,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
@@ -231,8 +231,9 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
 
 
 METHOD = Method(
-    name="collective_midpoint", label="Collective midpoint", family="implicit", order=2, symmetric=True, poisson=True,
-    conserves=frozenset({"J3", "C1", "C2"}), source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
+    name="collective_midpoint", label="Collective midpoint", family="implicit", order=2,
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
+    source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
     prepare=prepare_in_field, needs="force",
     special={"uniform": prepare},  # the general kernel costs 3.6 times as much there
 )  # fmt: skip

@@ -27,7 +27,7 @@ from lagrange_bench.integrators.compiling.expression import Program, Tape, machi
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
 from lagrange_bench.integrators.methods.tableaux import DOP853
@@ -291,7 +291,7 @@ def check_tolerances(rtol: float, atol: float) -> tuple[float, float]:
 
 PREPARE, EVALUATE = dense("dop853", runner)
 METHOD = Method(
-    name="dop853", label="DOP853", family="runge-kutta", order=8, conserves=frozenset({"J3"}), control="tolerance",
+    name="dop853", label="DOP853", family="runge-kutta", order=8, claims=Claims(conserves={"J3"}), control="tolerance",
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
     prepare=PREPARE, evaluate=EVALUATE, needs="rhs",
 )  # fmt: skip

@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods import gauss_in_field as general
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -250,8 +250,8 @@ def method(stages: int) -> Method:
         return general.stepper_in_field(name, stages, top, y0, h, solver, compensated)
 
     return Method(
-        name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages, symmetric=True,
-        conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
+        name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages,
+        claims=Claims(symmetric=True, conserves={"J3", "C1", "C2"}, conserves_if_quadratic={"H"}),
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
         prepare=prepare_in_field, needs="rhs",
         # with a bound for unique solutions; the general kernel costs 1.3 to 1.7 times as much

@@ -27,7 +27,7 @@ from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.gauss_in_field import check_span, stepper_in_field
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -189,8 +189,8 @@ def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "a
 
 
 METHOD = Method(
-    name="implicit_midpoint", label="Implicit midpoint", family="implicit", order=2, symmetric=True,
-    conserves=frozenset({"J3", "C1", "C2"}), if_quadratic=frozenset({"H"}),
+    name="implicit_midpoint", label="Implicit midpoint", family="implicit", order=2,
+    claims=Claims(symmetric=True, conserves={"J3", "C1", "C2"}, conserves_if_quadratic={"H"}),
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare_in_field, needs="rhs",
     # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel

@@ -41,7 +41,7 @@ import numpy as np
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, take, with_slopes
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -151,10 +151,9 @@ def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 
 METHOD = Method(
-    name="kahan", label="Kahan–Hirota–Kimura", family="integrable", order=2, symmetric=True,
-    conserves=frozenset({"J3"}),
+    name="kahan", label="Kahan–Hirota–Kimura", family="integrable", order=2,
+    claims=Claims(symmetric=True, conserves={"J3"}, keeps={"e": e, "r0": r0, "kappa": kappa}),
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
     prepare=prepare_in_field, needs="quadratic",
     special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
-    keeps={"e": e, "r0": r0, "kappa": kappa},
 )  # fmt: skip

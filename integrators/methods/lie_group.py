@@ -33,7 +33,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.problem import field
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
@@ -259,7 +259,7 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
 
 
 RKMK4 = Method(
-    name="rkmk4", label="RKMK 4", family="lie-group", order=4, conserves=frozenset({"C1", "C2"}),
+    name="rkmk4", label="RKMK 4", family="lie-group", order=4, claims=Claims(conserves={"C1", "C2"}),
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
     prepare=partial(prepare, "rkmk4"), needs="rhs",
 )  # fmt: skip

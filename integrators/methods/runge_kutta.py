@@ -35,7 +35,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Split, Tape, machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
 from lagrange_bench.integrators.problem.field import Field, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -301,7 +301,7 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         return stepper(name, problem, h, increment_of(tableau, problem.system), step, tableau.stages)
 
     return Method(
-        name=name, label=label, family="runge-kutta", order=tableau.order, conserves=frozenset({"J3"}), source=source,
+        name=name, label=label, family="runge-kutta", order=tableau.order, claims=Claims(conserves={"J3"}), source=source,
         prepare=prepare, needs="rhs",
     )  # fmt: skip
 
@@ -368,7 +368,7 @@ def _on_torus(
 
 
 PROJECTED = replace(
-    NINTH, name=PROJECTING, label="Verner 9, projected", conserves=frozenset({"H", "J3", "C1", "C2"}),
+    NINTH, name=PROJECTING, label="Verner 9, projected", claims=Claims(conserves={"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
     prepare=prepare_projected_in_field, needs="force",
     special={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there

@@ -24,7 +24,7 @@ import scipy.integrate
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
 from lagrange_bench.integrators.problem.system import System
@@ -107,7 +107,7 @@ def natural(solver: Solver, label: str, order: int, source: str) -> Method:
     """The record of a solver."""
     prepare, evaluate = dense(solver.name, solver.runner)
     return Method(
-        name=solver.name, label=label, family="runge-kutta", order=order, conserves=frozenset({"J3"}), control="tolerance",
+        name=solver.name, label=label, family="runge-kutta", order=order, claims=Claims(conserves={"J3"}), control="tolerance",
         source=f"scipy.integrate.{solver.scipys.__name__}; {source}", prepare=prepare, evaluate=evaluate, needs="rhs",
         engine="scipy",
     )  # fmt: skip

@@ -48,7 +48,7 @@ from lagrange_bench.integrators.compiling.double_double import two_sum
 from lagrange_bench.integrators.compiling.expression import machine_code, put, take
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -513,14 +513,15 @@ def _record(name: str, label: str) -> Method:
     # conjugate to the step by the last flow; the general kernels cost 1.05 to 1.1 times as much in a uniform field
     special = {"uniform": partial(prepare, name)}
     general = Method(
-        name=name, label=label, family="splitting", order=scheme.order, symmetric=True, poisson=True,
-        conserves=frozenset({"J3", "C1", "C2"}), source=scheme.source, prepare=partial(prepare_in_field, name),
+        name=name, label=label, family="splitting", order=scheme.order,
+        claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
+        source=scheme.source, prepare=partial(prepare_in_field, name),
         needs=needs, special=special,
     )  # fmt: skip
     if not scheme.processor:
         return general
-    reason = "its processor is known in closed form in a uniform field only"
-    return replace(general, prepare=special["uniform"], needs="uniform", special={}, uniform_only=reason)
+    # the processor is known in closed form in a uniform field only
+    return replace(general, prepare=special["uniform"], needs="uniform", special={})
 
 
 STRANG = _record("strang", "Strang")

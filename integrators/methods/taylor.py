@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -396,7 +396,7 @@ def prepare_fixed_in_field(top: Any, y0: Array, h: float, *, order: int = 20) ->
 
 PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
 NATURAL = Method(
-    name="taylor", label="Taylor (heyoka)", family="taylor", order=20, conserves=frozenset({"J3"}), control="tolerance",
+    name="taylor", label="Taylor (heyoka)", family="taylor", order=20, claims=Claims(conserves={"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
     requires="heyoka", engine="heyoka", needs="smooth",
 )  # fmt: skip
@@ -413,7 +413,7 @@ ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, Fal
 COMPACT = _variant("taylor_compact", "Taylor (heyoka), compact code", False, True)
 
 FIXED = Method(
-    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, conserves=frozenset({"J3"}),
+    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, claims=Claims(conserves={"J3"}),
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_fixed_in_field, needs="smooth",
     special={"uniform": prepare_fixed},  # the general kernel costs 4.5 times as much there
 )  # fmt: skip

@@ -37,7 +37,7 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
 from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError, Work
+from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods import free_body, symmetric_body
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
 from lagrange_bench.integrators.methods.lie_group import cross, times
@@ -593,9 +593,8 @@ def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array
 
 
 METHOD = Method(
-    name=NAME, label="Theta functions", family="closed-form", order=None, symmetric=True, poisson=True,
-    conserves=frozenset({"H", "J3", "C1", "C2"}),
+    name=NAME, label="Theta functions", family="closed-form", order=None,
+    claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    uniform_only="it is the closed form of an integrable top",
     evaluate=evaluate, special={"symmetric": prepare_body, "free": free_body.prepare},
 )  # fmt: skip

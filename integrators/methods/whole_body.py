@@ -35,7 +35,7 @@ from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import take
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.methods.runge_kutta import constants_of, followed_by
@@ -301,24 +301,26 @@ def prepare_normalized(body: RigidBody, y0: Array, h: float) -> FixedStepper:
 of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.rigid_body`
 
 RATTLE = of_bodies(
-    name="rattle", label="RATTLE", order=2, symmetric=True, poisson=True, conserves=frozenset({"J3", "C1", "C2"}),
+    name="rattle", label="RATTLE", order=2,
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87", prepare=partial(prepare, "rattle", rattle),
 )  # fmt: skip
 SIMO_WONG = of_bodies(
-    name="simo_wong", label="Cayley midpoint", order=2, symmetric=True, conserves=frozenset({"H", "J3", "C1"}),
+    name="simo_wong", label="Cayley midpoint", order=2,
+    claims=Claims(symmetric=True, conserves={"H", "J3", "C1"}),
     source="after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen",
     prepare=partial(prepare, "simo_wong", simo_wong),
 )  # fmt: skip
 LIE_MIDPOINT = of_bodies(
-    name="lie_midpoint", label="Lie midpoint", order=2, symmetric=True, conserves=frozenset({"J3", "C1"}),
+    name="lie_midpoint", label="Lie midpoint", order=2, claims=Claims(symmetric=True, conserves={"J3", "C1"}),
     source="as simo_wong, with the exponential",
     prepare=partial(prepare, "lie_midpoint", lie_midpoint),
 )  # fmt: skip
 GENERALIZED_ALPHA = of_bodies(
-    name="generalized_alpha", label="Generalized-α", order=2, conserves=frozenset({"C1", "C2"}),
+    name="generalized_alpha", label="Generalized-α", order=2, claims=Claims(conserves={"C1", "C2"}),
     source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121", prepare=prepare_alpha,
 )  # fmt: skip
 RK4_NORMALIZED = of_bodies(
-    name="rk4_normalized", label="RK4, unit quaternions", order=4, conserves=frozenset({"C1", "C2"}),
+    name="rk4_normalized", label="RK4, unit quaternions", order=4, claims=Claims(conserves={"C1", "C2"}),
     source="Kutta, Z. Math. Phys. 46 (1901) 435", prepare=prepare_normalized,
 )  # fmt: skip

@@ -241,19 +241,19 @@ class Problem(Dynamics):
         """Sizes of the terms in `names` at one state: what relative drift and ulps refer to."""
         return np.maximum(np.abs(self.gradients(y)) @ self.sizes(y), np.abs(self.invariants(y)))
 
-    def kept_by(self, claims: Any) -> frozenset[str]:
+    def kept_by(self, method: Any) -> frozenset[str]:
         """Those of `names` that a method keeps at round-off, by its claims for a top in any field.
 
         C1 and C2 stand for the Casimir functions, J3 for components that stay, H of a quadratic field for all quadratic
         functions. A splitting keeps a component if all parts do.
         """
-        conserves, if_quadratic = claims.conserves, claims.if_quadratic
-        if claims.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
+        conserves = method.claims.conserves
+        if method.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
             return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
         if "J3" in conserves:
-            splits = claims.needs in ("parts", "kinetic", "top")
+            splits = method.needs in ("parts", "kinetic", "top")
             flows = [part.flow.moving.outputs for part in self.parts] if splits else []
             for name, program in self.given.items():
                 (place,) = program.outputs
@@ -261,7 +261,7 @@ class Problem(Dynamics):
                     kept |= {name}
         if "H" in conserves:
             kept |= {"H"} & self.conserved
-        return kept | self._quadratic if "H" in if_quadratic else kept
+        return kept | self._quadratic if "H" in method.claims.conserves_if_quadratic else kept
 
     @cached_property
     def _quadratic(self) -> frozenset[str]:

@@ -64,10 +64,10 @@ class Top(Dynamics):
         """A state as a fresh array (6,). ValueError: it is none."""
         return check_state(y, name)
 
-    def kept_by(self, claims: Any) -> frozenset[str]:
+    def kept_by(self, method: Any) -> frozenset[str]:
         """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
-        quadratic = claims.if_quadratic if "quadratic" in self.offers else frozenset()
-        return (claims.conserves | quadratic) & self.conserved
+        quadratic = method.claims.conserves_if_quadratic if "quadratic" in self.offers else frozenset()
+        return (method.claims.conserves | quadratic) & self.conserved
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
         """Scales of J, of x and of time that errors are judged by, at one state (6,)."""

@@ -33,11 +33,11 @@ def run(options: argparse.Namespace) -> Answer:
         if error:
             data.append({"name": name, "error": error})
             continue
-        fields = ("label", "family", "order", "symmetric", "poisson", "control", "requires", "source")
+        fields = ("label", "family", "order", "control", "requires", "source")
         claims = {field: getattr(method, field) for field in fields}
+        claims |= {"symmetric": method.claims.symmetric, "poisson": method.claims.poisson}
         refuses = method.takes(problem)
-        conserves = method.conserves if refuses else method.kept(problem)
-        claims["order"] = method.order if refuses else method.order_for(problem)
+        conserves = method.claims.conserves if refuses else method.kept(problem)
         kept = [invariant for invariant in INVARIANTS if invariant in conserves]
         more = {"conserves": kept, "available": available(method), "options": list(method.options)}
         if options.top or options.potential:

@@ -28,7 +28,9 @@ STATES = ("generic", "random000", "random001", "random002", "random003", "wide00
 def kinds():
     """A method of every kind the experiments tell apart: family, engine, control. The contract tests see the others."""
     there = {name: method for name, method in FOR_TOPS.items() if available(method)}
-    return set({(m.family, m.engine, m.control, bool(m.keeps)): name for name, m in reversed(there.items())}.values())
+    return set(
+        {(m.family, m.engine, m.control, bool(m.claims.keeps)): name for name, m in reversed(there.items())}.values()
+    )
 
 
 def tiny(name):

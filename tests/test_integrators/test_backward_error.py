@@ -36,7 +36,7 @@ def test_the_series_of_a_step_is_the_step(name):
 
 
 def test_every_step_has_a_series():
-    stepping = {name for name, method in FOR_TOPS.items() if method.control == "step" and method.order_for(TOP)}
+    stepping = {name for name, method in FOR_TOPS.items() if method.control == "step" and method.order}
     assert stepping - set(STEPS) == {"backlund_paper", "backlund_textbook"}  # of which T(λ) and Θ(λ) are known
 
 

@@ -440,7 +440,7 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
 def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
     in_potentials = [{"method": "rk4", "state": "weak_tide"}]
     for cells, said in (
-        (in_potentials, "^--methods: backlund does not take the potential tide: it is a map of the torus"),
+        (in_potentials, "^--methods: backlund does not take the potential tide: its record needs a top in a uniform"),
         ([*in_potentials, {"method": "rk4", "state": "generic"}], "no cell here has the method 'backlund'"),
     ):
         with pytest.raises(ValueError, match=said):

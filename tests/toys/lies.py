@@ -2,7 +2,7 @@
 
 from installed import in_uniform_fields
 
-from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators import METHODS, Claims
 
-FALSE = {"symmetric": True, "conserves": frozenset({"H", "J3", "C1"})}
-METHOD = in_uniform_fields(METHODS["rk45_fixed"], name="lies", label="a liar", source="a toy", **FALSE)
+FALSE = Claims(symmetric=True, conserves={"H", "J3", "C1"})
+METHOD = in_uniform_fields(METHODS["rk45_fixed"], name="lies", label="a liar", source="a toy", claims=FALSE)
