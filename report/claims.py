@@ -160,7 +160,9 @@ class Answer(NamedTuple):
     def filled(self, verdict: Verdict) -> str | None:
         """The answer with what was measured; None if some of it was not."""
         numbers = {}
-        for finding in (each for each in verdict.findings if each.values is not None):
+        for finding in verdict.findings:
+            if finding.values is None:
+                continue
             ends = zip(finding.values, (ROUND_FLOOR, ROUND_CEILING), strict=True)
             least, most = (show(float(Context(2, way).create_decimal(end))) for end, way in ends)
             worst = most if finding.bound.sign in "≤<" else least
