@@ -69,6 +69,8 @@ class Work:
         Steps tried and thrown away.
     setup_seconds : float
         In s.
+    notes : str
+        What a method has chosen, such as its step.
     """
 
     steps: int = 0
@@ -76,6 +78,7 @@ class Work:
     iterations: int = 0
     rejected: int = 0
     setup_seconds: float = 0.0
+    notes: str = ""
 
 
 class Stepper(Protocol):

@@ -32,12 +32,6 @@ class Scheme(NamedTuple):
     second: float = 0.0
 
 
-def scheme(flows: tuple[float, ...], kicks: tuple[float, ...], source: str) -> Scheme:
-    """From the first halves of flows and kicks; the middle one, or the last of the half, makes the sum 1."""
-    n = 2 * len(kicks) + (2 if len(flows) > len(kicks) else 1)
-    return Scheme(palindrome(flows, n + 1), palindrome(kicks, n), source)
-
-
 # processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
 # sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w: w gives γ = 1/12 + τ² − τ/2, w³ gives (τ² − τ/2)² = 1/240. Of the two τ < 0, and
 # τ > 1/2, which is the same kernel; the flow between the kicks goes back. DELTA and SECOND_ORDER are for what is left at h⁵, of
@@ -46,38 +40,18 @@ TAU = 0.25 * (1.0 - math.sqrt(1.0 + 16.0 / math.sqrt(240.0)))
 GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
 DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
 
-BLANES = "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58"
 SCHEMES = {
     "strang": Scheme((0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
     "processed6": Scheme(
         (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
         d=(DELTA / 2, DELTA / 2), second=SECOND_ORDER,
     ),
-    "saba4": scheme(
-        (0.06943184420297371238802675555359524745214, 0.2605776340045981552103640365648947824089476),
-        (0.1739274225687269286865319746109997036177,), "Laskar and Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39",
-    ),
-    "aba84": scheme(
-        (0.07534696026989288842, 0.51791685468825678230), (0.19022593937367661925, 0.84652407044352625706),
-        "McLachlan, BIT 35 (1995) 258",
-    ),
-    "aba104": scheme(
-        (0.04706710064597250612947887637243678556564, 0.1847569354170881069247376193702560968574,
-         0.2827060056798362053243616565541452479160),
-        (0.1188819173681970199453503950853885936957, 0.2410504605515015657441667865901651105675,
-         -0.2732866667053238060543113981664559460630), BLANES,
-    ),
-    "aba864": scheme(
-        (0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
-         0.521411761772814789212136078067994229991),
-        (0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
-         -0.0265646185119588006972121379164987592663), BLANES,
-    ),
-    "aba1064": scheme(
-        (0.03809449742241219545697532230863756534060, 0.1452987161169137492940200726606637497442,
-         0.2076276957255412507162056113249882065158, 0.4359097036515261592231548624010651844006),
-        (0.09585888083707521061077150377145884776921, 0.2044461531429987806805077839164344779763,
-         0.2170703479789911017143385924306336714532), BLANES,
+    "aba864": Scheme(
+        palindrome((0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
+                    0.521411761772814789212136078067994229991), 8),
+        palindrome((0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
+                    -0.0265646185119588006972121379164987592663), 7),
+        "Blanes, Casas, Farrés, Laskar, Makazaga and Murua, Appl. Numer. Math. 68 (2013) 58",
     ),
 }  # fmt: skip
 

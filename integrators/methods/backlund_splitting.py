@@ -13,8 +13,7 @@ Schemes, A B A … B A, and the errors they leave, where the frequencies of V al
 
 strang      one flow a step, with a `modified_kick` and a `corrector` at both ends of the run and at every recorded row: ε²h⁴
 processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
-saba4       Gauss–Legendre quadrature of V along the flow: εh⁸ + ε²h²
-aba…        aba84: εh⁸ + ε²h⁴, aba104: εh¹⁰ + ε²h⁴, aba864: εh⁸ + ε²h⁶ + ε³h⁴, aba1064: εh¹⁰ + ε²h⁶ + ε³h⁴
+aba864      seven kicks and nothing at the ends, for states that are recorded often: εh⁸ + ε²h⁶ + ε³h⁴
 
 V may depend on t: a kick takes it at the time of the flows before. With `tol` in place of h the step is halved until two runs
 agree (`step_halving`).
@@ -23,8 +22,7 @@ Every map here is Poisson and symmetric, and C1 and C2 are pinned. Only a table 
 step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
 
 Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
-McLachlan, BIT 35 (1995) 258 (aba84, saba4); Laskar & Robutel, Celest. Mech. Dyn. Astron. 80 (2001) 39 (saba4); Blanes,
-Casas, Farrés, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (the others). The exact step as the flow of A, its
+Blanes, Casas, Farrés, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (aba864). The exact step as the flow of A, its
 table, this corrector: this project.
 """
 
@@ -32,7 +30,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache, partial
 from itertools import chain, pairwise
 from typing import Any
@@ -408,14 +405,7 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
     return chosen[0], chosen[1]
 
 
-@dataclass
-class NotedWork(Work):
-    """Work of all runs, and the step of the last one."""
-
-    notes: str = ""
-
-
-def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, NotedWork]:
+def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
     """The step is halved until two runs agree to `tol`, relative to the scales of J and x: see `step_halving`.
 
     In a uniform field one exact step to each time, whatever `tol`.
@@ -426,7 +416,8 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
             states, work = backlund.evaluate_exact(problem, y0, times)
         except StepError as error:
             raise StepError(NAME, error.reason) from None
-        return states, NotedWork(**vars(work), notes="one exact step to each time")
+        work.notes = "one exact step to each time"
+        return states, work
     top = problem.as_top
     _warn_strong(top, y0)
 
@@ -447,7 +438,8 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         return rows[parts - 1 :: parts]
 
     states, work = at_times(NAME, top, run, y0, times)
-    return states, NotedWork(**vars(work), notes="; ".join(notes))
+    work.notes = "; ".join(notes)
+    return states, work
 
 
 def _track(problem: Any, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:

@@ -37,11 +37,7 @@ NAME = "backlund_splitting"
 ORDERS = {
     "strang": (2, 2),
     "processed6": (2, 2),
-    "saba4": (8, 2),
-    "aba84": (8, 4),
-    "aba104": (10, 4),
     "aba864": (8, 6),
-    "aba1064": (10, 6),
 }
 pytestmark = [
     pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning"),
