@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import columns as written
+from lagrange_bench import reading
 from lagrange_bench.arguments import own
 from lagrange_bench.consistency import rate_note
-from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Frames
+from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Exact, Frames
 from lagrange_bench.conventions import hints as find_hints
 from lagrange_bench.integrators import CASES, Case, StepError
 from lagrange_bench.integrators.cases import read_case
@@ -180,10 +180,10 @@ def judge(
     return _judged(find(case), Convention(quat, omega_frame, up, axis), given, {})
 
 
-def judge_file(path: Path, case: Case, convention: Convention, names: Mapping[str, str]) -> Judgement:
-    """As `judge`, what a file holds; `names` as `columns.survey` takes them."""
-    layout = written.survey(path, names)
-    given, way = written.read(layout), ""
+def judge_file(path: Path, case: Case, convention: Convention, how: reading.Options) -> Judgement:
+    """As `judge`, what a file holds; `how` it is written."""
+    layout = reading.survey(path, how)
+    given, way = reading.read(layout), ""
     if layout.named:  # --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
         convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
@@ -244,6 +244,8 @@ def _judged(
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
     floors = {name: value for name, value in floors.items() if value > 0}
+    blur = floor.get("time", 0.0)
+    blurred = {name: value for name, value in _blurred(frames, t, exact, blur).items() if value > floors.get(name, 0.0)}
     first = {name: float(found[name][0]) for name in frames.sizes if name in found}
     start: dict[str, Any] = {"t": float(t[0]), **first}
     for word, least in (("right", START), ("single", SINGLE)):
@@ -253,6 +255,10 @@ def _judged(
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
     notes = [*_notes(t, found), *_own_notes(frames, given, t, hints)]
+    for name in (name for name in blurred if name in found):
+        floors[name] = blurred[name]
+        hidden = f"this hides errors of {name} below {floors[name]:.1e} {UNITS[name]}."
+        notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
     size, speed = frames.sizes["position"], np.mean(np.linalg.norm(exact[2], axis=1))
     turns = float(speed * (t[-1] - t[0]) / (2 * math.pi))
     judged = Judgement(case.name, len(t), span, errors, start, floors, hints, notes, curves, turns=turns, size=size)
@@ -281,6 +287,16 @@ def _times(t: Array) -> Array:
     )  # per second; a power of ten, so that decimals are its multiples
     rounded = np.round(t * unit) / unit
     return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME) * last) else t
+
+
+def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
+    """By how much the motion changes while the times change by `blur`, the most of some rows."""
+    if not blur:
+        return {}
+    some = np.unique(np.linspace(0, len(t) - 1, POINTS).astype(int))
+    x, _, omega = frames.exact(t[some] + blur)
+    moved = {"position": x - exact[0][some], "rotation": omega * blur, "omega": omega - exact[2][some]}
+    return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
 def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:

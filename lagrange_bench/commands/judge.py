@@ -36,7 +36,7 @@ import argparse
 import math
 from typing import Any
 
-from lagrange_bench.arguments import location, number_pairs, numbers, pairs, seconds
+from lagrange_bench.arguments import location, number, number_pairs, numbers, pairs, seconds
 from lagrange_bench.output import PICTURES, Answer, check_target, table
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
@@ -52,8 +52,19 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how = command.add_argument_group("how the files are written")
     text = "the columns of these names: words of the header, or indices from 0"
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
-    text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz); qw, qx, qy and qz say it themselves: no effect there"
-    how.add_argument("--quat", default="wxyz", choices=("wxyz", "xyzw"), help=text)
+    text = "units that the file does not say, of t, position, angles, omega: s, ms, ns, mm, ft, deg, deg/s, rpm, …"
+    how.add_argument("--units", type=pairs, default={}, metavar="omega=deg/s,t=ns", help=text)
+    text = (
+        "the axes of three angles, as SciPy names them: capitals move with the body (ZXZ), small letters do not (xyz)"
+    )
+    how.add_argument("--angles", metavar="AXES", help=text)
+    text = "only rows with this word in this column, named or by index; or only columns whose names begin with it"
+    how.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
+    text = "the rows are so far apart in time; for files without times"
+    how.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
+    how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
+    text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
+    how.add_argument("--quat", choices=("wxyz", "xyzw"), help=text)
     text = "frame of the angular velocity (default: body)"
     how.add_argument("--omega", default="body", choices=("body", "world"), help=text)
     axes = tuple(sign + name for name in "xyz" for sign in ("", "-"))
@@ -72,15 +83,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
-    from lagrange_bench import conventions, judging
+    from lagrange_bench import conventions, judging, reading
 
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     check_target("--draw", options.draw, PICTURES)
     case = judging.find(options.case)
-    convention = conventions.Convention(options.quat, options.omega, options.up, options.axis)
-    judged = [judging.judge_file(path, case, convention, options.columns) for path in options.files]
+    convention = conventions.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
+    names = ("columns", "units", "angles", "where", "step", "t0", "quat")
+    written = reading.Options(**{name: getattr(options, name) for name in names})
+    judged = [judging.judge_file(path, case, convention, written) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
     until = case.until if options.until is None else options.until
     asked = bool(bounds) or options.until is not None

@@ -208,7 +208,7 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
     "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),
     "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
-    "t;x;y;z\n0,5;0;1;0": (2, "line 2: '0,5' is no number (decimals need a point)"),
+    "t;x;y;z\n0,5;0;1;0": (0, "run.csv: 1 rows, t = 0.5 to 0.5"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (
@@ -220,15 +220,15 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case. Its errors: position 5.00e-01 m."),
     "t,x,y,z\n1,0,0.5,0": (0, "The first row is at t = 1"),
-    "t [ms],x (mm),y (mm),z (mm)\n0,0,1,0": (0, "not converted, but the header has mm, ms: s, m, rad and rad/s are"),
+    "t [ms],x (mm),y (mm),z (mm)\n0,0,1000,0": (0, "The start is right"),
     "% made by hand\n# t x y z\n0 0 1 0\n": (
         0,
         "The start is right, as far as the file says: it has no angular velocity.",
     ),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (0, "The times go to 200, the case to 2 s: perhaps they are no seconds."),
-    "t,x,y,z,x\n0,0,1,0,5": (0, "The start is right"),
-    "t,x,y,z,x,y\n0,0,1,0,5,5": (0, "position x y z; not used: x y"),
-    "t,px,py,pz,w,x,y,z\n0,0,1,0,1,0,0,0": (0, "position px py pz; not used: w x y z"),
+    "t,x,y,z,x\n0,0,1,0,5": (2, "names occur twice, such as 'x'; give indices from 0: --columns x="),
+    "t,x,y,z,a,a\n0,0,1,0,5,5": (0, "position x y z; not used: a a"),
+    "t,px,py,pz,w,x,y,z\n0,0,1,0,1,0,0,0": (0, "quaternion w x y z"),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
 }
 

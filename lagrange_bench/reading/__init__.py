@@ -1,0 +1,466 @@
+"""Trajectories that any program wrote: which columns are what (`survey`), and their numbers in SI units (`read`).
+
+`names` is the grammar of names and units, `rows` finds the rows in files of many kinds.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.reading.names import (
+    EXPECTED,
+    ROLES,
+    SHAPES,
+    UNITS,
+    Group,
+    Name,
+    Unit,
+    groups_of,
+    kind_of,
+    parse,
+    unit_of,
+)
+from lagrange_bench.reading.rows import Table, is_number, number, open_table
+
+Array = np.ndarray
+KNOWN = (
+    "t x y z px py pz ux uy uz qw qx qy qz q0 q1 q2 q3 q4 e0 e1 e2 e3 r11 r12 r13 r21 r22 r23 r31 r32 r33 rx ry rz roll pitch yaw"
+    " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz"
+)
+OF_UNITS = {  # what --units names -> the groups
+    **{name: (name,) for name in ("time", "position", "displacement", "omega", "angles", "rotation vector")},
+    **{
+        "t": ("time",),
+        "length": ("position", "displacement"),
+        "angle": ("angles", "axis and angle", "rotation vector"),
+    },
+}
+JUDGED = (
+    "time",
+    "position",
+    "displacement",
+    "quaternion",
+    "matrix",
+    "rotation vector",
+    "angles",
+    "axis and angle",
+    "mrp",
+    "omega",
+)
+BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
+WHOLE = 1e-3  # quaternions are as near to length 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user says of a file.
+
+    columns : name → word of the header, or index from 0. units : group → unit. angles : the axes of three angles, as SciPy names
+    them. where : column → the word in its rows that are read. step : s, where there are no times. t0 : s, the first time. quat :
+    the order of quaternions without names.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    angles: str | None = None
+    where: Mapping[str, str] = field(default_factory=dict)
+    step: float | None = None
+    t0: float | None = None
+    quat: str | None = None
+
+
+@dataclass
+class Layout:
+    """How a file is written.
+
+    groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar. floor : half a unit
+    of the last printed digit. columns : the groups and their names, and what is not used, to be read.
+    """
+
+    path: Path
+    table: Table
+    how: Options
+    groups: dict[str, list[int]]
+    named: bool
+    floor: dict[str, float]
+    notes: list[str]
+    columns: str
+    factors: dict[int, float]
+    rows: dict[int, str]
+    labels: list[int]
+
+
+def survey(path: Path, how: Options | None = None) -> Layout:
+    """How a file is written, from its beginning.
+
+    Raises
+    ------
+    ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things.
+    """
+    how = how or Options()
+    table = open_table(path, [int(where) for where in how.columns.values() if where.isdecimal()])
+    header = table.names or [""] * table.width
+    names, given = _names(path, header, table, how)
+    rows, within = _where(path, header, table, how)
+    sample = [row for row in table.sample if _chosen(row, rows)]
+    labels = [
+        i for i in range(table.width) if i not in rows and i not in given and _label(header[i], table.sample, i, how)
+    ]
+    groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
+    chosen = _choose(path, groups, header, sample, how, notes)
+    if how.step is None and "time" not in chosen:
+        there = f"its columns are {' '.join(table.names)[:200]}" if table.names else "it has no header"
+        raise ValueError(
+            f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
+        )
+    if how.step is not None and "time" in chosen:
+        raise ValueError(f"{path}: --step is for files without times; column {chosen['time'].places[0]} has them")
+    if not set(chosen) - {"time"}:
+        raise ValueError(_nothing(path, names, notes, table.names))
+    named, order = False, chosen.get("quaternion")
+    if order is not None:
+        named = order.order[0] not in "01"
+        if order.order == "1 2 3 4" and how.quat is None:
+            order.places, named = [*order.places[3:], *order.places[:3]], True
+            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
+    factors: dict[int, float] = {}
+    for kind, group in chosen.items():
+        factors |= _factors(path, kind, group, header, names, table, how, notes)
+    used = {i for group in chosen.values() for i in group.places}
+    words = [
+        f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}"
+        for kind, group in chosen.items()
+    ]
+    if unused := [name for i, name in enumerate(header) if i not in used and i not in rows and name]:
+        words.append(f"not used: {' '.join(unused)[:200]}")
+    floor = {
+        kind: max(_floor([row[i] for row in sample if i < len(row)]) * factors[i] for i in group.places)
+        for kind, group in chosen.items()
+    }
+    if "time" in chosen:
+        i = chosen["time"].places[0]
+        floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
+    if how.step is not None and (mixed := [i for i in labels if _cyclic([row[i] for row in table.sample])]):
+        raise ValueError(f"{path}: {_several(header, table, mixed[0])}")
+    places = {kind: group.places for kind, group in chosen.items()}
+    return Layout(path, table, how, places, named, floor, notes, "; ".join(words), factors, rows, labels)
+
+
+def _names(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
+    """The names in their parts, with those that the user says in place of others, and where these are."""
+    names = {i: parse(word) for i, word in enumerate(header) if word}
+    given: set[int] = set()
+    for name, where in how.columns.items():
+        said = parse(name)
+        if not said.part or (said.part != "t" and not SHAPES.get(kind_of(said.stem), ())):
+            raise ValueError(f"--columns: unknown {name!r}{suggestion(name, KNOWN.split())} Known: {KNOWN}")
+        same = [i for i, word in enumerate(header) if word == where]
+        i = same[0] if same else int(where) if where.isdecimal() else table.width
+        if i >= table.width:
+            raise ValueError(f"{path}: --columns {name}={where}: there is no such column among {table.width}")
+        if len(same) > 1:
+            raise ValueError(
+                f"{path}: --columns {name}={where}: {len(same)} columns have this name; give an index from 0"
+            )
+        old = names.get(i)
+        names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
+        given.add(i)
+    return names, given
+
+
+def _where(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Any]:
+    """The columns that choose rows, and whether a name belongs to the body that is asked for."""
+    rows: dict[int, str] = {}
+    bodies: list[str] = []
+    for name, value in how.where.items():
+        place = next((i for i, word in enumerate(header) if word and word == name), None)
+        place = int(name) if place is None and name.isdecimal() and int(name) < table.width else place
+        if place is not None:
+            rows[place] = value
+            if not any(_chosen(row, {place: value}) for row in table.sample):
+                values = sorted({row[place] for row in table.sample})[:20]
+                raise ValueError(f"{path}: --where {name}={value}: no row has it; there are {', '.join(values)}")
+        else:
+            tokens = list(parse(f"{value}.x").stem)
+            if not any(tokens == list(parse(word).stem[: len(tokens)]) or value in word for word in header):
+                raise ValueError(f"{path}: --where {name}={value}: there is no column {name}, and no column of {value}")
+            bodies.append(tokens[0] if tokens else value)
+    return rows, lambda name: not bodies or name.part == "t" or any(body in name.stem for body in bodies)
+
+
+def _chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
+    return all(
+        row[i] == value or (is_number(row[i]) and is_number(value) and number(row[i]) == number(value))
+        for i, value in rows.items()
+    )
+
+
+def _label(name: str, sample: Sequence[Sequence[str]], i: int, how: Options) -> bool:
+    """Whether a column may say of which body a row is: it has a few words or whole numbers in turn."""
+    words = [row[i] for row in sample if i < len(row)]
+    values = set(words)
+    if not 2 <= len(values) <= 50 or "" in values:
+        return False
+    if any(not is_number(word) for word in values):
+        return True
+    return all(word.isdecimal() for word in values) and (
+        not name or bool(BODIES & set(parse(name).stem)) or _cyclic(words)
+    )
+
+
+def _cyclic(words: Sequence[str]) -> bool:
+    n = len(set(words))
+    return len(words) > n > 1 and all(word == words[i % n] for i, word in enumerate(words))
+
+
+def _several(header: Sequence[str], table: Table, i: int) -> str:
+    name, values = header[i] or f"{i}", list(dict.fromkeys(row[i] for row in table.sample))
+    return f"the column {name} has {', '.join(values[:10])} in turn; say which rows: --where {name}={values[-1]}"
+
+
+def _choose(
+    path: Path, groups: list[Group], header: list[str], sample: list[list[str]], how: Options, notes: list[str]
+) -> dict[str, Group]:
+    """One group for each quantity; ValueError where two may be it."""
+    for group in groups:
+        if group.kind == "quaternion or position":
+            _, x, y, z = group.places
+            if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
+                group.kind, words = "quaternion", " ".join(header[i] for i in group.places)
+                if group.rank:
+                    notes.append(
+                        f"{words} is taken for a quaternion, for it has length 1; else say --columns px={x},py={y},pz={z}."
+                    )
+            else:
+                group.kind, group.places, group.order = "position", [x, y, z], "x y z"
+        if group.kind == "three of a rotation" and how.angles:
+            group.kind = "angles"
+    chosen: dict[str, Group] = {}
+    for kind in JUDGED:
+        same = [group for group in groups if group.kind == kind]
+        best = [group for group in same if group.rank == min(each.rank for each in same)]
+        if kind == "time" and len(best) > 1:
+            best = _clock(best, header) or best
+        if len(best) > 1:
+            listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
+            short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
+            raise ValueError(
+                f"{path}: several columns may be the {kind}: {listed[:300]}. Say which: --columns {short}=…, or --where body=…"
+            )
+        if best and best[0].twice and kind != "time":
+            word = header[best[0].places[0]]
+            raise ValueError(f"{path}: names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
+        if best:
+            chosen[kind] = best[0]
+    angles = chosen.get("angles")
+    if how.angles and (angles is None or not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]", how.angles.lower())):
+        raise ValueError(
+            f"--angles {how.angles}: "
+            + (
+                "three axes, such as ZXZ or xyz"
+                if angles
+                else f"{path} has no angles; name them: --columns angle1=…,angle2=…,angle3=…"
+            )
+        )
+    if angles is not None and how.angles is None and angles.order != "roll pitch yaw":
+        words = " ".join(header[i] or f"{i}" for i in angles.places)
+        notes.append(f"{words} are angles: say about which axes, --angles ZYX (that move) or xyz (that do not).")
+        del chosen["angles"]
+    elif (
+        angles is not None
+        and how.angles
+        and len(axes := how.angles.lower()) == len(set(axes))
+        and angles.order in ROLES[:3]
+    ):
+        angles.places = [
+            angles.places["xyz".index(axis)] for axis in axes
+        ]  # roll is about x, pitch about y, yaw about z
+    for group in groups:
+        if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
+            words = " ".join(header[i] for i in group.places)
+            notes.append(
+                f"{words} are no quaternion: if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
+            )
+    return chosen
+
+
+def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
+    """Seconds and nanoseconds of one time stamp; else the column that is just named t or time."""
+    stamps = {parse(header[i]).unit[:1]: i for group in clocks for i in group.places}
+    if len(clocks) == 2 and set(stamps) == {"s", "n"} and clocks[0].stem == clocks[1].stem:
+        return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t", 1)]
+    plain = [group for group in clocks if group.stem in (("t",), ("time",))]
+    return plain if len(plain) == 1 else []
+
+
+def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
+    values = np.array(
+        [[number(row[i], True) if is_number(row[i], True) else math.nan for i in places] for row in sample]
+    )
+    return bool(np.nanmax(np.abs(np.linalg.norm(values, axis=1) - 1), initial=0.0) < WHOLE)
+
+
+def _factors(
+    path: Path,
+    kind: str,
+    group: Group,
+    header: list[str],
+    names: Mapping[int, Name],
+    table: Table,
+    how: Options,
+    notes: list[str],
+) -> dict[int, float]:
+    """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
+    for what, word in how.units.items():
+        if what not in OF_UNITS:
+            raise ValueError(f"--units: unknown {what!r}{suggestion(what, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
+        if unit_of(word) is None:
+            raise ValueError(f"--units {what}={word}: unknown unit; such as s, ms, mm, ft, deg, deg/s, rpm")
+    if kind not in EXPECTED:
+        return dict.fromkeys(group.places, 1.0)
+    expected = EXPECTED[kind]
+    said = next((unit_of(word) for what, word in how.units.items() if kind in OF_UNITS[what]), None)
+    degrees = re.search(r"indegrees\s*[=,:]?\s*(yes|true)", table.above, re.IGNORECASE)
+    lengths = re.search(r"length units?\W+(\w+)", table.above, re.IGNORECASE)
+    general = UNITS["deg"] if degrees and expected == "rad" else None
+    general = unit_of(lengths[1]) if lengths and expected == "m" else general
+    factors = {}
+    for i, part in zip(group.places, group.order.split(), strict=False):
+        name = names[i]
+        own = name.unit or table.units.get(i, "")
+        unit: Unit = said or (unit_of(own) if own else general) or UNITS["1"]
+        if kind == "axis and angle" and part != "angle":
+            unit = UNITS["1"]
+        if unit.kind not in (expected, "1"):
+            shown = kind if kind in OF_UNITS else "angle"
+            raise ValueError(
+                f"{path}: {header[i] or i} is {kind}, but its unit is {own or how.units}: say --units {shown}={expected}"
+            )
+        if name.strange and not said:
+            notes.append(
+                f"{header[i]}: {name.strange!r} is no known unit, {expected} is taken; else say --units {kind}=…."
+            )
+        factors[i] = unit.factor
+    return factors
+
+
+def _nothing(path: Path, names: Mapping[int, Name], notes: list[str], header: list[str]) -> str:
+    if {(("j",), "1"), (("3",), "x")} <= {(name.stem, name.part) for name in names.values()}:
+        return f"{path}: a run of the bench in J and x has no position or rotation; its `error()` compares it"
+    nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
+    there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
+    return f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,…"
+
+
+def _floor(words: list[str]) -> float:
+    """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few."""
+    plain = {re.sub(r"[dDqQ]", "e", word).replace(",", ".") for word in words}
+    known = {word for word in plain if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", word, re.IGNORECASE)}
+    numbers = [Decimal(word).as_tuple() for word in known]
+    most = max((len(number.digits) for number in numbers), default=15)
+    if most >= 15 or len(numbers) < 10:
+        return 0.0
+    return float(10.0 ** max(int(number.exponent) for number in numbers if len(number.digits) == most) / 2)
+
+
+def _time_floor(words: list[str]) -> float:
+    """What the times are rounded by; 0 where their digits are exact, as those of equal steps are."""
+    digit, t = _floor(words), np.unique([number(word, True) for word in words if is_number(word, True)])
+    if len(t) < 10:
+        return 0.0
+    steps, ulp, span = np.diff(t), float(np.spacing(np.abs(t).max())), float(np.ptp(t))
+    rounded = np.ptp(steps) > max(1e-3 * digit, 4 * ulp) and 1e3 * digit < span
+    return max(digit * rounded, ulp / 2 * (ulp > 1e-10 * span))
+
+
+def read(layout: Layout) -> dict[str, Array]:
+    """The rows: group → numbers (n, columns) in SI units; what is missing is NaN.
+
+    Other forms of rotations than quaternion, matrix, rotation vector and roll, pitch, yaw become rotation vectors. Equal rows
+    count once; the layout gets a note of it.
+
+    Raises
+    ------
+    ValueError : a line with other than numbers, or with too many; rows of several bodies.
+    """
+    how, table = layout.how, layout.table
+    columns = table.load(sorted({i for places in layout.groups.values() for i in places}), list(layout.rows))
+    keep: Any = slice(None)
+    if layout.rows:
+        matches = [
+            {word for word in set(columns[i]) if _chosen({i: word}, {i: value})} for i, value in layout.rows.items()
+        ]
+        keep = np.all([np.isin(columns[i], list(match)) for i, match in zip(layout.rows, matches, strict=True)], axis=0)
+    given: dict[str, Array] = {}
+    for kind, places in layout.groups.items():
+        given[kind] = np.column_stack([columns[i] for i in places])[keep]
+        for k, i in enumerate(places):
+            if (factor := layout.factors[i]) != 1:
+                whole = round(1 / factor) if factor < 1 else 0
+                exact = whole and 1 / whole == factor  # 1/1000 is no double, 1000 is one
+                given[kind][:, k] = given[kind][:, k] / whole if exact else given[kind][:, k] * factor
+    del columns
+    if how.step is not None:
+        given = {"time": how.step * np.arange(len(next(iter(given.values()))), dtype=float)[:, None], **given}
+    given["time"] = given["time"].sum(axis=1, keepdims=True)
+    if len(given["time"]) and how.t0 is not None:
+        given["time"] += how.t0 - given["time"][0]
+    _once(layout, given)
+    _turned(layout, given)
+    return given
+
+
+def _once(layout: Layout, given: dict[str, Array]) -> None:
+    """Leave out rows that are equal to those before; ValueError where rows are of several bodies."""
+    t = given["time"][:, 0]
+    late = np.flatnonzero(~(np.diff(t) > 0)) + 1
+    if len(late) and layout.labels:
+        header = layout.table.names or [""] * layout.table.width
+        raise ValueError(f"{layout.path}: {_several(header, layout.table, layout.labels[0])}")
+    same = [i for i in late if all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())]
+    if same:
+        layout.notes.append(
+            f"{len(same)} row{'s are' if len(same) > 1 else ' is'} equal to the one before, and left out."
+        )
+        for kind, rows in given.items():
+            given[kind] = np.delete(rows, same, axis=0)
+
+
+def _turned(layout: Layout, given: dict[str, Array]) -> None:
+    """Write angles about any axes, Rodrigues parameters, axis and angle as rotation vectors."""
+    from scipy.spatial.transform import Rotation
+
+    how = layout.how
+    for kind in ("mrp", "axis and angle", "angles"):
+        if kind not in given or (kind == "angles" and how.angles is None):
+            continue
+        values = given.pop(kind)
+        bad = ~np.isfinite(values).all(axis=1)
+        values = np.where(bad[:, None], 1.0, values)
+        if kind == "mrp":
+            turns = Rotation.from_mrp(values)
+        elif kind == "angles":
+            turns = Rotation.from_euler(str(how.angles), values)
+        else:
+            with np.errstate(invalid="ignore"):
+                turns = Rotation.from_rotvec(
+                    np.nan_to_num(values[:, :3] / np.linalg.norm(values[:, :3], axis=1, keepdims=True)) * values[:, 3:]
+                )
+        vectors = turns.as_rotvec()
+        vectors[bad] = math.nan
+        free = next(name for name in ("rotation vector", "matrix", "quaternion") if name not in given)
+        given[free] = (
+            vectors
+            if free == "rotation vector"
+            else turns.as_matrix().reshape(-1, 9)
+            if free == "matrix"
+            else turns.as_quat(scalar_first=True)
+        )
+        layout.floor[free] = layout.floor.get(kind, 0.0)

@@ -1,0 +1,394 @@
+"""Tables of numbers in files that any program wrote: where the rows and the names of the columns are, and the numbers."""
+
+import bz2
+import csv
+import gzip
+import itertools
+import json
+import lzma
+import math
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.reading.names import UNITS, unit_of
+
+Array = np.ndarray
+HEAD = 1 << 18  # characters in which the header and some rows must stand
+SAMPLE = 400  # rows that are looked at before all are read
+SEPARATORS = (";", "\t", ",", None)  # None is blanks
+COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
+INLINE = re.compile(r"(^|\s)[#%].*")
+MISSING = {
+    "",
+    "-",
+    "na",
+    "n/a",
+    "#n/a",
+    "null",
+    "none",
+    "<na>",
+    "nan",
+    "+nan",
+    "-nan",
+    "nan(ind)",
+    "-nan(ind)",
+    "missing",
+    "nat",
+}
+ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
+NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
+CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
+PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
+OTHERS = {
+    b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
+    b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
+    b"#ROSBAG": "a bag of ROS: write its topic as .csv",
+    b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
+    b"(\xb5/\xfd": "packed by zstd: unpack it",
+}
+
+
+@dataclass
+class Table:
+    """What a file holds.
+
+    names : of the columns; empty where the file has none. units : of columns, as a row of units says. sample : the first rows, as
+    words. load : the numbers of some columns, and the words of others. above : the text over the rows.
+    """
+
+    names: list[str]
+    width: int
+    sample: list[list[str]]
+    load: Callable[[Sequence[int], Sequence[int]], dict[int, Array]]
+    units: dict[int, str] = field(default_factory=dict)
+    above: str = ""
+
+
+def number(word: str, comma: bool = False) -> float:
+    """The number that a word is, in SI units where it has a unit itself; NaN where it says that there is none.
+
+    Raises
+    ------
+    ValueError : it is no number.
+    """
+    plain = word.strip().replace("−", "-")
+    if plain.lower() in MISSING:
+        return math.nan
+    if (found := NUMBER.fullmatch(plain)) and (comma or "," not in found[1]):
+        unit = unit_of(found[4]) if found[4] else UNITS["1"]
+        if unit is not None:
+            return float(f"{found[1].replace(',', '.')}e{found[2] or found[3] or 0}") * unit.factor
+    if clock := CLOCK.fullmatch(plain):
+        return 3600.0 * int(clock[1] or 0) + 60.0 * int(clock[2]) + float(clock[3])
+    if odd := ODD.fullmatch(plain):
+        return float(f"{odd[1]}inf") if odd[2] else math.nan
+    if plain.lower().lstrip("+-") in ("inf", "infinity"):
+        return float(plain)
+    raise ValueError(
+        f"{word[:40]!r} is no number" + " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
+    )
+
+
+def is_number(word: str, comma: bool = False) -> bool:
+    """Whether a word is a number, or says that there is none."""
+    try:
+        number(word, comma)
+    except ValueError:
+        return False
+    return True
+
+
+def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
+    """The table in a file. indices : columns that hold numbers, as the user says.
+
+    Raises
+    ------
+    ValueError : an empty or binary file, no numbers, text among them.
+    """
+    with path.open("rb") as file:
+        if not file.seekable():
+            raise ValueError(f"{path}: a pipe cannot be read twice; write a file")
+        start = file.read(512)
+    if not start.strip():
+        raise ValueError(f"{path}: the file is empty")
+    if path.suffix.lower() == ".npz" or start.startswith(b"\x93NUMPY"):
+        with np.load(path) as arrays:
+            return _of_arrays(path, dict(arrays) if path.suffix.lower() == ".npz" else {"": np.asarray(arrays)})
+    if start.startswith(b"PAR1"):
+        import pandas as pd
+
+        return _of_arrays(path, pd.read_parquet(path).to_dict("series"))
+    if start.startswith(b"MATLAB 5.0"):
+        from scipy.io import loadmat
+
+        stored = loadmat(path, simplify_cells=True)
+        return _of_arrays(path, {name: value for name, value in stored.items() if not name.startswith("__")})
+    for magic, what in OTHERS.items():
+        if start.startswith(magic):
+            raise ValueError(f"{path}: this is {what}")
+    return Text(path, start).table(indices)
+
+
+def _of_arrays(path: Path, data: Mapping[str, Any]) -> Table:
+    """Columns of arrays that have a row for each time, in their first or their last dimension."""
+    arrays: dict[str, Array] = {}
+
+    def collect(name: str, value: Any) -> None:
+        if isinstance(value, Mapping):
+            for key, each in value.items():
+                collect(f"{name}.{key}" if name else str(key), each)
+        else:
+            array = np.asarray(value)
+            array = np.asarray(array.tolist()) if array.dtype.kind == "O" else array
+            if array.ndim and array.size and array.dtype.kind in "fiubU":
+                arrays[name] = array
+
+    try:
+        collect("", data)
+    except ValueError:
+        raise ValueError(f"{path}: its rows have not all the same numbers") from None
+    lengths = Counter(n for array in arrays.values() for n in {array.shape[0], array.shape[-1]} if n > 1)
+    clock = next((arrays[name] for name in ("t", "time") if name in arrays), None)
+    n = clock.size if clock is not None else max(lengths, key=lambda k: (lengths[k], k), default=1)
+    columns: dict[str, Array] = {}
+    for name, array in arrays.items():
+        array = array.reshape(-1) if array.size == n else array
+        array = array if array.shape[0] == n else np.moveaxis(array, -1, 0)
+        for place in np.ndindex(array.shape[1:]) if len(array) == n else ():
+            columns[name + "".join(f"[{i}]" for i in place)] = array[(slice(None), *place)]
+    if not columns:
+        raise ValueError(f"{path}: there are no arrays of numbers in it with a row for each time")
+    values = list(columns.values())
+
+    def load(wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
+        try:
+            return {i: values[i].astype(float) for i in wanted} | {i: values[i].astype(str) for i in words}
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
+
+    sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
+    return Table([] if "" in data else list(columns), len(values), sample, load)
+
+
+class Text:
+    """A text file: its beginning, from which is found how it is written, and its rows."""
+
+    def __init__(self, path: Path, start: bytes):
+        self.path = path
+        self.open_bytes: Callable[..., Any] = open
+        for magic, opener in ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open)):
+            if start.startswith(magic):
+                self.open_bytes = opener
+        with self.open_bytes(path, "rb") as file:
+            start = file.read(HEAD)
+        self.encoding = _encoding(start)
+        with self.open() as lines:
+            text = lines.read(HEAD) if self.encoding else "\0"
+        if len(text) == HEAD:
+            text = text[: text.rfind("\n") + 1]
+        if "\0" in text or not text:
+            raise ValueError(f"{path}: this is no text in UTF-8 with one row a line")
+        self.lines = text.split("\n")
+        self.separator: str | None = None
+        self.comma = False
+
+    def open(self) -> Any:
+        return self.open_bytes(self.path, "rt", encoding=self.encoding or "latin-1", errors="replace")
+
+    def table(self, indices: Sequence[int]) -> Table:
+        first = next(line.strip() for line in self.lines if line.strip())
+        if first.startswith(("{", "[{")) or first == "[":
+            return self._json(first)
+        shown = [(i, line) for i, line in enumerate(self.lines) if line.strip()]
+        rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
+        self.separator = max(SEPARATORS, key=lambda separator: self._score(rows[: 2 * SAMPLE], separator))
+        self.comma = self.separator != ","
+        split = [(i, _words(INLINE.sub("", line), self.separator)) for i, line in rows]
+        a, b = _block([self._numeric(words, indices) for _, words in split])
+        if a == b:
+            raise ValueError(f"{self.path}: there is no line of numbers in it")
+        block = split[a:b]
+        self.comma = self.comma and not any(
+            "." in word for _, words in block for word in words if is_number(word, True)
+        )
+        skip, width = block[0][0], len(block[0][1])
+        header, units = self._header([(i, line) for i, line in shown if i < skip], block)
+        width = len(header) if header else width
+        if all(len(words) > width and not any(words[width:]) for _, words in block):  # rows that end with a separator
+            block = [(i, words[:width]) for i, words in block]
+        for i, words in block[:SAMPLE]:
+            if len(words) != width:
+                raise ValueError(f"{self.path}, line {i + 1}: {len(words)} columns instead of {width}")
+        numbers = {k for k, word in enumerate(block[0][1]) if word and is_number(word, self.comma)}
+        for i, words in split[:a] + split[b:]:
+            like = len(words) == width and all(words[k] and is_number(words[k], self.comma) for k in numbers)
+            if i > skip or like:
+                word = next((word for word in words if not is_number(word, self.comma)), "")
+                text = f"{word[:40]!r} is no number" if word else f"{len(words)} columns instead of {width}"
+                text = text if i > skip else f"numbers above the line of text {block[0][0]}"
+                raise ValueError(f"{self.path}, line {i + 1}: {text}; a table must have one header and then its rows")
+        self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
+        above = "\n".join(self.lines[:skip])
+        return Table(header, width, self.sample, self._load, units, above)
+
+    def _score(self, rows: Sequence[tuple[int, str]], separator: str | None) -> int:
+        """How well a separator explains some lines: numbers count twice, words that are none once against it."""
+        score = 0
+        for _, line in rows:
+            words = [word for word in _words(INLINE.sub("", line), separator) if word]
+            numeric = sum(is_number(word, separator != ",") for word in words)
+            score += max(0, 3 * numeric - len(words)) if len(words) > 1 else 0
+        return score
+
+    def _numeric(self, words: list[str], indices: Sequence[int]) -> bool:
+        """Whether a line is a row of numbers: at least half of its words are, or those that the user says."""
+        if indices and all(i < len(words) and words[i] and is_number(words[i], self.comma) for i in indices):
+            return True
+        full = [word for word in words if word]
+        return len(full) > 1 and 2 * sum(is_number(word, self.comma) for word in full) >= len(full)
+
+    def _header(
+        self, above: list[tuple[int, str]], block: list[tuple[int, list[str]]]
+    ) -> tuple[list[str], dict[int, str]]:
+        """The names in the last line over the rows that has as many words, and the units in a line below it."""
+        width, ends = len(block[0][1]), all(not words[-1] for _, words in block)
+        names: list[str] = []
+        units: dict[int, str] = {}
+        groups: list[list[str]] = []
+        for _, line in reversed(above):
+            text = COMMENT.sub("", line, count=1) if COMMENT.match(line) else line
+            merged = re.sub(r"\s+([\[({])", r"\1", text)
+            splits = [_words(text, self.separator), _words(merged, None), re.split(r"\s{2,}|\t", text.strip())]
+            splits += [_words(text, ",")]
+            if names:
+                words = splits[0] + [""] * (len(names) - len(splits[0]))
+                if len(words) == len(names) and any(words):
+                    groups.append(words)
+                continue
+            for words in splits:
+                while len(words) > width and not words[-1]:
+                    words.pop()
+                fits = len(words) == width or (ends and len(words) == width - 1)
+                if not fits or not any(word and not is_number(word, True) for word in words):
+                    continue
+                found = [unit_of(word.strip("[](){} ")) for word in words]
+                if not units and all(
+                    unit or not word.strip("[](){} ") for unit, word in zip(found, words, strict=True)
+                ):
+                    units = {k: word.strip("[](){} ") for k, word in enumerate(words) if found[k]}
+                else:
+                    names = words[: width - 1] if ends and not words[-1] else words
+                break
+        for words in groups:  # X, Y, Z under Position and under Rotation; names in two lines
+            filled = list(words)
+            for k in range(1, len(filled)):
+                filled[k] = filled[k] or filled[k - 1]
+            if len(set(names)) < len(names):
+                names = [f"{over}.{name}" if over else name for over, name in zip(filled, names, strict=True)]
+            elif not all(names):
+                names = [name or over for over, name in zip(words, names, strict=True)]
+        return names, units
+
+    def _json(self, first: str) -> Table:
+        import pandas as pd
+
+        try:
+            with self.open() as file:
+                whole = first.startswith("[") or not first.endswith("}")
+                data = json.load(file) if whole else [json.loads(line) for line in file if line.strip()]
+            data = data[0] if isinstance(data, list) and len(data) == 1 else data
+            data = pd.json_normalize(data).to_dict("series") if isinstance(data, list) else data
+        except (ValueError, TypeError, AttributeError) as error:
+            raise ValueError(
+                f"{self.path}: this is no JSON with a row a line, or an array for each name: {error}"
+            ) from None
+        return _of_arrays(self.path, data)
+
+    def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
+        """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like."""
+        import pandas as pd
+
+        places, comma = sorted({*wanted, *words}), self._decimal(wanted)
+        plain = [row[i].replace(",", ".") if comma else row[i] for row in self.sample for i in wanted]
+        if all(PLAIN.fullmatch(word) for word in plain) and not any(map(INLINE.search, self.lines[self.skip :])):
+            settings: dict[str, Any] = {"sep": self.separator or r"\s+", "header": None, "skipinitialspace": True}
+            settings |= {"usecols": places if len(places) < self.width else None, "decimal": "," if comma else "."}
+            settings |= {"dtype": {i: str if i in words else float for i in places}, "na_values": ["-"]}
+            try:
+                with self.open() as file:
+                    for _ in range(self.skip):
+                        file.readline()
+                    frame = pd.read_csv(file, **settings)
+                return {i: frame[i].to_numpy() for i in places}
+            except (ValueError, OverflowError):
+                pass  # read it again, line by line, to see where
+        columns: dict[int, list[Any]] = {i: [] for i in places}
+        for line, row in self._rows():
+            try:
+                for i in places:
+                    columns[i].append(row[i] if i in words else number(row[i], self.comma))
+            except ValueError as error:
+                raise ValueError(f"{self.path}, line {line}: {error}") from None
+        return {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
+
+    def _decimal(self, wanted: Sequence[int]) -> bool:
+        return self.comma and any("," in row[i] for row in self.sample for i in wanted)
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        with self.open() as file:
+            for line, text in enumerate(file, 1):
+                if line > self.skip and text.strip() and not COMMENT.match(text):
+                    words = _words(INLINE.sub("", text), self.separator)
+                    if len(words) < self.width or any(words[self.width :]):
+                        raise ValueError(f"{self.path}, line {line}: {len(words)} columns instead of {self.width}")
+                    yield line, words
+
+
+def _encoding(start: bytes) -> str:
+    """utf-8-sig, utf-16, or the one-byte code of old programs; empty for what is no text."""
+    if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if b"\0" in start:
+        even, odd = start[::2].count(0), start[1::2].count(0)
+        return (
+            "utf-16-le"
+            if odd > 0.4 * len(start) and not even
+            else "utf-16-be"
+            if even > 0.4 * len(start) and not odd
+            else ""
+        )
+    try:
+        start[:-4].decode("utf-8-sig") if len(start) == HEAD else start.decode("utf-8-sig")
+        return "utf-8-sig"
+    except UnicodeDecodeError as error:
+        if len(start) == HEAD and error.start > len(start) - 8:
+            return "utf-8-sig"
+        strange = sum(byte < 9 or 13 < byte < 32 for byte in start)
+        return "" if strange else "cp1252"
+
+
+def _words(line: str, separator: str | None) -> list[str]:
+    line = line.strip(" \r\n") if separator else line.strip().rstrip(";,")
+    if '"' in line:
+        row = next(
+            csv.reader([line.replace("\t", separator or " ")], delimiter=separator or " ", skipinitialspace=True)
+        )
+        return [word.strip(" \t'") for word in row]
+    return [word.strip().strip("'") for word in line.split(separator)]
+
+
+def _block(numeric: Sequence[bool]) -> tuple[int, int]:
+    """The longest run of rows of numbers, of two equal ones the last."""
+    best, start = (0, 0), 0
+    for true, run in itertools.groupby(numeric):
+        end = start + len(list(run))
+        if true and end - start >= best[1] - best[0]:
+            best = start, end
+        start = end
+    return best
