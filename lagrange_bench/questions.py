@@ -16,7 +16,6 @@ Steps and times are in two units, and every frame has both: `h`, `t` and `span` 
 `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
 """
 
-import re
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable
@@ -350,7 +349,7 @@ def _placed(top: Any) -> _Placed:
         raise ValueError(f"tops: a top is a name, or a pair of a problem and a state; got {top!r}")
     *name, given, y0 = top
     label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(given), 60, placeholder=" …")
-    if label in NAMED_TOPS or re.fullmatch(r"(random|wide|close)\d{3}", label):
+    if label in NAMED_TOPS or states.is_drawn(label):
         raise ValueError(f"tops: the bench has a top named {label}; give yours another name: ('mine', problem, y0)")
     return _Placed(label, label, problem, problem.check_state(y0))
 

@@ -13,7 +13,7 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
-from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE, methods_on
+from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, RELEASED, SPINNING, WIDE, methods_on
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
@@ -27,6 +27,8 @@ SETS = {  # of tops, as `where` names them
     "@random200": tuple(f"random{i:03d}" for i in range(200)),
     "@close": CLOSE,
     "@wide": WIDE,
+    "@released": RELEASED,
+    "@spinning": SPINNING,
 }
 Tables = dict[str, pd.DataFrame]
 _TABLES: dict[str, tuple[pd.DataFrame, Tables]] = {}  # of each experiment the rows judged last, and their tables
@@ -113,13 +115,10 @@ def kept_as_claimed(rows: pd.DataFrame) -> Reading:
 
 
 def kept_in_a_field(rows: pd.DataFrame) -> Reading:
-    """Errors of what methods claim to conserve on tops in a potential, in units of what round-off may make of them."""
-    from lagrange_bench.experiments.measuring.check import BIAS, EPS, WALK
-
+    """Errors of what methods claim to conserve on tops in a potential, over √steps ulps."""
     kept = table(rows, "perturbed", "kept")
     shares = {
-        f"{name} of {run.method} on {run.state}": float(getattr(run, name))
-        / (EPS * min(BIAS * run.steps, WALK * run.steps**0.5))
+        f"{name} of {run.method} on {run.state}": float(getattr(run, name)) / np.sqrt(run.steps) / np.finfo(float).eps
         for run in kept.itertuples()
         for name in filter(None, run.claimed.split(", "))
     }
@@ -135,16 +134,25 @@ def _worst(numbers: pd.Series) -> Any:
     return numbers.fillna(np.inf).idxmax()
 
 
-def lead(rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]], closed: bool = False) -> Reading:
+def lead(
+    rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]], closed: bool = False, every: float = np.inf
+) -> Reading:
     """How many times as long the best method takes that is not exact in time as the best Bäcklund map, set-up counted.
 
     errors : (length of the runs, largest, smallest error) asked for. closed : the closed forms instead, which are exact in
-    time. The ratio is 0 where no Bäcklund map gets there, ∞ where no other method does.
+    time. every : the longest step that counts. The ratio is 0 where no Bäcklund map gets there, ∞ where no other method does.
     """
     ratios = {}
-    runs = work_precision.useful(all_methods(rows)).groupby(work_precision.APART, sort=False)
-    for ((span, state), group), target in product(runs, work_precision.TARGETS):
+    runs = work_precision.useful(all_methods(rows))
+    if "h" in runs:
+        runs = runs[~(runs.h > every)]  # of a tolerance every run counts
+    asked = {"backlund", *(name for name in BUILT_IN if closed and METHODS[name].family == "closed-form")}
+    for ((span, state), group), target in product(
+        runs.groupby(work_precision.APART, sort=False), work_precision.TARGETS
+    ):
         if any(span == length and least <= target <= most for length, most, least in errors):
+            if missing := sorted(asked - set(group.method)):
+                raise NoData(f"a run with method = {missing[0]} over t = {show(span)} on {state} is missing")
             found = work_precision.best(group, target, "total")
             rivals = found.family == "closed-form" if closed else ~found.family.isin(EXACT)
             ours, others = found[found.family == "backlund"].total, found[rivals].total

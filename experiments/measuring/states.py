@@ -24,7 +24,16 @@ from lagrange_bench.integrators.words import suggestion
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
 WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
+RELEASED = tuple(f"released{i:03d}" for i in range(200))  # with pure spin; likewise
+SPINNING = tuple(f"spinning{i:03d}" for i in range(100))  # released, too, with a fast spin; likewise
+DRAWN = ("random", "wide", "released", "spinning", "close")
+SPINS = {"wide": (-3, 3), "released": (-3, 2), "spinning": (2, 3)}  # least and largest log10 of |J|²/(|alpha||x|)
 PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  # what is no top in a fixed field
+
+
+def is_drawn(name: str) -> bool:
+    """Whether it names a top that `find` draws."""
+    return re.fullmatch(rf"({'|'.join(DRAWN)})\d{{3}}", name) is not None
 
 
 @cache
@@ -55,11 +64,12 @@ def central_spin(t: Any, y: Any, p: Any) -> Any:
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """Top and initial state (6,) of a named top, or of "random000" … "random999", "wide000" … or "close000" …; or a `problem`.
+    """Top and initial state (6,) of a named top or a `problem`, or of a drawn top, such as "random000" … "random999".
 
     The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
-    whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. The close
-    ones are on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
+    whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. So have the
+    released and spinning ones, from 1e-3 to 100 and from 100 to 1e3, but J is parallel to x, or antiparallel. The close ones are
+    on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
@@ -69,8 +79,8 @@ def find(name: str) -> tuple[Any, Array]:
         return NAMED_TOPS[name].top, NAMED_TOPS[name].state
     if name in PROBLEMS:
         return problem(name)
-    if not re.fullmatch(r"(random|wide|close)\d{3}", name):
-        known = f"{', '.join((*NAMED_TOPS, *PROBLEMS))}, random000 … random999, wide000 … wide999, close000 … close999"
+    if not is_drawn(name):
+        known = ", ".join((*NAMED_TOPS, *PROBLEMS, *(f"{kind}000 … {kind}999" for kind in DRAWN)))
         raise ValueError(f"unknown top or problem {name!r}{suggestion(name, (*NAMED_TOPS, *PROBLEMS))} Known: {known}")
     draw = random.Random(name)  # seeded by the text itself, through SHA-512
     J = [draw.uniform(-2, 2) for _ in range(3)]
@@ -79,8 +89,11 @@ def find(name: str) -> tuple[Any, Array]:
     x *= size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
     if name.startswith("close"):
         J = _near_separatrix(alpha, x, J[2] / 2, 10 ** draw.uniform(-8, -1) * draw.choice((-1, 1)))
-    if name.startswith("wide"):
-        long = math.sqrt(10 ** draw.uniform(-3, 3) * alpha * size) / math.hypot(*J)
+    kind = name[:-3]
+    if kind in ("released", "spinning"):
+        J = list(draw.choice((-1, 1)) * x)
+    if kind in SPINS:
+        long = math.sqrt(10 ** draw.uniform(*SPINS[kind]) * alpha * size) / math.hypot(*J)
         J, alpha = [long * component for component in J], alpha * draw.choice((-1, 1))
     return LagrangeTop(alpha), np.array([*J, *x])
 

@@ -51,7 +51,6 @@ from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.real_map import ALPHA, C1, C1_LO, C2, C2_LO, H_LO, J3_2, H
 from lagrange_bench.integrators.torus.real_map import CONSTANTS as TORUS
-from lagrange_bench.integrators.torus.real_map import pin as onto_torus
 
 # places of the constants, behind those of the torus; complex ones take two
 HALF_N, HALF_P, HALF_ALPHA_P, HALF_ALPHA, D0, D1, D2 = range(TORUS, TORUS + 7)
@@ -275,7 +274,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     c, least = constants(units.alpha, tuple(state), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    return real_map.TorusStepper(name, h, units, c, step, onto_torus if block else None, block or NEVER)
+    onto_torus = real_map.pin_of(state, units.alpha) if block else None
+    return real_map.TorusStepper(name, h, units, c, step, onto_torus, block or NEVER)
 
 
 METHOD = Method(

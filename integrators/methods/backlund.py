@@ -17,6 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,10 @@ first_flow = at_first_interpreted(ts.flow)
 
 
 def _stepper(
-    name: str, h: float, units: Units, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
+    name: str, h: float, units: Units, state: Array, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
 ) -> FixedStepper:
     real_map.check_constants(name, c, h)
-    back, block = (real_map.pin, pin) if pin else (None, NEVER)
+    back, block = (real_map.pin_of(state, units.alpha), pin) if pin else (None, NEVER)
     return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn)
 
 
@@ -76,7 +77,7 @@ def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin: int) -> FixedS
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
     c, turn = first_exact_constants(units.alpha, tuple(state.tolist()), span)
-    return _stepper(name, h, units, c, pin, turn)
+    return _stepper(name, h, units, state, c, pin, turn)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> FixedStepper:
@@ -89,7 +90,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: 
     state = units.enter(y0)
     lam = units.parameter(check_parameter(lam))
     c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, c, pin)
+    return _stepper(name, h, units, state, c, pin)
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
@@ -120,12 +121,17 @@ def many(
     c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
     set_up = many_plain_constants if steps <= SHORT else real_map.many_constants
     set_up(alphas, Y0, h, states, c, units, forms, turns)
-    back, block = (real_map.pin, pin) if pin else (None, NEVER)
+    dependent = np.zeros(n, dtype=bool)
+    if pin:
+        real_map.many_nearly_dependent(states, c, dependent)
     kernels = real_map.KERNELS
-    for number, kernel, parts in (*((i, k, 1) for i, k in enumerate(kernels)), (HALVES, kernels[0], 2)):
-        tops = np.flatnonzero(forms == number)
+    steps_of_forms = (*((i, k, 1) for i, k in enumerate(kernels)), (HALVES, kernels[0], 2))
+    for (number, step, parts), precise in product(steps_of_forms, (False, True)):
+        tops = np.flatnonzero((forms == number) & (dependent == precise))
         if len(tops):
-            run_lanes((kernel, back, block), states, c, tops, parts * steps, parts * every, out, stopped)
+            back = real_map.precise_pin if precise else real_map.pin
+            kernel = (step, back, pin) if pin else (step, None, NEVER)
+            run_lanes(kernel, states, c, tops, parts * steps, parts * every, out, stopped)
     real_map.leave_many(out, forms, turns, every, units)
     return forms >= 0
 

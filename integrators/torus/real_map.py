@@ -30,7 +30,9 @@ R, ETA, ETA_2, ETA2, ETA_S, ETA_B, MR, MI_ETA, MI_Q3, MM_Q3, P3, ALPHA_2, J3_2 =
 ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 20)
 CONSTANTS = C2_LO + 1  # how many there are
 
-RIDGE = 2.0**-14  # see `pin`
+RIDGE = 2.0**-14  # see `corrected`
+DEPENDENT = 2.0**-8  # least eigenvalue over the trace of the Gram matrix below which `pin` amplifies: by ten, or so
+GRID = 1.5 * 2.0**27  # what is added to this number is rounded to a multiple of 2^-25
 
 
 @jit
@@ -160,40 +162,49 @@ def leave_many(out, forms, turns, every, units):
 
 
 @jit
-def pin(s, c):
-    """Back onto (H, C1, C2) by the smallest change of J1, J2, x1, x2, x3: one Newton step.
-
-    The Gram matrix of the gradients is singular at regular precession and on the vertical, and nearly so close to
-    them, where a residual of one ulp would be answered by a correction of many. A small ridge leaves such directions
-    alone; pins are frequent, so elsewhere nothing is lost by correcting 99.99 % at a time.
-    """
+def gram(s, alpha):
+    """a, b, d, e, f, g of the Gram matrix ((a, b, d), (b, e, f), (d, f, g)) of the gradients of H, C1/2 and C2, J3 fixed."""
     J1, J2, J3, x1, x2, x3 = s
-    alpha = c[ALPHA]
     jj = J1 * J1 + J2 * J2
     xx = x1 * x1 + x2 * x2
     xj = x1 * J1 + x2 * J2
-    # residuals of H, C1/2, C2
-    r1 = (0.5 * (jj + J3 * J3) + alpha * x3 - c[H]) - c[H_LO]
-    r2 = 0.5 * ((xx + x3 * x3 - c[C1]) - c[C1_LO])
-    r3 = (xj + x3 * J3 - c[C2]) - c[C2_LO]
-    # Gram matrix ((a, b, d), (b, e, f), (d, f, g)) and its adjoint, for one division and not three in a row
-    a = jj + alpha * alpha
-    b = alpha * x3
-    d = xj + alpha * J3
-    e = xx + x3 * x3
-    f = xj + x3 * J3
-    g = xx + jj + J3 * J3
-    ridge = RIDGE * (a + (e + g))
-    a += ridge
-    e += ridge
-    g += ridge
+    return jj + alpha * alpha, alpha * x3, xj + alpha * J3, xx + x3 * x3, xj + x3 * J3, xx + jj + J3 * J3
+
+
+@jit
+def adjugate(a, b, d, e, f, g):
+    """The adjugate of such a matrix, in the same order, and the determinant."""
     A = e * g - f * f
     B = d * f - b * g
     D = b * f - d * e
-    E = a * g - d * d
-    F = b * d - a * f
-    G = a * e - b * b
-    r = 1.0 / (a * A + (b * B + d * D))
+    return A, B, D, a * g - d * d, b * d - a * f, a * e - b * b, a * A + (b * B + d * D)
+
+
+@jit
+def nearly_dependent(s, alpha):
+    """Whether the gradients of the invariants are so nearly dependent that `pin` would amplify round-off.
+
+    Compared is 1/(1/l1 + 1/l2 + 1/l3), l the eigenvalues of the Gram matrix: at most the least of them, at least a third of it.
+    """
+    matrix = gram(s, alpha)
+    A, _, _, E, _, G, determinant = adjugate(*matrix)
+    a, _, _, e, _, g = matrix
+    return not determinant > DEPENDENT * (a + (e + g)) * (A + (E + G))
+
+
+@jit
+def corrected(s, alpha, r1, r2, r3):
+    """Less the residuals of H, C1/2 and C2, by the smallest change of J1, J2, x1, x2, x3: one Newton step.
+
+    Where the gradients are dependent, on the vertical and at regular precession, a small ridge leaves such directions alone;
+    pins are frequent, so elsewhere nothing is lost by correcting 99.99 % at a time.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    a, b, d, e, f, g = gram(s, alpha)
+    ridge = RIDGE * (a + (e + g))
+    # one division, and not three in a row
+    A, B, D, E, F, G, determinant = adjugate(a + ridge, b, d, e + ridge, f, g + ridge)
+    r = 1.0 / determinant
     p1 = (A * r1 + B * r2 + D * r3) * r
     p2 = (B * r1 + E * r2 + F * r3) * r
     p3 = (D * r1 + F * r2 + G * r3) * r
@@ -205,6 +216,49 @@ def pin(s, c):
         x2 - (p2 * x2 + p3 * J2),
         x3 - (p1 * alpha + p2 * x3 + p3 * J3),
     )
+
+
+@jit
+def pin(s, c):
+    """Back onto (H, C1, C2), with residuals in plain doubles.
+
+    Their round-off counts as an error of the state, divided by the least singular value of the gradients: see `precise_pin`.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    alpha = c[ALPHA]
+    r1 = (0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + alpha * x3 - c[H]) - c[H_LO]
+    r2 = 0.5 * (((x1 * x1 + x2 * x2) + x3 * x3 - c[C1]) - c[C1_LO])
+    r3 = ((x1 * J1 + x2 * J2) + x3 * J3 - c[C2]) - c[C2_LO]
+    return corrected(s, alpha, r1, r2, r3)
+
+
+@jit
+def halves(a):
+    """a as a multiple of 2^-25 and a rest: products of such multiples, and sums of them below 8, are exact."""
+    high = (a + GRID) - GRID
+    return high, a - high
+
+
+@jit(inline=True)
+def precise_pin(s, c):
+    """The same with residuals right to 2^-75, for tops whose invariants are `nearly_dependent`.
+
+    With G the gradients, an error e of the state leaves the residuals G e, and the smallest change that makes up for G e is no
+    longer than e, however close to dependent the gradients are. So what a pin does is as small as the error, if the residuals
+    are right. Their sums are exact where they are large, and what is left over is small.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    alpha = c[ALPHA]
+    (A, a), (B, b), (C, c_) = halves(J1), halves(J2), halves(J3)
+    (X, x), (Y, y), (Z, z) = halves(x1), halves(x2), halves(x3)
+    W, w = halves(alpha)
+    h2 = (((A * A + B * B) + C * C) + 2.0 * (W * Z)) - 2.0 * c[H]
+    c1 = ((X * X + Y * Y) + Z * Z) - c[C1]
+    c2 = ((X * A + Y * B) + Z * C) - c[C2]
+    h2 += ((J1 + A) * a + (J2 + B) * b) + ((J3 + C) * c_ + 2.0 * (W * z + w * x3))
+    c1 += ((x1 + X) * x + (x2 + Y) * y) + (x3 + Z) * z
+    c2 += ((X * a + x * J1) + (Y * b + y * J2)) + (Z * c_ + z * J3)
+    return corrected(s, alpha, 0.5 * h2 - c[H_LO], 0.5 * (c1 - c[C1_LO]), c2 - c[C2_LO])
 
 
 @jit
@@ -321,6 +375,14 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
 
 
 @jit
+def many_nearly_dependent(states, c, found):
+    """`nearly_dependent` of each top, states and constants in its own units, into `found`."""
+    for i in range(len(states)):
+        s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
+        found[i] = nearly_dependent(s, c[i, ALPHA])
+
+
+@jit
 def attitudes(alpha, y, times, longest, block):
     """Quaternions (N, 4) of the frame that turns with J, which is 1 at 0, at times that lead away from 0.
 
@@ -342,7 +404,7 @@ def attitudes(alpha, y, times, longest, block):
                 spin = at.step_spin(alpha, y, gap / parts)
         for _ in range(parts if gap != 0.0 else 0):
             if done % block == 0:
-                s = pin(s, c)
+                s = precise_pin(s, c) if nearly_dependent(s, alpha) else pin(s, c)
             u1, u2, u3, size = direction(s, c)
             r = c[ETA] / size
             g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
@@ -358,6 +420,12 @@ def attitudes(alpha, y, times, longest, block):
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
+first_nearly_dependent = at_first_interpreted(nearly_dependent)
+
+
+def pin_of(state: Array, alpha: float) -> Any:
+    """The pin for the torus of a state, both in scaled units."""
+    return precise_pin if first_nearly_dependent(tuple(state), alpha) else pin
 
 
 class TorusStepper(FixedStepper):
