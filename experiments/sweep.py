@@ -98,8 +98,11 @@ def read(path: str | Path) -> str:
     ValueError : what is wrong, where in the file, and what may have been meant. OSError : there is no such file.
     """
     path = Path(path)
+    table = read_toml(path)
+    if isinstance(table.get("sweep"), dict):
+        raise ValueError(f"{path}: write [[sweep]], with two brackets")
     with _at(f"{path}, "):
-        content: dict[str, Any] = {"name": path.stem, "tops": {}} | _checked(read_toml(path), "file")
+        content: dict[str, Any] = {"name": path.stem, "tops": {}} | _checked(table, "file")
         name, sweeps = content["name"], content.get("sweep", ())
         if not re.fullmatch(r"[A-Za-z0-9_-]+", name):
             raise ValueError(f'name must consist of letters, digits, _ and -; got {name!r}: set name = "…"')

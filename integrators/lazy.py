@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import sys
 from collections.abc import Callable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[
 
     def getattribute(name: str) -> Any:
         if name not in places:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            close = get_close_matches(name, places, 1)
+            hint = f"; did you mean {close[0]!r}?" if close else ""
+            raise AttributeError(f"module {package!r} has no attribute {name!r}{hint}")
         value = getattr(__import__(places[name], fromlist=[name]), name)  # a module, too, which is imported then
         setattr(sys.modules[package], name, value)
         return value

@@ -1,7 +1,7 @@
 """Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution.
 
 examples:
-  lagrange-bench run --profile quick            measure everything, in about three minutes
+  lagrange-bench run --profile quick            measure everything coarsely, in a few minutes
   lagrange-bench report                         figures, tables and the page of the published results
   lagrange-bench integrate --top figure1 --h 0.1 --steps 10000
 
@@ -137,26 +137,38 @@ def _print(text: str) -> None:
         raise OSError(error.errno, error.strerror, "standard output") from error
 
 
-NAMES = "methods tops potentials case judge run report figure compare verify integrate check errata paper"
-COMMANDS = tuple(importlib.import_module(f"lagrange_bench.commands.{name}") for name in NAMES.split())
+GROUPS = {
+    "to start with": "judge integrate check run report",
+    "to look something up": "methods tops potentials case errata paper",
+    "to work with results": "figure compare verify",
+}
+COMMANDS = tuple(
+    importlib.import_module(f"lagrange_bench.commands.{name}") for name in " ".join(GROUPS.values()).split()
+)
 
 
 def parser() -> Parser:
     """The command line; every command has a module of its own. Its docstring is its help, which python -OO leaves out."""
-    top = Parser(__doc__ or "", prog="lagrange-bench")
+    top = Parser(__doc__ or "", prog="lagrange-bench", usage="lagrange-bench COMMAND …")
     top.add_argument("--version", action="store_true", help="print the version and stop")
     top.set_defaults(command="", flags=top._option_string_actions)
-    commands = top.add_subparsers(metavar="COMMAND", title="commands")
+    commands = top.add_subparsers(metavar="COMMAND", prog=top.prog, help=argparse.SUPPRESS)
     for module in COMMANDS:
         name = module.__name__.rpartition(".")[2]
-        summary, _, text = (module.__doc__ or "").partition("\n\n")
-        command = commands.add_parser(name, text=text, help=summary.rstrip("."))
+        command = commands.add_parser(name, text=(module.__doc__ or "").partition("\n\n")[2])
         command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
         command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
         command.add_argument("--quiet", action="store_true", help="print nothing on stderr but errors")
         if hasattr(module, "add_options"):
             module.add_options(command)
+    top.description = "\n\n".join([top.description or "", *map(listed, GROUPS)])
     return top
+
+
+def listed(heading: str) -> str:
+    """The commands of a group, each with the first sentence of its help."""
+    summaries = {m.__name__.rpartition(".")[2]: (m.__doc__ or "").partition("\n")[0].rstrip(".") for m in COMMANDS}
+    return "\n".join([f"{heading}:", *(f"  {name:<12}{summaries[name]}" for name in GROUPS[heading].split())])
 
 
 if __name__ == "__main__":

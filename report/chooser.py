@@ -12,9 +12,14 @@ from lagrange_bench.experiments.measuring.states import KNOBS, SCHEME_OPTIONS, f
 from lagrange_bench.integrators import METHODS
 
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
-COLUMNS = (*ASKED, "method", "name", "with", "cost", "best of another family", "figure")
+COLUMNS = (*ASKED, "method", "name", "with", "cost", "beside it", "figure")
 NOTHING, LENGTHS, ENERGY = "nothing in particular", "lengths (Casimirs)", "energy and lengths"
 TIE = 1.05  # two times whose ratio is below are the same
+RECOMMENDED, PREFERRED = (
+    ("backlund", "backlund_splitting"),
+    1.2,
+)  # they are named if they take at most so many times as long
+FAMOUS = "rk4"  # a method that everybody knows, to compare with
 
 
 class Place(NamedTuple):
@@ -98,15 +103,28 @@ def _problem(place: Place) -> Any:
 
 
 def _answer(best: pd.DataFrame) -> tuple[str, ...]:
-    """Method, its setting, its cost, and the best of the other families."""
-    first, after = best.iloc[0], ""
+    """Method, its setting, its cost; beside it the best rival, of an exact method one that is not exact, and FAMOUS."""
+    preferred = best[best.method.isin(RECOMMENDED) & (best.price <= PREFERRED * best.price.iloc[0])]
+    first = (preferred if len(preferred) else best).iloc[0]
     cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"
     others = best[best.method.map(style.family) != style.family(first.method)]
-    if len(others):
-        ratio = others.price.iloc[0] / first.price
-        times = f"{tables.show(float(f'{ratio:.2g}'))} times" if ratio >= TIE else "just"
-        after = f"{style.label(others.method.iloc[0])}, {times} as long"
-    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, after
+    what = "best of another family"
+    if _is_exact(first.method):
+        others, what = others[~others.method.map(_is_exact)], "best that is not exact"
+    rivals = [f"{what}: {_times(run, first)}" for _, run in others[:1].iterrows()]
+    rivals += [_times(run, first) for _, run in others[1:].iterrows() if run.method == FAMOUS]
+    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, "; ".join(rivals)
+
+
+def _is_exact(method: str) -> bool:
+    """Whether a method has no error but round-off."""
+    return method in METHODS and METHODS[method].order is None
+
+
+def _times(run: pd.Series, first: pd.Series) -> str:
+    ratio = run.price / first.price
+    times = f"{tables.show(float(f'{ratio:.2g}'))} times" if round(abs(ratio - 1), 9) > TIE - 1 else "just"
+    return f"{style.label(run.method)}, {times} as long"
 
 
 def _settings(run: pd.Series) -> Iterator[str]:

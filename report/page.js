@@ -4,7 +4,8 @@
 {
   const form = document.querySelector("form.choose");
   if (form) {
-    const FIELDS = 4, answer = document.querySelector(".answer");
+    const FIELDS = 4, LENGTH = "10⁴", // of a run, at first
+       answer = document.querySelector(".answer");
     const table = document.querySelector("#choose table"), heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
     const rows = [...table.tBodies[0].rows].map((row) => [...row.cells].map((cell) => cell.textContent));
     const fields = heads.slice(0, FIELDS).map((head) => {
@@ -18,13 +19,13 @@
     function offer() {
       fields.forEach((field, i) => {
         const before = field.value, texts = [...new Set(rows.filter((row) => fits(row, i)).map((row) => row[i]))];
-        field.replaceChildren(...texts.map((text) => new Option(text, text, false, text === before)));
+        field.replaceChildren(...texts.map((text) => new Option(text, text, false, text === (before || LENGTH))));
       });
       const [method, code, settings, cost, next, figure] = rows.find((row) => fits(row, FIELDS)).slice(FIELDS);
       const [label, name, link] = ["b", "code", "a"].map((tag) => document.createElement(tag));
       label.textContent = method;
       name.textContent = code;
-      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` Best of another family: ${next}.` : ""} `);
+      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` ${next[0].toUpperCase()}${next.slice(1)}.` : ""} `);
       const drawn = document.getElementById(`figure-${figure}`);
       if (drawn) {
         link.href = `#figure-${figure}`;

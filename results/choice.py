@@ -42,7 +42,7 @@ class Choice:
         """ValueError for a name that none of the cells has, and if none is asked for: both would be left out in silence."""
         if not (self or self.highlight):
             return
-        from lagrange_bench.integrators.registry import in_own_file
+        from lagrange_bench.integrators.registry import NAMED_TOPS, in_own_file
 
         cells = list(cells)
         found = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}
@@ -56,7 +56,11 @@ class Choice:
                 close = (word == "method" and in_own_file(unknown[0], word)) or suggestion(unknown[0], known)
                 if word == "method" and (why := _refusal(unknown[0], found["top"])):
                     raise ValueError(f"{flag}: {why}")
-                more = f" Known: {', '.join(known)}" if close == "." and known else ""
+                if word == "top" and unknown[0] in NAMED_TOPS:
+                    close = (
+                        ", though it is a named top; perhaps the full profile has it, and from Python tops= takes any."
+                    )
+                more = f" Known: {', '.join(known)}" if close.endswith(".") and known else ""
                 raise ValueError(f"{flag}: no cell here has the {word} {unknown[0]!r}{close}{more}")
         if not any(map(self.takes, cells)):
             raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")

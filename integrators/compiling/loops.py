@@ -8,6 +8,7 @@ registers; nothing is allocated. `lanes` has the loop of many tops, `methods.dop
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -88,6 +89,9 @@ def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype, size: i
     try:
         run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, size), dtype))
     except NumbaError as error:  # of many thousand characters
+        returned = re.search(r"\w+ x (\d+)\) for 's", str(error))
+        if returned and int(returned[1]) != size:
+            raise KernelError(f"the kernel {step.__name__} returns {returned[1]} numbers, {size} are needed") from error
         advice = f"`lagrange-bench check {step.__module__}:METHOD` looks for the line"
         raise KernelError(f"the kernel {step.__name__} cannot be compiled: {useful_lines(error)} ({advice})") from error
     return run

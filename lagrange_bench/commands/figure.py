@@ -89,7 +89,7 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
 
     stored = load(results)
     names = sorted((name for name in stored if f"{options.name}_".startswith(f"{name}_")), key=len)
-    frame = stored[names[-1] if names else options.name.partition("_")[0]]
+    frame = stored[names[-1] if names else options.name]
     part = options.name.removeprefix(names[-1]).removeprefix("_") if names else ""
     if "part" in frame and part in set(frame["part"]):
         frame = frame[frame["part"] == part]

@@ -84,6 +84,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
     from lagrange_bench import conventions, judging, reading
+    from lagrange_bench.runner import progress
 
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
@@ -93,7 +94,8 @@ def run(options: argparse.Namespace) -> Answer:
     convention = conventions.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat")
     written = reading.Options(**{name: getattr(options, name) for name in names})
-    judged = [judging.judge_file(path, case, convention, written) for path in options.files]
+    with progress.waiting(f"comparing with the exact motion of {options.case}", not (options.quiet or options.json)):
+        judged = [judging.judge_file(path, case, convention, written) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
     until = case.until if options.until is None else options.until
     asked = bool(bounds) or options.until is not None

@@ -5,7 +5,7 @@ continued, and failed cells are tried again, by the same command. A cell that ha
 source code changed since are counted, and computed afresh with --again.
 
 examples:
-  lagrange-bench run                            everything, quick: about three minutes on two cores
+  lagrange-bench run                            everything, quick: a few minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
   lagrange-bench run drift phase --methods mine:METHOD,rk4,strang --tops generic,fast
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)

@@ -59,10 +59,10 @@ class Summary:
 
     def __str__(self) -> str:
         lines = [
-            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'declined':>10}{'failed':>8}{'seconds':>10}"
+            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'declined':>10}{'failed':>8}{'core-seconds':>14}"
         ]
         for name, t in self.experiments.items():
-            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>10.1f}"
+            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>14.1f}"
             lines.append(f"{name:<16}{counts}")
         for f in self.failures[:10]:
             lines.append(f"{_word(f['error'])}: {f['experiment']} {json.dumps(f['cell'])}: {f['error']}")

@@ -15,8 +15,12 @@ class Cells:
     """What is done and failed of the cells of each experiment. bars : a `Progress`. plain : whether lines are printed."""
 
     def __init__(self, totals: Mapping[str, int], bars: Any, plain: bool):
-        self.bars, self.plain = bars, plain
-        self.tasks = {name: bars.add_task(name, start=False, total=n, failures="") for name, n in totals.items()}
+        self.bars, self.plain, self.begun = bars, plain, monotonic()
+        many = [f" ({i} of {len(totals)})" if len(totals) > 1 else "" for i in range(1, len(totals) + 1)]
+        self.titles = {name: f"{name}{place}" for name, place in zip(totals, many, strict=True)}
+        self.tasks = {
+            name: bars.add_task(self.titles[name], start=False, total=n, failures="") for name, n in totals.items()
+        }
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
 
@@ -25,6 +29,12 @@ class Cells:
         if experiment not in self.last:
             self.last[experiment] = monotonic()
             self.bars.start_task(self.tasks[experiment])
+            if self.plain:
+                total = self.bars.tasks[self.tasks[experiment]].total
+                text = (
+                    f"{self.titles[experiment]}: {total} cells; the first ones take longer, their methods are compiled"
+                )
+                print(text, file=sys.stderr, flush=True)
 
     def advance(self, experiment: str, failed: bool) -> None:
         """A cell of this experiment is finished."""
@@ -34,8 +44,14 @@ class Cells:
         task, now = self.bars.tasks[self.tasks[experiment]], monotonic()
         if self.plain and (task.completed == task.total or now - self.last[experiment] >= INTERVAL):
             self.last[experiment] = now
-            line = ", ".join(filter(None, (f"{experiment}: {task.completed}/{task.total} cells", failures)))
-            print(line, file=sys.stderr, flush=True)
+            words = f"{self.titles[experiment]}: {task.completed}/{task.total} cells", failures, self._left(now)
+            print(", ".join(filter(None, words)), file=sys.stderr, flush=True)
+
+    def _left(self, now: float) -> str:
+        """About how long all experiments will take, if their other cells take as long as those that are done."""
+        done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
+        minutes = (now - self.begun) * (total - done) / done / 60
+        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
 
 
 @contextlib.contextmanager
@@ -47,10 +63,16 @@ def follow(totals: Mapping[str, int], show: bool = True) -> Iterator[Cells]:
 
 @contextlib.contextmanager
 def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """A bar while something is drawn, on a terminal; then what it was drawn from. Called with (parts done, of how many)."""
+    """What is drawn, with a bar on a terminal; then what it was drawn from. Called with (parts done, of how many)."""
     with _bars(show=show) as bars:
         task = bars.add_task("drawing", total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+
+        def advance(done: int, total: int) -> None:
+            if show and bars.disable and bars.tasks[task].total is None:
+                print(f"drawing {total} parts, which takes up to a minute", file=sys.stderr, flush=True)
+            bars.update(task, completed=done, total=total)
+
+        yield advance
     if show:
         place = results.relative_to(Path.cwd()) if results.is_relative_to(Path.cwd()) else results
         print(f"drawn from {place}", file=sys.stderr, flush=True)

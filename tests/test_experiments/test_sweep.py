@@ -70,6 +70,7 @@ def computed(in_process, tmp_path, monkeypatch):
 
 A_TOP, J, X, H, TIME = "alpha = 1.5", "[0.3, -0.4, 2.0]", "[0.48, 0.6, 0.64]", "h = [0.5, 0.25]", "time = 50"
 BAD = [  # what to replace in GOOD, by what, where the message says it is, and what it must say
+    ("[[sweep]]", "[sweep]", "", "write [[sweep]], with two brackets"),
     ("[tops.heavy]", "[top.heavy]", "", "unknown key 'top'; did you mean 'tops'?"),
     (X, "[0, 0, 0]", "[tops.heavy]", "x = 0"),
     (f"{A_TOP}\nJ = {J}", "alpha = 0\nJ = [0, 0, 0]", "[tops.heavy]", "at rest for ever"),

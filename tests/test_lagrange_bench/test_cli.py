@@ -149,6 +149,8 @@ BAD = {  # words → what the line must name
     "case bruels --digits 41": "digits must be at most 40",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --tops x": "--tops: no cell here has the top 'x'. Known: ",
+    "run drift --tops fast": "--tops: no cell here has the top 'fast', though it is a named top; perhaps the full profile has it",
+    "figure work_precison --x evals --y error": "did you mean 'work_precision'?",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "run drift --highlight far/mine.py": "method far/mine.py: write mine:METHOD in the folder far",
     "figure phase_h --methods bakclund --results small": "did you mean 'backlund'?",

@@ -316,6 +316,8 @@ def test_the_wheel_meets_a_visitors_own_names(tmp_path):
 
 def test_public_names():
     assert all(getattr(lagrange_bench, name) is not None for name in lagrange_bench.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'Integrate'; did you mean 'integrate'"):
+        lagrange_bench.Integrate  # noqa: B018
     assert {"integrate", "METHODS", "LagrangeTop", "metrics", "check"} <= set(dir(lagrange_bench))
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         lagrange_bench.nothing  # noqa: B018

@@ -188,9 +188,11 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
             drawn(1, 2)
         return capsys.readouterr().err
 
-    *lines, last = shown().splitlines()
+    begin, *lines, drawing, last = shown().splitlines()
+    assert begin.startswith("drift: 300 cells; the first ones")
     assert 10 <= len(lines) <= 16  # 150 s, one in 10 s
-    assert (lines[0], lines[-1]) == ("drift: 20/300 cells", "drift: 300/300 cells, 1 failed")
+    assert (lines[0], lines[-1]) == ("drift: 20/300 cells, about 2 min left", "drift: 300/300 cells, 1 failed")
+    assert drawing.startswith("drawing")
     assert last == f"drawn from {tmp_path}"
     assert shown(False) == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)

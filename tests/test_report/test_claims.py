@@ -235,9 +235,20 @@ def test_the_cheapest_with_set_up_that_reaches_the_error_and_claims_to_conserve_
     assert best == {"10⁻⁴": "rk4", **dict.fromkeys(("10⁻⁶", "10⁻⁸", "10⁻¹⁰", "10⁻¹²"), "backlund")}
     first = answers.loc[("10⁻⁶", chooser.NOTHING)]
     assert first[["with", "cost"]].to_list() == ["h = 8", "4 ms"]
-    assert first["best of another family"] == "RK4, 1.2 times as long"
+    assert first["beside it"] == "best that is not exact: RK4, 1.2 times as long"
     assert answers.name["10⁻⁴", chooser.LENGTHS] == "strang"
     assert answers.name["10⁻⁴", chooser.ENERGY] == "backlund"
+
+
+def test_a_recommended_method_is_named_if_it_takes_at_most_a_fifth_more_and_rk4_beside_the_best_rival():
+    columns = ["method", "seconds", "setup_seconds"]
+    runs = [("backlund_unpinned", 1.0, 0.0), ("theta_functions", 1.5, 0.0), ("strang", 4.0, 0.0), ("rk4", 9.0, 0.0)]
+    for price, named in ((1.19, "backlund"), (1.21, "backlund_unpinned")):
+        rows = pd.DataFrame([*runs, ("backlund", price, 0.0)], columns=columns)
+        rows = rows.assign(h=1.0, error=1e-13, state="generic", span=1e4, status="done")
+        answer = chooser.answers({"work_precision": rows}).iloc[0]
+        assert answer["name"] == named
+    assert answer["beside it"] == "best that is not exact: Strang, 4 times as long; RK4, 9 times as long"
 
 
 def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
@@ -247,7 +258,7 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     found = chooser.answers({"heavy_top": rows})
     found = found[found["must conserve"] == chooser.NOTHING].set_index("error at most")
     assert (found["with"]["10⁻⁴"], found.cost["10⁻⁴"]) == ("h = 0.1", "0.1 ms")
-    assert found["best of another family"]["10⁻⁴"].endswith("2 times as long")
+    assert found["beside it"]["10⁻⁴"].endswith("2 times as long")
     assert found.name["10⁻⁸"] == "rkmk4"
 
 
