@@ -25,7 +25,7 @@ from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.units import scaled_size
+from lagrange_bench.integrators.problem.units import scaled_distance
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -228,7 +228,7 @@ class Trajectory(Table):
             true = truths.solution(self.problem, start.state, self.t)
         else:
             true = truths.after_steps(self.problem, start.state, start.h, np.rint(self.t / start.h).astype(np.int64))
-        return scaled_size(self.problem, start.state, self.states - true)
+        return scaled_distance(self.problem, start.state, self.states, true)
 
     def sol(self, t: ArrayLike) -> Array:
         """States at any times, also later than the end of the run, by the method's dense output or jumps from the start.

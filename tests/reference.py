@@ -25,9 +25,9 @@ def flows(alpha, y, times, digits=40, k=0.0):
     bits = int(3.33 * digits) + 60
     J, x = (math.hypot(*map(float, part)) for part in (y[:3], y[3:]))
     rate = Fraction(J + math.sqrt(abs(float(alpha))) * math.sqrt(x) + math.sqrt(abs(float(k))) * x)
-    alpha, k, *y = (_fixed(_exactly(v), bits) for v in (alpha, k, *y))
+    alpha, k, *y = (_fixed(exactly(v), bits) for v in (alpha, k, *y))
     now, states = Fraction(0), []
-    for t in map(_exactly, times):
+    for t in map(exactly, times):
         steps = math.ceil(8 * rate * abs(t - now)) or 1
         h, now = _fixed((t - now) / steps, bits), t
         for _ in range(steps):
@@ -37,7 +37,7 @@ def flows(alpha, y, times, digits=40, k=0.0):
     return np.array(states, dtype=object)
 
 
-def _exactly(v):
+def exactly(v):
     """A number as a fraction."""
     return Fraction(*to_rational(v._mpf_)) if isinstance(v, mpf) else Fraction(float(v))
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.units import scaled_size
+from lagrange_bench.integrators.problem.units import scaled_distance
 from lagrange_bench.integrators.truth import exact
 
 ROUND_OFF = 2.0**-53  # half an ulp of 1: a relative error below this carries no information
@@ -45,7 +45,7 @@ def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
 
 def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
     """The largest |δvector|/scale, of a top of δJ and δx, of states (..., n); the scales are those of y0; shape (...,)."""
-    return scaled_size(problem, y0, _floats(y) - _floats(y_exact))
+    return scaled_distance(problem, y0, _floats(y), _floats(y_exact))
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:

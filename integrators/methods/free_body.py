@@ -31,7 +31,8 @@ MOST_TURNS = 2.0**45  # half periods: beyond them doubles hardly resolve the pha
 def sncndn(u: Array, complement: float) -> tuple[Array, Array, Array]:
     """Jacobi's sn, cn, dn at u (N,) within a quarter period of 0, from 1 − k²; Bulirsch's descending transformation."""
     if complement == 0.0:
-        c = 1.0 / np.cosh(u)
+        with np.errstate(over="ignore"):  # 1/inf is right
+            c = 1.0 / np.cosh(u)
         return np.tanh(u), c, c
     means, roots = [1.0], [math.sqrt(complement)]
     while abs(means[-1] - roots[-1]) > 1e-9 * means[-1]:
@@ -72,17 +73,18 @@ def momenta_and_turns(motion: FreeMotion, t: Array) -> tuple[Array, Array]:
     u0 = s0 * float(elliprf(c0 * c0, c0 * c0 + m1 * s0 * s0, 1.0))
     u = motion.rate * np.concatenate(([0.0], t)) + u0
     n = np.zeros_like(u) if math.isinf(quarter) else np.rint(u / (2.0 * quarter))
+    n[0] = 0.0  # also where rounding takes u0 beyond a quarter period
     if not np.all(np.abs(n) < MOST_TURNS):
         raise StepError("theta_functions", "t is over 2^45 half periods of the motion: its phase is beyond double")
     rest = u if math.isinf(quarter) else u - 2.0 * quarter * n
     s, c, d = sncndn(rest, m1)
     s[0], c[0], d[0] = s0, c0, math.sqrt(c0 * c0 + m1 * s0 * s0)
-    whole = (
-        0.0
-        if math.isinf(quarter)
-        else 2.0 * float(third(np.ones(1), np.zeros(1), np.full(1, math.sqrt(m1)), motion.ratio)[0])
-    )
-    C = third(s, c, d, motion.ratio) + n * whole
+    if math.isinf(quarter):  # sn = tanh
+        root = math.sqrt(motion.ratio)
+        C = (motion.ratio * u - root * np.arctan(root * s)) / (1.0 + motion.ratio)
+    else:
+        whole = 2.0 * float(third(np.ones(1), np.zeros(1), np.full(1, math.sqrt(m1)), motion.ratio)[0])
+        C = third(s, c, d, motion.ratio) + n * whole
     psi = motion.momentum * (motion.last * np.concatenate(([0.0], t)) - motion.across / motion.rate * (C - C[0]))
     sign = 1.0 - 2.0 * np.remainder(n, 2.0)
     alpha, beta, gamma = motion.amplitudes

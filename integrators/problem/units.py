@@ -154,3 +154,12 @@ def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
         found.append(length / size if size > 0 else np.where(length > 0, np.inf, 0.0))
         start += count
     return np.asarray(np.max(found, axis=0))
+
+
+def scaled_distance(problem: Any, y0: ArrayLike, y: Array, other: Array) -> Array:
+    """`scaled_size` of the differences of states (..., n). Of a body q and −q are the same: the nearer one counts."""
+    difference = y - other
+    if "body" in problem.offers:
+        opposite = np.sum(y[..., :4] * other[..., :4], axis=-1, keepdims=True) < 0
+        difference[..., :4] = np.where(opposite, y[..., :4] + other[..., :4], difference[..., :4])
+    return scaled_size(problem, y0, difference)

@@ -66,10 +66,7 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
         times = check_times(t)
         y = in_doubles(*prepared(*key), np.atleast_1d(times))
         return y[0] if times.ndim == 0 else y
-    digits = check_count(digits, "digits", least=1)
-    if digits > MOST_DIGITS:
-        raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
-    times = check_times(t, exact=True)
+    digits, times = check_digits(digits), check_times(t, exact=True)
     states = in_mpmath(*key, list(times.ravel()), digits)
     return np.array(states, dtype=object).reshape(*times.shape, 6)
 
@@ -359,7 +356,14 @@ def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
     return [mp.ldexp(v, orbit.rate) for v in y[:3]] + [orbit.sign * mp.ldexp(v, orbit.size) for v in y[3:]]
 
 
-# ---------------------------------------------------------------- checking the times
+# ---------------------------------------------------------------- checking what is asked for
+
+
+def check_digits(digits: int) -> int:
+    digits = check_count(digits, "digits", least=1)
+    if digits > MOST_DIGITS:
+        raise ValueError(f"digits must be at most {MOST_DIGITS}; got {digits}")
+    return digits
 
 
 def check_times(t: Any, exact: bool = False) -> NDArray[Any]:

@@ -2,19 +2,22 @@
 
 import math
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mpmath import mp, mpf
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, METHODS, Case, RigidBody, StepError
 from lagrange_bench.integrators import integrate
-from lagrange_bench.integrators.cases import matrix
-from lagrange_bench.integrators.methods import free_body
+from lagrange_bench.integrators.cases import matrix, quaternion
+from lagrange_bench.integrators.truth import free_body as free
+from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.truth.rigid_body import about_fixed_point, rigid_motion
-from tests.reference import largest
+from tests.reference import exactly, largest
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
 EXACT = ("backlund", "theta_functions", "taylor")
@@ -149,36 +152,18 @@ def test_a_body_that_flies():
         held.state(**WHOLE, position=place)
 
 
-def ulps_of_start(body, y0, times, digits=20):
-    """Errors of the closed form, in units of what the last digits of the start do to the exact motion.
+def apart(y, other):
+    """Distances of states (N, 7) and others: of q or −q, and of L relative to |L|."""
+    turned = np.minimum(*(np.max(np.abs(both[:, :4]), axis=1) for both in (y - other, y + other)))
+    size = np.sqrt(float(np.sum(other[0, 4:] ** 2)))
+    return np.maximum(turned, np.max(np.abs(y[:, 4:] - other[:, 4:]), axis=1) / size)
 
-    Truth is the series in integers; L is the start's double, so ω is the fraction L/I.
-    """
-    inertia = [Fraction(v) for v in body.inertia.tolist()]
-    start = matrix(y0[:4])
 
-    def exact(L):
-        omega = [Fraction(v) / w for v, w in zip(L, inertia, strict=True)]
-        found = rigid_motion(1, (0, 0, 0), inertia, (0, 0, 0), start, omega, times, digits)
-        return [
-            np.array([*np.ravel(R), *(w * v / size for w, v in zip(omega, inertia, strict=True))]) for R, omega in found
-        ]
-
-    size = Fraction(float(np.linalg.norm(y0[4:])))
-    true = exact(y0[4:].tolist())
-    nearby = [
-        [Fraction(v) * (1 + (n == m) * Fraction(2) ** -52) for m, v in enumerate(y0[4:].tolist())] for n in range(3)
-    ]
-    moved = [exact(L) for L in nearby]
-    y, _ = free_body.evaluate(body, y0, np.array([float(t) for t in times]))
-    R = Rotation.from_quat(y[:, :4], scalar_first=True).as_matrix().reshape(-1, 9)
-    ulps = []
-    for k, row in enumerate(true):
-        given = np.array([*map(Fraction, R[k].tolist()), *(Fraction(v) / size for v in y[k, 4:].tolist())])
-        error = float(max(map(abs, given - row)))
-        change = sum(float(max(map(abs, other[k] - row))) for other in moved)
-        ulps.append(error / (change + 2.0**-52))
-    return ulps
+def ulps_of_start(body, y0, times, y):
+    """Errors of states y at `times`, in units of what the last digits of L at the start do to the exact motion."""
+    moved = y0 * (1 + 2.0**-52 * np.eye(7)[4:])
+    true, *others = (free.solution(body, start, times, digits=40) for start in (y0, *moved))
+    return apart(y, true) / (sum(apart(other, true) for other in others) + 2.0**-52)
 
 
 def free_bodies():
@@ -196,18 +181,55 @@ def free_bodies():
         elif kind == 3:
             L[[i, j, k]] *= np.roll((1.0, near, near), n // 4)
         yield moments, L
+    for moments in ((2, 2, 3), (3, 2, 2), (2, 2, 2), (3, 1, 2)):
+        yield moments, (0.2, -1.0, 0.3)
+    yield (2, 1, 3), (0.0, -1.0, 0.0)
+    yield (0.5, 0.75, 1.5), (1.0, 2.0, 1.0)  # the separatrix
+    yield (3, 5, 9), (0.0, 5.0, 0.009)  # a quarter period from where u = 0
+    yield (1.0, 1e-6, 1 - 1e-7), (1.0, -1.0, 1.0)
 
 
 @pytest.mark.interpreted
 @pytest.mark.parametrize(("moments", "L"), list(free_bodies()))
 @pytest.mark.filterwarnings("ignore:inertia_com")
 def test_the_closed_form_of_the_free_body(moments, L):
+    """The truth, to 25 digits and in doubles, against the series in integers; the method against the truth, at any time."""
     body = RigidBody(1.0, (0, 0, 0), moments)
-    turn = np.max(np.abs(L / body.inertia))
-    y0 = np.concatenate(((0.5, -0.5, 0.1, 0.7), L))
-    y0[:4] /= np.linalg.norm(y0[:4])
-    times = [Fraction(float(v / turn)) for v in (0.4, 6.0)]
-    assert max(ulps_of_start(body, y0, times)) < 16
+    inertia, y0 = [Fraction(v) for v in body.inertia.tolist()], np.array((0.5, -0.5, 0.5, 0.5, *L))
+    omega = [Fraction(v) / w for v, w in zip(y0[4:].tolist(), inertia, strict=True)]
+    times = (np.array((0.0, 0.4, 6.0)) / float(max(map(abs, omega)))).tolist()
+    found = rigid_motion(1, (0, 0, 0), inertia, (0, 0, 0), matrix(y0[:4]), omega, times, 30)
+    right = np.array([[*quaternion(R), *(v * w for v, w in zip(spin, inertia, strict=True))] for R, spin in found])
+    exact = np.vectorize(exactly, otypes=[object])
+    assert largest(apart(exact(free.solution(body, y0, times, digits=25)), right)) < 1e-24
+    assert largest(apart(exact(free.solution(body, y0, times)), right)) < 2e-15
+    far = [*times, 1e6 * times[-1], -3e8 * times[-1]]
+    assert largest(apart(free.solution(body, y0, far), free.solution(body, y0, far, digits=20))) < 2e-15
+    ulps = ulps_of_start(body, y0, far, integrate(body, y0, t=far, method="theta_functions").y)
+    assert largest(ulps[:3]) < 16
+    assert largest(ulps) < 32
+
+
+@pytest.mark.interpreted
+def test_runs_of_a_free_body_are_judged_at_any_length():
+    """After a million periods, at n h itself; q and −q are the same rotation."""
+    body = RigidBody(1.0, (0, 0, 0), (1.0, 2.0, 2.5))
+    y0 = body.state(**WHOLE)
+    h = body.period(y0)
+    run = integrate(body, y0, h=h, steps=10**6, every=10**5, method="theta_functions")
+    moved = truths.solution(body, y0 * (1 + 2.0**-52 * np.repeat((0, 1), (4, 3))), run.t)
+    assert 1e-11 < max(run.error()) < 32 * max(apart(moved, truths.solution(body, y0, run.t)))
+    opposite = replace(run, y=run.y * np.repeat((-1.0, 1.0), (4, 3)))
+    assert np.array_equal(opposite.error(), run.error())
+    n = np.array((10**6, 3 * 10**6 + 1))
+    with mp.workdps(40):
+        exact = free.solution(body, y0, [mpf(h) * int(v) for v in n], digits=20)
+    assert largest(apart(truths.after_steps(body, y0, h, n), exact)) < 2e-15
+    assert truths.name(body) == "exact solution"
+    with pytest.raises(ValueError, match="must be a free RigidBody"):
+        free.solution(SKEW, SKEW.state(**WHOLE), 1.0)
+    with pytest.raises(ValueError, match="pass digits="):
+        free.solution(body, y0, 1e18)
 
 
 @pytest.mark.filterwarnings("ignore:inertia_com")
