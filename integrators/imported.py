@@ -111,7 +111,9 @@ class Sources:
         return self._targets[name]
 
     def _home(self, face: str, name: str) -> str:
-        """The module that has a name which a face of the bench offers."""
+        """The module that has a name which a face of the bench offers; or that is the name, a module in its folder."""
+        if name and self._path(f"{face}.{name}", ()):
+            return f"{face}.{name}"
         path = self._path(face, ())
         offers = _statements(self.read(path), face) if path else ()
         for module, offered in offers:

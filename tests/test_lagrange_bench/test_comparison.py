@@ -136,7 +136,6 @@ BAD = {
     "^steps": lambda: drift(["rk4"], steps=0),
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
     "is exact in time: it has no order": lambda: order(["backlund"]),
-    "backlund_splitting is exact in time": lambda: order(["rk4", "backlund_splitting"]),
     "every run failed: rk4: every step is exact up to round-off on rest": lambda: order(["rk4"], RESTING).plot(),
     "still is at rest for ever": lambda: drift(["rk4"], ("still", LagrangeTop(0.0), (0, 0, 0, 0, 0, 1.0))),
     "chooses its own steps": lambda: order(["dop853"]),
