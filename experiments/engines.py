@@ -11,7 +11,7 @@ All run on one core. A run is timed as a whole, without its set-up (of `backlund
 The overhead is the time that as many steps of a mass on a rail take: of the engine beside the top, and of the loop in Python
 where there is only that.
 
-Engines are no part of the bench: `pip install 'lagrange-bench[engines]'` brings MuJoCo and Exudyn. Drake (`drake`), Pinocchio
+Engines are no part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn. Drake (`drake`), Pinocchio
 (`pin`), PyBullet (`pybullet`) and DART (`dartpy`) install by their own names. Cells of an engine that is not there are skipped.
 """
 

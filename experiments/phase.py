@@ -347,8 +347,7 @@ def _draw_theory(rows: pd.DataFrame, style):
     fig.caption = (
         "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “generic "
         "unit top”, each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and "
-        "θ the precession's in radians. Dotted: the largest error so far that the prediction leaves of the whole state. It is "
-        "round-off, or of second order."
+        "θ the precession's in radians. Dotted: what the prediction misses, the largest so far of the whole state."
     )
     return fig
 

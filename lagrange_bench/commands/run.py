@@ -18,7 +18,7 @@ no --again: after an edit a plain run computes their cells. Rows of a file that 
 that is another one on a worker, are not stored, and counted as set aside.
 
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
---no-timings not at all. Needs for --scheduler: pip install 'lagrange-bench[cluster]' (docs/cluster.md).
+--no-timings not at all. Needs for --scheduler: in the clone pip install '.[cluster]' (docs/cluster.md).
 
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. In a clone,
 `python experiments/drift.py` does what `lagrange-bench run drift` does, with the same options.

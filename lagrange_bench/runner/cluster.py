@@ -121,7 +121,7 @@ def _distributed() -> Any:
         import distributed
     except ImportError as error:
         reason = f"dask.distributed cannot be imported here ({error})"
-        raise ValueError(f"--scheduler: {reason}; it comes with pip install 'lagrange-bench[cluster]'") from error
+        raise ValueError(f"--scheduler: {reason}; in the clone: pip install '.[cluster]'") from error
     return distributed
 
 

@@ -51,7 +51,7 @@ class Cells:
         """About how long all experiments will take, if their other cells take as long as those that are done."""
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
         minutes = (now - self.begun) * (total - done) / done / 60
-        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
+        return f"about {minutes:.0f} min left" if minutes >= 1 and done > total / 20 else ""
 
 
 @contextlib.contextmanager
