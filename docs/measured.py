@@ -1,12 +1,13 @@
-"""Writes the tables of docs/heavy-top.md and docs/engines.md: python docs/measured.py.
+"""Writes the tables of docs/heavy-top.md, docs/engines.md and, of programs, README.md: python docs/measured.py.
 
-In heavy-top.md stand published numbers (docs/published.toml) beside the exact motion, in engines.md the stored rows of the
+In heavy-top.md stand published numbers (docs/published.toml) beside the exact motion, in the others the stored rows of the
 experiment `engines`. tests/test_docs.py compares.
 """
 
 from __future__ import annotations
 
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -55,10 +56,35 @@ def references() -> list[str]:
     return rows
 
 
+@cache
+def orders() -> tuple[pd.DataFrame, str]:
+    """Integrators of engines with their errors, and the column of the position at the step of the documents."""
+    table = engines.tables(Store(DOCS.parent / "results" / "reference").rows("engines"))["orders"]
+    return table, next(name for name in table if name.startswith("position, h"))
+
+
+def defaults() -> list[str]:
+    """The table of programs in the README: how far the default and the best integrator of each are off on `bruels`."""
+    table, position = orders()
+    table = table[table.case == "bruels"]
+    exact = table[table.integrator == "backlund"].iloc[0]
+    lines = ["| program | default | best |", "|---|---|---|"]
+    for engine, rows in table[table.engine != exact.engine].groupby("engine", sort=False):
+        cells = [f"{engine}, {rows.version.iloc[0]}"]
+        for word in ("default", "best"):
+            chosen = rows[rows.setting.str.contains(word, na=False)]
+            cells.append(
+                "; ".join(
+                    f"{row.integrator}: {shown(row[position], '.1e', 'gave up', ' m')}" for _, row in chosen.iterrows()
+                )
+            )
+        lines.append(f"| {' | '.join(cell or '–' for cell in cells)} |")
+    return [*lines, f"| this bench | | `backlund`, any step: {shown(exact[position], '.1e', '–', ' m')} |"]
+
+
 def programs() -> list[str]:
     """The table of engines, and below them methods of the bench."""
-    table = engines.tables(Store(DOCS.parent / "results" / "reference").rows("engines"))["orders"]
-    position = next(name for name in table if name.startswith("position, h"))
+    table, position = orders()
     lines = []
     for (engine, integrator), cases in table.groupby(["engine", "integrator"], sort=False):
         fast, slow = (cases[cases.case == case].iloc[0] for case in ("bruels", "slow"))
@@ -80,7 +106,7 @@ def shown(number: float, form: str, none: str, unit: str = "") -> str:
     return none if pd.isna(number) else f"{number:{form}}{unit}"
 
 
-TABLES = {"heavy-top.md": references, "engines.md": programs}
+TABLES = {"heavy-top.md": references, "engines.md": programs, "../README.md": defaults}
 
 
 def written() -> dict[Path, str]:

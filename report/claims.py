@@ -8,6 +8,8 @@ refutes it: an accident, a step that a method declined, or NaN in a row that is 
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
+from string import Formatter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -137,6 +139,38 @@ class Verdict(NamedTuple):
         return "; ".join(dict.fromkeys(filter(None, (short, *(finding.note for finding in self.findings)))))
 
 
+class Range(NamedTuple):
+    """The numbers of a bound as an answer shows them: two digits, rounded so that all that was measured is between."""
+
+    worst: str
+    least: str
+    most: str
+
+
+class Answer(NamedTuple):
+    """A question that a claim answers, in the README and at the top of the page.
+
+    text : {name.worst}, {name.least} and {name.most} stand for numbers of the bound whose `what` is the name, or of the one
+    without ("claim").
+    """
+
+    question: str
+    text: str
+
+    def filled(self, verdict: Verdict) -> str | None:
+        """The answer with what was measured; None if some of it was not."""
+        numbers = {}
+        for finding in verdict.findings:
+            if finding.values is None:
+                continue
+            ends = zip(finding.values, (ROUND_FLOOR, ROUND_CEILING), strict=True)
+            least, most = (show(float(Context(2, way).create_decimal(end))) for end, way in ends)
+            worst = most if finding.bound.sign in "≤<" else least
+            numbers[finding.bound.what or "claim"] = Range(worst, least, most)
+        names = {name.partition(".")[0] for _, name, _, _ in Formatter().parse(self.text) if name}
+        return self.text.format_map(numbers) if names <= set(numbers) else None
+
+
 @dataclass(frozen=True)
 class Claim:
     """One sentence of the README or the paper, and what it requires of the stored rows."""
@@ -146,7 +180,7 @@ class Claim:
     text: str
     experiment: str
     bounds: tuple[Bound, ...]
-    brief: str = ""  # the sentence in at most fifteen words, for the README; "" where it is not among those named there
+    answers: tuple[Answer, ...] = ()  # of the README
     about: tuple[str, ...] = ()  # the methods whose panels on the page show it
 
     @property

@@ -71,6 +71,12 @@ class Report:
 # ---------------------------------------------------------------- what others call
 
 
+def in_brief(judged: list[Judged]) -> list[tuple[str, str, Judged]]:
+    """Questions that claims answer, as far as these are measured: question, answer, the claim."""
+    pairs = ((answer, each) for each in judged for answer in each.claim.answers)
+    return [(a.question, text, each) for a, each in pairs if (text := a.filled(each.verdict))]
+
+
 def assemble(
     results: Path,
     processes: int = 1,
@@ -257,6 +263,7 @@ def html(report: Report) -> str:
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
     return template.render(
         report=report,
+        in_brief=in_brief(report.claims),
         headline=_headline(report.sections),
         counts=_counts(report.claims),
         claim_groups=_claim_groups(report),

@@ -17,7 +17,7 @@ from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, RELEASED,
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
-from lagrange_bench.report.claims import Bound, Claim, Measure, NoData, Reading, Refuted, select, values
+from lagrange_bench.report.claims import Answer, Bound, Claim, Measure, NoData, Reading, Refuted, select, values
 
 EXACT = ("backlund", "closed-form")  # families that are exact in time
 SETS = {  # of tops, as `where` names them
@@ -223,7 +223,8 @@ MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read"
 
 def _claim(entry: dict[str, Any]) -> Claim:
     bounds = tuple(_bound(entry["experiment"], bound) for bound in entry.pop("bound"))
-    return Claim(**{**entry, "about": tuple(entry.get("about", ()))}, bounds=bounds)
+    answers = tuple(Answer(**answer) for answer in entry.pop("answer", ()))
+    return Claim(**{**entry, "about": tuple(entry.get("about", ()))}, bounds=bounds, answers=answers)
 
 
 def _bound(experiment: str, entry: dict[str, Any]) -> Bound:

@@ -1,35 +1,34 @@
-"""`python -m lagrange_bench.report.readme` writes the claims, with what was measured, and the picture into README and docs."""
+"""`python -m lagrange_bench.report.readme` writes what was measured, and the picture, into README and docs."""
 
 import hashlib
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
-from lagrange_bench.experiments import EXPERIMENTS, phase, work_precision
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, style, tables
+from lagrange_bench.integrators import TOPS, integrate
 from lagrange_bench.integrators.files import write_file
+from lagrange_bench.integrators.truth import exact
 from lagrange_bench.report import page
 from lagrange_bench.report.claims import CONFIRMED, grouped
-from lagrange_bench.report.origin import PUBLISHED
 from lagrange_bench.results.store import Store
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN = (
     "<!-- claims: written by `python -m lagrange_bench.report.readme`, checked by tests/test_report/test_readme.py -->"
 )
-PICTURE = ROOT / "docs" / "headline.svg"
-TOP, SPAN = "generic", 1e4  # of the picture
+PICTURE = ROOT / "docs" / "exact-step.svg"
+SHARE = 0.45  # of a nutation: the step of the picture
 END = "<!-- end of claims -->"
 
 
-def six_claims(judged: list[page.Judged]) -> str:
-    """The claims that have a brief sentence, as a Markdown table: the sentence, measured, required, how to reproduce it."""
-    lines = ["| claim | measured | required | reproduce |", "|---|---|---|---|"]
-    for each in (each for each in judged if each.claim.brief):
+def answers(judged: list[page.Judged]) -> str:
+    """The questions that claims answer, as a Markdown table."""
+    lines = ["| question | answer |", "|---|---|"]
+    for question, text, each in page.in_brief(judged):
         verdict = "" if each.verdict.word == CONFIRMED else f" (**{each.verdict.word}**)"
-        lines.append(f"| {each.claim.brief}{verdict} | {numbers(each)} | `{PUBLISHED.run(each.claim.experiment)}` |")
+        lines.append(f"| {question} | {text}{verdict} |")
     return "\n".join(lines)
 
 
@@ -60,30 +59,41 @@ def with_claims(text: str, made: str) -> str:
 
 def documents(judged: list[page.Judged]) -> dict[Path, str]:
     """The documents that show claims, written anew."""
-    made = {ROOT / "README.md": six_claims(judged), ROOT / "docs" / "claims.md": all_claims(judged)}
+    made = {ROOT / "README.md": answers(judged), ROOT / "docs" / "claims.md": all_claims(judged)}
     return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
 
 
-def picture(rows: Mapping[str, pd.DataFrame]) -> str:
+def picture() -> str:
     """The picture as SVG, with the digest of what it shows: layouts differ between versions of Matplotlib, this does not."""
-    figure = draw(rows)
+    figure = draw()
     return figures.svg(figure).replace("<svg ", f'<svg data-shows="{shown(figure)}" ', 1)
 
 
-def draw(rows: Mapping[str, pd.DataFrame]) -> style.Figure:
-    """Error against the step on one top, and against time of computation, the same methods bold in both."""
-    steps, runs = rows["phase"], rows["work_precision"]
-    steps = steps[steps.state == TOP]
-    good = work_precision.useful(runs[(runs.state == TOP) & (runs.span == SPAN)])
-    best = phase.best_of_families(steps)
+def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
+    """The axis from above after each of 24 steps, and where two methods have it; the other takes four steps for one of ours."""
+    named = TOPS["generic"]
+    h, steps = SHARE * exact.nutation_period(named.top, named.state), 24
+    orbit = exact.solution(named.top, named.state, np.linspace(0, steps * h, 3000))[:, 3:5].T
+    truth = exact.solution(named.top, named.state, h * np.arange(steps + 1))[:, 3:5].T
     with style.apply():
-        figure, (left, right) = style.figure("page", 3.3, ncols=2)
-        phase.draw_steps(left, steps, best, style)
-        work_precision.draw_runs(right, good, best, style)
-        left.set_title("Error against the step")
-        right.set_title("Error against time of computation")
-        right.set(xlabel=work_precision.WALL, ylabel=f"error at t = {tables.show(SPAN)}")
-        style.label_ends([right])
+        figure, panels = style.figure("page", 3.7, ncols=2, sharey=True)
+        for ax, method, many, color in zip(
+            panels, (ours, other), (1, 4), (style.of(ours)["color"], "#D55E00"), strict=True
+        ):
+            run = integrate(named.top, named.state, h=h / many, steps=many * steps, every=many, method=method)
+            states = run.y[:, 3:5].T
+            ax.plot(*orbit, color="#c4c4c4", linewidth=0.6)
+            ax.plot(*truth, "o", color=style.INK, markersize=8, fillstyle="none", markeredgewidth=0.7)
+            ax.plot(*np.stack((truth, states), axis=1), color=color, linewidth=0.9)
+            ax.plot(*states, "o", color=color, markersize=4)
+            ax.set(aspect="equal", xticks=[], yticks=[])
+            ax.spines[:].set_visible(False)
+        panels[0].set_title("The exact step is in every ring", color=style.of(ours)["color"])
+        panels[1].set_title("Strang’s splitting, four steps for each, is not", color="#D55E00")
+        middle = {"ha": "center", "va": "center", "transform": panels[0].transAxes, "linespacing": 1.6}
+        panels[0].text(
+            0.5, 0.5, "The axis of a top, from above.\nRings: where it is.\nDots: where the method has it.", **middle
+        )
     return figure
 
 
@@ -99,7 +109,7 @@ def main() -> None:
     rows = {experiment: Store(ROOT / "results" / "reference").rows(experiment) for experiment in EXPERIMENTS}
     for path, text in documents(page.judge(rows)).items():
         print(write_file(path, text))
-    print(write_file(PICTURE, picture(rows)))
+    print(write_file(PICTURE, picture()))
 
 
 if __name__ == "__main__":

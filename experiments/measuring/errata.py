@@ -39,9 +39,9 @@ def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
 
 
 def count(found: Iterable[Measured]) -> str:
-    """“3 formulas and 2 sentences beside right formulas”."""
+    """“3 wrong formulas and 2 wrong sentences”."""
     prose = [e.prose for e in found]
-    return f"{prose.count(False)} formulas and {prose.count(True)} sentences beside right formulas"
+    return f"{prose.count(False)} wrong formulas and {prose.count(True)} wrong sentences"
 
 
 def magnitude(residual: float) -> float:

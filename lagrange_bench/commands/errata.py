@@ -28,7 +28,7 @@ def run(options: argparse.Namespace) -> Answer:
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, f"{e.printed:.1e}", "printed", e.printed_text))
         rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
-    sum_up = f"wrong: {paper.count(found)}; at {options.points} random points each: "
+    sum_up = f"{paper.count(found)}; at {options.points} random points each: "
     sum_up += "the smallest residual as printed, the largest as corrected"
     return Answer("\n".join([*table(rows), "", sum_up]), found)
 
