@@ -6,4 +6,3 @@ EXPERIMENTS = (
 )  # fmt: skip
 
 PROFILES = ("quick", "full")
-SWEEP = "sweep_"  # how the names of experiments begin that a TOML file describes

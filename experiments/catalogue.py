@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from lagrange_bench.experiments import EXPERIMENTS, SWEEP
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.integrators.words import suggestion
 
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
@@ -21,14 +21,14 @@ class UnknownExperiment(ValueError):
 
 @cache
 def installed() -> dict[str, EntryPoint]:
-    """The experiments of other packages by name. The bench's own names, and those of modules and sweeps, are taken."""
+    """The experiments of other packages by name. The bench's own names, and those of modules, are taken."""
     found = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value), reverse=True)
     own = (entry for entry in found if entry.name not in EXPERIMENTS and "." not in entry.name)
-    return {entry.name: entry for entry in own if not entry.name.startswith(SWEEP)}
+    return {entry.name: entry for entry in own}
 
 
 def load(name: str) -> ModuleType:
-    """The module of an experiment: of EXPERIMENTS, of an installed package, a sweep, or the module of a dotted path.
+    """The module of an experiment: of EXPERIMENTS, of an installed package, or the module of a dotted path.
 
     It imports what `name` says, so the user must have given it: see `load_stored` for names that come with results.
 
@@ -43,10 +43,6 @@ def load(name: str) -> ModuleType:
         path = f"lagrange_bench.experiments.{name}"
     elif "." in name and all(map(str.isidentifier, name.split("."))):
         path, find = name, import_own
-    elif name.startswith(SWEEP):
-        from lagrange_bench.experiments import sweep
-
-        return sweep.module(name)
     elif name in installed():
         path = installed()[name].module
     else:

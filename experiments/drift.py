@@ -63,7 +63,7 @@ def cells(profile: str) -> list[dict]:
 
 
 def measure(cell: dict) -> list[dict]:
-    top, y0 = states.find(cell["state"])
+    top, y0 = states.of_cell(cell)
     if cell["part"] == "long":
         period, counts = exact.nutation_period(top, y0), states.log_counts(cell["steps"], per_octave=1)
         return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
@@ -172,9 +172,8 @@ def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
 
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: str = "energy H"):
-    rows = indexed(rows[rows.state.isin(states.RANDOM)])
-    if rows.empty:
-        return None
+    random = rows[rows.state.isin(states.RANDOM)]
+    rows = indexed(rows if random.empty else random)
     done = rows[rows.status == "done"]
     runs = [done.method, done.t_index]
     squares = pd.concat([mean_square(done[name], runs) for name in names], axis=1).max(axis=1, skipna=False)
@@ -188,7 +187,7 @@ def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: s
     style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale
     style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
     fig.caption = (
-        f"Relative error of {what} against time, root mean square over sixteen random tops, step 1/8 or the default "
+        f"Relative error of {what} against time, root mean square over {rows.state.nunique()} tops, step 1/8 or the default "
         "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
         "dotted, in the first panel: growth like √t and t. A cross before a name: the method declined the step or failed."
         + (" J3, which is constant in every stage of nearly all, is in the table." if "H" in names else "")
@@ -198,12 +197,12 @@ def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: s
 
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
-    state = "generic"
+    state = rows.state.iloc[0]
     here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
     ylabel = "largest error of H, J3, C1, C2"
     fig, _ = style.by_family(here, "h", "worst", style.STEP, ylabel, (1e-17, 1e2))
     fig.caption = (
-        f"The worst of the four invariants over t = {SPAN} on “{TOPS[state].label}”, against the step; in grey "
+        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step; in grey "
         "the exact Bäcklund step. Crosses, in its colour: a method declined the step or failed. Errors above 100 are cut off."
     )
     return fig

@@ -154,7 +154,7 @@ def measure(cell: dict) -> list[dict]:
         return to_tolerance(cell)
     if cell["part"] == "problem":
         return [any_problem(cell)]
-    top, y0 = states.find(cell["state"])
+    top, y0 = states.of_cell(cell)
     unit = top.scales(y0)[2]
     if cell["part"] == "drift":
         counts = states.log_counts(cell["steps"], per_octave=2)
@@ -175,7 +175,7 @@ def measure(cell: dict) -> list[dict]:
 
 def any_problem(cell: dict) -> dict:
     """The error at the end of a run, and the largest of the invariants that the method says it keeps, and of the others."""
-    problem, y0 = states.find(cell["state"])
+    problem, y0 = states.of_cell(cell)
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
     _, y, moved = drift.followed(cell, problem, y0, h, states.places(n))
@@ -193,7 +193,7 @@ KEPT = "Tops in a potential: the largest relative error of each invariant that t
 @by_group(("state", "method"), "drift", KEPT)
 def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
-    top = PERTURBED_TOPS[state].top
+    top = states.of_cell({**run.iloc[0], "state": state})[0]
     found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
     says = METHODS[method].kept(top) if method in METHODS else ()
     return {"steps": int(run.steps.max()), **found, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
@@ -273,7 +273,7 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
         best = work_precision.best(here, 1e-8, "total").method
         return {OURS, *best[best != OURS][:2]}
 
-    titles = {state: numbers_in(PERTURBED_TOPS[state].label) for state in dict.fromkeys(good.state)}
+    titles = {state: numbers_in(states.label(state)) for state in dict.fromkeys(good.state)}
     size, shared = (min(len(titles), 3), 2.1), {"sharex": True, "sharey": True}
     fig = work_precision.draw_panels(good, titles, "state", size, style, named, **shared)
     fig.caption = (
@@ -322,9 +322,9 @@ def _draw_winner(rows: pd.DataFrame, style):
 def _draw_order(rows: pd.DataFrame, style):
     if "error" not in rows or rows.error.isna().all():
         return None
-    state = next(name for name in (*QUICK, *PERTURBED_TOPS) if (rows.state == name).any())
+    state = next((name for name in (*QUICK, *PERTURBED_TOPS) if (rows.state == name).any()), rows.state.iloc[0])
     here = rows[rows.state == state]
-    label = PERTURBED_TOPS[state].label
+    label = states.label(state)
     fig, _ = style.by_family(here, "h", "error", style.STEP, f"error at t = {SPAN:g}\n{label}", (1e-16, 10))
     fig.caption = (
         f"Error against the step on “{label}”, one panel for each family of methods. The slopes are the "

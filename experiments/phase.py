@@ -72,7 +72,7 @@ def cells(profile: str) -> list[dict]:
 def measure(cell: dict) -> list[dict]:
     if cell["part"] == "order":
         return _one_step(cell["method"])
-    top, y0 = states.find(cell["state"])
+    top, y0 = states.of_cell(cell)
     rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
         return promised_errors(top, y0, cell["method"])
@@ -248,12 +248,12 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
     """The page's first figure: every method thin, one of each family bold and named."""
-    tops = [state for state in STATES["quick"] if (rows.state == state).any()]
+    tops = [state for state in STATES["quick"] if (rows.state == state).any()] or list(dict.fromkeys(rows.state))[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     best = best_of_families(rows[rows.state == tops[0]])
     for ax, state in zip(axes[0], tops, strict=True):
         draw_steps(ax, rows[rows.state == state], best, style)
-        ax.set_title(TOPS[state].label)
+        ax.set_title(style.plain(states.label(state)))
         ax.set_ylabel("" if ax is not axes[0, 0] else ax.get_ylabel())
     style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
     exact = "; the exact Bäcklund step has none, at any h" if (rows.method == "backlund").any() else ""
@@ -263,6 +263,12 @@ def _draw_h(rows: pd.DataFrame, style):
         f"A method of order p has slope p{exact}. A line ends where its method fails. The thin grey line is one ulp."
     )
     return fig
+
+
+def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """The rows of the first top, and its label."""
+    state = rows.state.iloc[0] if len(rows) else ""
+    return rows[rows.state == state], states.label(state)
 
 
 def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
@@ -292,13 +298,13 @@ def best_of_families(rows: pd.DataFrame) -> set[str]:
 
 @of_part("h", failed=True)
 def _draw_families(rows: pd.DataFrame, style):
-    here = rows[(rows.state == "generic") & rows.h.notna()]
+    here, top = first_top(rows[rows.h.notna()])
     if here.empty:
         return None
     ylabel = f"largest error up to t = {SPAN:g}"
     fig, _ = style.by_family(here, "h", "error", style.STEP, ylabel, (1e-16, 1e5))
     fig.caption = (
-        f"Largest error against the exact solution up to t = {SPAN:g} on “{TOPS['generic'].label}”, against the step; a panel "
+        f"Largest error against the exact solution up to t = {SPAN:g} on “{top}”, against the step; a panel "
         "for each family of methods; in grey the exact Bäcklund step. "
         "Crosses, in its colour: a method declined the step or failed."
     )
@@ -307,7 +313,7 @@ def _draw_families(rows: pd.DataFrame, style):
 
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style):
-    here = rows[rows.state == "generic"]
+    here, top = first_top(rows)
     lines = [here[here.status != "done"][["method", "status"]]]
     for method, run in here[here.status == "done"].groupby("method", sort=False):
         t, largest = metrics.block_maxima(run.t, run.time, blocks=30)
@@ -319,7 +325,7 @@ def _draw_time(rows: pd.DataFrame, style):
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
         "in units of 1/(|J| + √(|α||x|)), largest over blocks of time; in grey the exact Bäcklund step. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
-        f"precession and the other tops are in the table of frequency shifts. The top is “{TOPS['generic'].label}”."
+        f"precession and the other tops are in the table of frequency shifts. The top is “{top}”."
     )
     return fig
 
@@ -328,7 +334,7 @@ def _draw_time(rows: pd.DataFrame, style):
 def _draw_theory(rows: pd.DataFrame, style):
     if "left" not in rows:
         return None
-    here = rows[(rows.state == "generic") & (rows.error > 0)]
+    here, top = first_top(rows[rows.error > 0])
 
     def line(ax, method, look):
         run = here[here.method == method]
@@ -345,9 +351,9 @@ def _draw_theory(rows: pd.DataFrame, style):
     fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
     style.label_ends(axes)
     fig.caption = (
-        "Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “generic "
-        "unit top”, each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and "
-        "θ the precession's in radians. Dotted: what the prediction misses, the largest so far of the whole state."
+        f"Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “{top}”, "
+        "each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and θ the "
+        "precession's in radians. Dotted: what the prediction misses, the largest so far of the whole state."
     )
     return fig
 

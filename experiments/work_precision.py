@@ -84,7 +84,7 @@ def measure(cell: dict) -> list[dict]:
 
 def _run(cell: dict) -> dict:
     """One run: its error, and its time if the error is useful."""
-    top, y0 = states.find(cell["state"])
+    top, y0 = states.of_cell(cell)
     unit = top.scales(y0)[2]
     options = states.options_of(cell)
     method = METHODS[cell["method"]]
@@ -125,7 +125,7 @@ def _run(cell: dict) -> dict:
 
 def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
     """Seconds of the whole run, from the quickest of short ones: a hiccup must neither end a curve nor let it go on."""
-    top, y0 = states.find(cell["state"])
+    top, y0 = states.of_cell(cell)
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
     if method.knob == "h":
         steps = max(round(n * trial / cell["span"]), 1)

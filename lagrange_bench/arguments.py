@@ -179,5 +179,5 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
 
 def add_module(command: argparse.ArgumentParser) -> None:
     text = "import this module of yours: an experiment, or methods and potentials named MODULE:NAME; else only what is built "
-    text += "in, installed or a sweep is known, whatever the results say; may be repeated"
+    text += "in or installed is known, whatever the results say; may be repeated"
     command.add_argument("--module", action="append", default=[], metavar="MODULE", help=text)

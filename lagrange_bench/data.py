@@ -11,9 +11,8 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators import LagrangeTop, PerturbedTop
 from lagrange_bench.integrators.registry import find_stored_potential
-from lagrange_bench.integrators.words import numbers, suggestion
+from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.results.store import Store, find_results
 
 # experiments whose rows have the tops' own unit of time; those of a `case` have s
@@ -113,12 +112,6 @@ def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) 
 def _unit(row: Any) -> float:
     """The time scale of the top of a row, in its own unit."""
     with contextlib.suppress(ValueError):
-        if not isinstance(row.get("y0"), str):  # a sweep says where its tops start
-            top, y0 = states.find(row["top"])
-            return float(top.scales(y0)[2])
-        top, y0 = LagrangeTop(row["alpha"]), np.array(numbers(row["y0"]))
-        if isinstance(row.get("potential"), str):
-            parameters = tuple(numbers(row["parameters"])) if row["parameters"] else ()
-            top = PerturbedTop(top, find_stored_potential(row["potential"]), parameters)
+        top, y0 = states.of_cell({**row, "state": row["top"]}, find_stored_potential)
         return float(top.scales(y0)[2])
     return math.nan

@@ -11,7 +11,7 @@ from types import ModuleType
 
 import pandas as pd
 
-from lagrange_bench.experiments import PROFILES, SWEEP
+from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.results import provenance
 from lagrange_bench.results.choice import ALL, Choice
@@ -37,13 +37,11 @@ class Origin:
         return "" if self.default else f" --results {shlex.quote(self.folder)}"
 
     def run(self, experiment: str) -> str:
-        """The command that computes an experiment like this; of a sweep the file may have another name."""
-        sweep = experiment.startswith(SWEEP)
-        profile = "" if sweep or self.profile is None else f" --profile {self.profile}"
-        usual = experiment.removeprefix(SWEEP) if sweep else self.profile or PROFILES[0]
-        there = "" if self.default or self.folder == named(default_results(usual)) else self._there
-        what = f"{usual}.toml" if sweep else experiment
-        return f"lagrange-bench run {shlex.quote(what)}{profile}{there}{self.choice.words}"
+        """The command that computes an experiment like this."""
+        profile = "" if self.profile is None else f" --profile {self.profile}"
+        usual = self.folder == named(default_results(self.profile or PROFILES[0]))
+        there = "" if self.default or usual else self._there
+        return f"lagrange-bench run {shlex.quote(experiment)}{profile}{there}{self.choice.words}"
 
     @property
     def report(self) -> str:

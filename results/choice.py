@@ -79,4 +79,4 @@ def _refusal(method: str, tops: Iterable[Any]) -> str | None:
 
 
 def _top(cell: Mapping[str, Any]) -> Any:
-    return cell.get("state", cell.get("top"))  # the experiments of the bench say state, sweeps say top
+    return cell.get("state")

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
-from lagrange_bench.experiments import EXPERIMENTS, SWEEP
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, installed, load_stored
 from lagrange_bench.integrators.imported import BENCH, IMPORTED, Code, Sources
 
@@ -63,8 +63,6 @@ def _code(sources: Sources, experiment: str, method: str | None, potential: str 
 
 
 def _module(experiment: str) -> str:
-    if experiment.startswith(SWEEP):
-        return "lagrange_bench.experiments.sweep"
     if experiment in EXPERIMENTS:
         return f"lagrange_bench.experiments.{experiment}"
     return experiment if "." in experiment else installed()[experiment].module

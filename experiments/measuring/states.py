@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from time import perf_counter
 from typing import Any
@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Method, Stepper
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
-from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
 from lagrange_bench.integrators.truth import truths
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.integrators.words import numbers, suggestion
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
@@ -96,6 +97,25 @@ def find(name: str) -> tuple[Any, Array]:
         long = math.sqrt(10 ** draw.uniform(*SPINS[kind]) * alpha * size) / math.hypot(*J)
         J, alpha = [long * component for component in J], alpha * draw.choice((-1, 1))
     return LagrangeTop(alpha), np.array([*J, *x])
+
+
+def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_potential) -> tuple[Any, Array]:
+    """Top and initial state of a cell: of its `state`, or, on a top of a TOML file, by the numbers that the cell carries.
+
+    potential : gives the potential of a name. ValueError : no such top or potential.
+    """
+    if not isinstance(cell.get("y0"), str):  # NaN in a row of a frame
+        return find(cell["state"])
+    top: LagrangeTop | PerturbedTop = LagrangeTop(cell["alpha"])
+    if isinstance(cell.get("potential"), str):
+        parameters = tuple(numbers(cell["parameters"])) if cell["parameters"] else ()
+        top = PerturbedTop(LagrangeTop(cell["alpha"]), potential(cell["potential"]), parameters)
+    return top, top.check_state(numbers(cell["y0"]))
+
+
+def label(state: str) -> str:
+    """What figures call a top."""
+    return str(NAMED_TOPS[state].label) if state in NAMED_TOPS else state
 
 
 def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:

@@ -34,12 +34,12 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import add_choice, choice_of, positive, results_folder, scheduler, seconds
-from lagrange_bench.experiments import EXPERIMENTS, PROFILES, SWEEP
+from lagrange_bench.experiments import EXPERIMENTS, PROFILES
 from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = f"{', '.join(EXPERIMENTS)}, or FILE.toml (default: all of them)"
+    text = f"{', '.join(EXPERIMENTS)} (default: all of them), or a FILE.toml alone"
     command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=PROFILES, default="quick", help=text)
@@ -67,44 +67,42 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results.store import default_results, name_of
     from lagrange_bench.runner import engine
 
-    names = [sweep.read(name) if name.endswith(".toml") else name for name in options.experiments] or EXPERIMENTS
-    sweeps = [name for name in names if name.startswith(SWEEP)]
-    own = len(sweeps) == len(names)  # a folder of its own: the page of a profile is not the place for it
-    results = options.results or default_results(sweeps[0].removeprefix(SWEEP) if own else options.profile)
+    names, file = options.experiments or EXPERIMENTS, None
+    if any(name.endswith(".toml") for name in names):
+        if len(names) > 1:
+            raise ValueError("a TOML file is run alone: its results have a folder of their own")
+        file = sweep.read(Path(names[0]))
+        names = [file.experiment]
+    results = options.results or default_results(file.name if file else options.profile)
     where = {"scheduler": options.scheduler, "timings": not options.no_timings, "again": options.again}
-    limit, show, choice = options.time_limit, not options.quiet, choice_of(options)
-    summary = engine.run(names, options.profile, results, options.jobs, show, time_limit=limit, choice=choice, **where)
-    drawn = [path for name in (names if options.draw else sweeps) for path in _draw(name, results, choice)]
+    where |= {"time_limit": options.time_limit, "cells": {file.experiment: file.cells} if file else None}
+    choice = choice_of(options)
+    summary = engine.run(names, options.profile, results, options.jobs, not options.quiet, choice=choice, **where)
+    drawn = [path for name in (names if options.draw or file else ()) for path in _draw(name, results, choice)]
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     if summary.exit_code:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
     if summary.old and not options.again:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
     report = f"lagrange-bench report --results {shlex.quote(name_of(results) or str(results))}"
-    report += "".join(f" --module {module}" for module in _own_modules(names)) + choice.words
+    modules = _own_modules(names, file.cells if file else ())
+    report += "".join(f" --module {module}" for module in modules) + choice.words
     data = {**vars(summary), "results": str(results), "exit_code": summary.exit_code, "next": report}
     data["drawn"] = [str(path) for path in drawn]
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
 
 
-def _own_modules(experiments: Iterable[str]) -> list[str]:
+def _own_modules(experiments: Iterable[str], cells: Iterable[dict[str, Any]]) -> list[str]:
     """What the user has named of their own: a report imports it only if it is named again."""
-    from lagrange_bench.experiments.catalogue import load
-
-    modules = []
-    for name in experiments:
-        if name.startswith(SWEEP):
-            own = [cell.get(word, "") for cell in load(name).cells("full") for word in ("method", "potential")]
-            modules += [value.partition(":")[0] for value in own if ":" in value]
-        elif "." in name:
-            modules.append(name)
-    return list(dict.fromkeys(modules))
+    named = (str(cell.get(word, "")) for cell in cells for word in ("method", "potential"))
+    own = [*(name for name in experiments if "." in name), *(name.partition(":")[0] for name in named if ":" in name)]
+    return list(dict.fromkeys(own))
 
 
 def _draw(name: str, results: Path, choice: Any) -> list[Path]:
-    """Figures and tables of an experiment; where all is skipped, none. A sweep's lie by its journal."""
+    """Figures and tables of an experiment; where all is skipped, none."""
     from lagrange_bench.report import sections
     from lagrange_bench.results.store import Store
 
-    output = results if name.startswith(SWEEP) else results / "page"
-    return sections.write_experiment(name, results, output, choice) if Store(results, choice).open(name).latest else []
+    there = Store(results, choice).open(name).latest
+    return sections.write_experiment(name, results, results / "page", choice) if there else []

@@ -5,7 +5,7 @@ a record with its error; a run that is stopped, in whatever way, is continued by
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
@@ -95,6 +95,7 @@ def run(
     timings: bool = True,
     again: bool = False,
     choice: Choice = ALL,
+    cells: Mapping[str, Sequence[dict[str, Any]]] | None = None,
 ) -> Summary:
     """Computes the cells of some experiments that are not stored in `results` yet.
 
@@ -106,7 +107,7 @@ def run(
     scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
     timings : whether to compute timing cells.
     again : also compute the stored cells that are not known to come from the sources that are here.
-    choice : the methods and tops whose cells are asked for.
+    choice : the methods and tops whose cells are asked for. cells : of an experiment, in place of those of its profile.
 
     Raises
     ------
@@ -117,11 +118,11 @@ def run(
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
-    modules = [load(name) for name in experiments]
-    choice.check(cell for module in modules for cell in module.cells(profile))
+    listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
+    choice.check(cell for some in listed.values() for cell in some)
     store.check_writable()  # before anything is computed, and after what is wrong with the words is known
     files = Sources()  # as they are when the run begins
-    plan = {name: _missing(name, choice, files, store, summary, timings, again) for name in dict.fromkeys(experiments)}
+    plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
     tasks = [task for missing in plan.values() for task in missing]
     timed = [task for task in tasks if task.cell.get("timing")]
     others = [task for task in tasks if not task.cell.get("timing")]
@@ -160,7 +161,14 @@ def run(
 
 
 def _missing(
-    experiment: str, choice: Choice, files: Sources, store: Store, summary: Summary, timings: bool, again: bool
+    experiment: str,
+    cells: Sequence[dict[str, Any]],
+    choice: Choice,
+    files: Sources,
+    store: Store,
+    summary: Summary,
+    timings: bool,
+    again: bool,
 ) -> list[Task]:
     """The cells to compute now; enters the others in the summary.
 
@@ -173,7 +181,7 @@ def _missing(
     done, problems = store.done(experiment)
     summary.notes += problems
     seen, tasks = set(), []
-    for position, cell in enumerate(map(clean, module.cells(summary.profile))):
+    for position, cell in enumerate(map(clean, cells)):
         if not choice.takes(cell):
             continue
         tally.cells += 1

@@ -100,13 +100,17 @@ def test_measured_stored_and_drawn(name):
         assert not {letter for letter in text if letter > "ÿ"}, "LaTeX does not know these letters"
 
 
-@pytest.mark.parametrize(("name", "part", "figure"), [("drift", "time", "time"), ("phase", "h", "families")])
-def test_a_figure_of_other_tops_is_left_out(name, part, figure):
+@pytest.mark.parametrize(
+    ("name", "part", "figure", "words"),
+    [("drift", "time", "time", "over 1 tops"), ("drift", "h", "h", "“fast”"), ("phase", "h", "families", "“fast”")],
+)
+def test_a_figure_is_of_the_tops_that_are_chosen(name, part, figure, words):
     rows = rows_of(name)
     rows = rows[rows.part == part].dropna(subset="method")
     with style.apply():
-        assert figure in load(name).draw(rows)
-        assert figure not in load(name).draw(rows.assign(state="through_pole"))
+        usual, other = (load(name).draw(some)[figure].caption for some in (rows, rows.assign(state="fast")))
+    assert words.replace("fast", TOPS["fast"].label) in other
+    assert usual != other
 
 
 @each

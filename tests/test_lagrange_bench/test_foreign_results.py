@@ -11,13 +11,13 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
-from matplotlib.text import Text
 from test_cli import STUDY
 
-from lagrange_bench.experiments import catalogue, sweep
+from lagrange_bench.experiments import catalogue
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.integrators import METHODS, POTENTIALS
+from lagrange_bench.experiments.measuring import states
+from lagrange_bench.integrators import INVARIANTS, METHODS, POTENTIALS
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.report import page
 from lagrange_bench.results import sources, store
@@ -71,30 +71,13 @@ def packages(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("packages")
-def test_found_and_checked(run, answer):
+def test_packages_join(run, answer):
     assert answer("check", "suzuki4", "--quick")["passed"]
     (method,) = (method for method in answer("methods") if method["name"] == "suzuki4")
     assert (method["order"], method["family"], method["available"]) == (4, "splitting", True)
     assert METHODS.module("rk4").startswith("lagrange_bench.")
     assert "did you mean 'suzuki4'?" in run("check", "suzuki5")[2]
-
-
-@pytest.mark.usefixtures("packages")
-def test_measured_and_drawn(tmp_path):
-    module, rows = load("phase"), store.Store(tmp_path)
-    cells = [cell for cell in module.cells("quick") if cell.get("method") == "suzuki4" and cell.get("span", 100) == 100]
-    for position, cell in enumerate(cells):
-        rows.append(store.make_record("phase", module.VERSION, position, cell, rows=module.measure(cell)))
-    with style.apply():
-        figures = module.draw(rows.rows("phase"))
-    assert "Suzuki 4" in {text.get_text() for figure in figures.values() for text in figure.findobj(Text)}
-    table = module.tables(rows.rows("phase"))["orders"].set_index("state")
-    assert table.measured["single steps, 8 tops"] == pytest.approx(4, abs=0.15)
-    assert (style.family("suzuki4"), style.of("suzuki4")["color"]) == ("splitting", "#000000"), "its own look"
-
-
-@pytest.mark.usefixtures("packages")
-def test_potentials_and_tops(answer, tmp_path):
+    assert (style.family("suzuki4"), style.of("suzuki4")["color"]) == ("splitting", style.OWN), "its own look"
     assert {"name": "well", "parameters": ["k"], "note": "a well"} in answer("potentials")
     assert [potential["name"] for potential in answer("potentials")].count("tide") == 1
     listed = [(top["name"], top["alpha"]) for top in answer("tops")]
@@ -105,28 +88,7 @@ def test_potentials_and_tops(answer, tmp_path):
         one, other = (answer(*words, option, name, *more)["y_final"] for name in names)
         assert one == other
     assert_drift("rk4", tops=["mine"], steps=10, J3=0)
-    file = tmp_path / "own.toml"
-    file.write_text('[[sweep]]\ntops = ["mine"]\nmethods = ["rk4"]\nh = [0.5]\ntime = 2.0\n')
-    assert [cell["alpha"] for cell in load(sweep.read(str(file))).cells("quick")] == [2.0]
-
-
-def test_a_file_in_the_current_folder_joins_an_experiment(run, folder, monkeypatch):
-    (folder / "site").mkdir()
-    (folder / "site" / "mine.py").write_text("raise ImportError('the installed copy')\n")
-    monkeypatch.syspath_prepend(str(folder / "site"))
-    monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
-    text = (EXAMPLE / "suzuki_top.py").read_text(encoding="utf-8")
-    (folder / "mine.py").write_text(text.replace('name="suzuki4"', 'name="rk4"'), encoding="utf-8")
-    assert f"rk4 (Suzuki 4, {folder / 'mine.py'}): " in run("check", "mine:METHOD", "--quick")[1]
-    chosen = ("--methods", "mine:METHOD,strang", "--tops", "generic", "--results", "rows", "--no-timings")
-    code, out, err = run("run", "phase", *chosen, "--jobs", "1", "--quiet", "--json")
-    assert code == 0, err + out
-    cells = [json.loads(line)["cell"] for line in (folder / "rows" / "phase.jsonl").read_text().splitlines()]
-    assert {(cell["method"], cell["state"]) for cell in cells} == {(m, "generic") for m in ("mine:METHOD", "strang")}
-    assert json.loads(out)["next"].endswith("--methods mine:METHOD,strang --tops generic")
-    for words in (("check", "mine", "--quick"), ("run", "phase", "--methods", "mine", "--results", "rows")):
-        code, _, err = run(*words)
-        assert (code, err.endswith("for the one in mine.py use mine:METHOD\n")) == (2, True)
+    assert all(states.find("mine")[1] == [0.5, 0.0, 1.25, 0.5, 0.0, 1.0])
 
 
 def test_built_in_methods_keep_their_keys(monkeypatch):
@@ -153,9 +115,8 @@ def stored(folder, experiment, cell, rows=({"square": 0.1},), version=1):
     Store(folder).append(make_record(experiment, version, 0, cell, rows=list(rows)))
 
 
-@pytest.fixture
-def evil(folder, swept, one_core, monkeypatch):
-    """Results of somebody whose modules can be imported from the current folder, as can any other."""
+def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
+    """Modules that results name are not imported, though they could be, until the user names them."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
     for name in ("exp", "method"):
@@ -164,49 +125,40 @@ def evil(folder, swept, one_core, monkeypatch):
         (folder / name).mkdir()
     stored("results", "evilpkg.exp", {"i": 0})
     stored("results", "unittest.__main__", {"i": 0})
-    swept("results", "sweep_x", method="evilpkg.method:METHOD")
-    cell = {"method": "evilpkg.method:METHOD", "part": "longtime", "state": "generic", "h": 0.1}
-    stored("results", "drift", cell, [{"t": 1.0, "n": 10, "H": 1e-9}], load("drift").VERSION)
+    cell, rows = (
+        {"part": "time", "state": "generic", "h": 0.1, "steps": 10},
+        [{"t": 1.0, **dict.fromkeys(INVARIANTS, 1e-9)}],
+    )
+    stored("results", "drift", {**cell, "method": "evilpkg.method:METHOD"}, rows, load("drift").VERSION)
     stored("other", "evilpkg.exp", {"i": 0}, [{"square": 0.2}])
-    swept("own", "sweep_x", method="strang", potential="evilpkg.method:POTENTIAL", parameters="0.1")
-    yield folder
-    catalogue.installed.cache_clear()
-
-
-COMMANDS = {  # → exit code, what they say
-    "report --results results --output plain": (1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
-    "figure evilpkg.exp_squares --results results": (2, "unknown"),
-    "compare results other --times": (1, "unknown experiment 'evilpkg.exp'"),
-    "verify results --quiet --longest 10": (2, "unknown experiment 'unittest.__main__'"),
-    "verify own --quiet": (2, "not computed: evilpkg.method:POTENTIAL: not available here"),
-}
-
-
-def test_nothing_is_imported_that_no_command_names(evil, run):
-    for words, (code, said) in COMMANDS.items():
+    field = {
+        "alpha": 1.0,
+        "y0": "0.3,-0.4,1.2,0.48,0.6,0.64",
+        "potential": "evilpkg.method:POTENTIAL",
+        "parameters": "0.1",
+    }
+    stored("own", "drift", {**cell, **field, "method": "strang"}, rows, load("drift").VERSION)
+    for words, code, said in (
+        ("report --results results --output plain", 1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
+        ("figure evilpkg.exp_squares --results results", 2, "unknown"),
+        ("compare results other --times", 1, "unknown experiment 'evilpkg.exp'"),
+        ("verify results --quiet --longest 10", 2, "unknown experiment 'unittest.__main__'"),
+        ("verify own --quiet", 2, "not computed: evilpkg.method:POTENTIAL: not available here"),
+    ):
         found, out, err = run(*words.split())
         assert (found, said in out + err) == (code, True), err
-        assert not (evil / "evilpkg" / "ran").exists(), words
+        assert not (folder / "evilpkg" / "ran").exists(), words
         assert "evilpkg" not in sys.modules
-    text = (evil / "plain" / "index.html").read_text(encoding="utf-8")
+    text = (folder / "plain" / "index.html").read_text(encoding="utf-8")
     assert "evilpkg.method:METHOD" in text  # the rows are shown, under the name they have
     assert "Evil Strang" not in text
     words = ("--module", "evilpkg.exp", "--module", "evilpkg.method")
     assert "not drawn: evilpkg.exp" not in run("report", "--results", "results", "--output", "page", *words)[2]
-    assert (evil / "evilpkg" / "ran").exists()
-    assert "Evil Strang" in (evil / "page" / "index.html").read_text(encoding="utf-8")
+    assert (folder / "evilpkg" / "ran").exists()
+    assert "Evil Strang" in (folder / "page" / "index.html").read_text(encoding="utf-8")
     code, out, err = run("verify", "own", "--quiet", "--module", "evilpkg.method")
     assert (code, "not computed" in out + err) == (1, False)  # the stored rows are made up
-
-
-def test_an_installed_experiment_needs_no_permission(evil, in_process, run):
-    install(evil, "evil", {"lagrange_bench.experiments": {"evil": "evilpkg.exp", "drift": "evilpkg.exp"}})
-    catalogue.installed.cache_clear()  # a process that lists experiments does so once
-    code, out, err = run("run", "evil", "--results", "rows", "--jobs", "1", "--quiet", "--json")
-    assert (code, json.loads(out)["experiments"]["evil"]["computed"]) == (0, 6), err + out
-    assert run("figure", "evil_squares", "--results", "rows", "--quiet")[:2] == (0, "evil_squares.svg\n")
-    assert "6 identical" in run("verify", "rows", "--quiet")[1]
-    assert load("drift").__name__ == "lagrange_bench.experiments.drift"
+    catalogue.installed.cache_clear()
 
 
 @pytest.mark.parametrize("name", ["page", "page/index.html", "page/figures"])

@@ -306,12 +306,12 @@ def test_without_rows_there_are_no_panels_and_without_a_table_no_facts(rows, mon
     assert json.loads(panels.script(rows))["kept"] == {}
 
 
-def test_the_profile_is_known_by_the_cells_and_a_sweep_by_its_file():
+def test_the_profile_is_known_by_the_cells():
     module = ModuleType("study")
     module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
     for h, known in ((0.1, ("quick", "full")), (1.0, ("quick",)), (0.01, ("full",)), (7.0, ())):
         assert origin.profiles_of(module, [{"cell": store.clean({"h": h})}]) == known
-    assert Origin("my out").run("sweep_mine") == "lagrange-bench run mine.toml --results 'my out'"
+    assert Origin("my out").run("drift") == "lagrange-bench run drift --results 'my out'"
     del module.cells
     assert origin.profiles_of(module, []) is None
 
