@@ -4,8 +4,8 @@
 {
   const form = document.querySelector("form.choose");
   if (form) {
-    const FIELDS = 4, LENGTH = "10⁴", // of a run, at first
-       answer = document.querySelector(".answer");
+    const FIELDS = 4, answer = document.querySelector(".answer");
+    const LENGTH = "10⁴"; // of a run, at first
     const table = document.querySelector("#choose table"), heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
     const rows = [...table.tBodies[0].rows].map((row) => [...row.cells].map((cell) => cell.textContent));
     const fields = heads.slice(0, FIELDS).map((head) => {
