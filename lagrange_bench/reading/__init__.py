@@ -295,7 +295,7 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
     """Seconds and nanoseconds of one time stamp; else the column that is just named t or time."""
     stamps = {parse(header[i]).unit[:1]: i for group in clocks for i in group.places}
     if len(clocks) == 2 and set(stamps) == {"s", "n"} and clocks[0].stem == clocks[1].stem:
-        return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t", 1)]
+        return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t t", 1)]
     plain = [group for group in clocks if group.stem in (("t",), ("time",))]
     return plain if len(plain) == 1 else []
 
@@ -409,9 +409,9 @@ def read(layout: Layout) -> dict[str, Array]:
     del columns
     if how.step is not None:
         given = {"time": how.step * np.arange(len(next(iter(given.values()))), dtype=float)[:, None], **given}
-    given["time"] = given["time"].sum(axis=1, keepdims=True)
-    if len(given["time"]) and how.t0 is not None:
-        given["time"] += how.t0 - given["time"][0]
+    if how.t0 is not None:  # first the difference, for its digits
+        given["time"] = given["time"] - given["time"][:1]
+    given["time"] = given["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
     _once(layout, given)
     _turned(layout, given)
     return given

@@ -52,8 +52,9 @@ UNITS = {
     for names, factor in rows.items()
     for name in names.split()
 }
-# what may stand behind a name without brackets; other words mean too much else, such as the "in" of "in_world"
-SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å"}
+# what may stand behind a name without brackets; other words mean too much else, such as the "in" of "in_world", or the "cm" of
+# a centre of mass
+SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å", "cm"}
 EXPECTED = {
     **{"time": "s", "position": "m", "displacement": "m", "omega": "rad/s"},
     **{"angles": "rad", "rotation vector": "rad", "axis and angle": "rad"},
@@ -104,9 +105,9 @@ def parse(word: str) -> Name:
         if unit_of(content) and not content.isdecimal():
             unit = content
             return " "
-        if re.search(r"[^\d\s,]", content) and content.lower() not in FRAMES:
-            strange = content
-        return found[0]
+        known = not re.search(r"[^\d\s,]", content) or content.lower() in FRAMES or _split([content.lower()])[1]
+        strange = strange if known else content
+        return found[0] if known else " "
 
     rest = re.sub(r"[\[({<]([^\])}>]*)[\])}>]", bracket, word)
     tokens = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", rest).lower()
@@ -153,8 +154,10 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
         "",
         r"acc|force|torque|moment|impuls|\berr|target|desired|command|cmd|\bref|\bcov|magn|scale|size|bias|gravity|jerk|\bstd",
     ),
-    ("", r"\binertias?$|energy|\b[afhjl]$|\bb [aw]\b|normal$"),
-    ("omega", r"omega|\bom$|ang(ular)? ?(vel|rate|speed)|gyro|\brates?\b|\bangular\b|\bw$"),
+    ("", r"\binertias?$|energy|(^|\w{3} )[afhjl]$|\bb [aw]\b|normal$"),
+    ("qpos", r"\bqpos$"),
+    ("qvel", r"\bqvel$"),
+    ("omega", r"omega|\bom$|ang(ular)? ?(vel|rate|speed)|\bgyr|\brates?\b|\bangular\b|\bw$"),
     ("velocity", r"\bvel|linvel|\blinear\b|\bv$|speed"),
     ("axis and angle", r"\baxis"),
     ("quaternion", r"quat|versor|\bq$|\be$|\bep$|euler param"),
@@ -163,7 +166,7 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
     ("rotation vector", r"rot(ation)? ?vec|\brv$|\brvec|exp ?map|\br$"),
     ("mrp", r"\bmrp|rodrigues|\bsigma"),
     ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$"),
-    ("attitude", r"rotation|\brot$|\bori|attitude|\batt\b"),
+    ("attitude", r"rotation|\brot$|orient|\bori\b|attitude|\batt\b"),
     ("displacement", r"disp|\bu$"),
     ("position", r"pos|translation|location|\bloc\b|\bcom\b|\bcg\b|origin|cent(er|re)|\b[pt]$|coord"),
 ]
@@ -224,6 +227,10 @@ SHAPES: dict[
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),
     "angles": (("angles", ROLES),),
+    "qpos7": (("position", ("0 1 2",)), ("quaternion", ("3 4 5 6",))),  # of MuJoCo, of a free and of a ball joint
+    "qpos4": (("quaternion", ("0 1 2 3",)),),
+    "qvel6": (("velocity", ("0 1 2",)), ("omega", ("3 4 5",))),
+    "qvel3": (("omega", ("0 1 2",)),),
     **{kind: ((kind, VECTORS),) for kind in ("mrp", "displacement", "position")},
 }
 
@@ -239,13 +246,18 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
     missing: dict[str, str] = {}
     for stem, parts in stems.items():
         kind = kind_of(stem)
+        state = kind in ("qpos", "qvel")
+        kind = f"{kind}{len(parts)}" if state else kind
+        indexed = sum(part.isdecimal() for part in parts)
         if kind == "axis and angle" and len(angles) == 1:
             parts = {"angle": angles[0], **parts}
         if "t" in parts:
             groups += [Group("time", [i], stem, "t", 0 if i in given else 1, len(parts["t"]) > 1) for i in parts["t"]]
         used: set[str] = set()
-        for what, orders in SHAPES[kind]:
+        for what, orders in SHAPES.get(kind, ()):
             for order in orders:
+                if order[0].isdecimal() and indexed != len(order.replace("angle", "").split()) and not state:
+                    continue
                 if used & set(order.split()) or any(part not in parts for part in order.split()):
                     continue
                 choices = [[i for i in parts[part] if i in given] or parts[part] for part in order.split()]
@@ -256,7 +268,7 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
                 used |= set(order.split())
         if not used and kind and kind != "velocity":
             what, best = max(
-                ((what, order.split()) for what, orders in SHAPES[kind] for order in orders),
+                ((what, order.split()) for what, orders in SHAPES.get(kind, ()) for order in orders),
                 key=lambda pair: sum(part in parts for part in pair[1]) / len(pair[1]),
             )
             if lacking := [part for part in best if part not in parts and set(best) & set(parts)]:

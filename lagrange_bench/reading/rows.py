@@ -21,7 +21,7 @@ from lagrange_bench.reading.names import UNITS, unit_of
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand
 SAMPLE = 400  # rows that are looked at before all are read
-SEPARATORS = (";", "\t", ",", None)  # None is blanks
+SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
 INLINE = re.compile(r"(^|\s)[#%].*")
 MISSING = {

@@ -1,0 +1,283 @@
+"""Trajectory files as programs write them: each is read right, or refused in a line that says what to do."""
+
+import gzip
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.integrators import CASES, integrate
+from lagrange_bench.reading import Options, read, survey
+from lagrange_bench.reading.names import unit_of
+
+T = np.arange(12) / 10
+X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)
+R = Rotation.from_rotvec(np.stack([0.2 + T, 1 - T, 0.5 * T**2], 1))
+Q, M, V, DEG = R.as_quat(scalar_first=True), R.as_matrix().reshape(-1, 9), R.as_rotvec(), 180 / np.pi
+W = np.stack([1 + T, 2 - T, 3 * T], 1)
+RIGHT = {"time": T[:, None], "position": X, "quaternion": Q, "matrix": M, "rotation vector": V, "omega": W}
+K = np.arange(12)
+
+
+def table(header, *parts, separator=",", number="{:.17g}", end="\n"):
+    rows = np.column_stack(parts)
+    lines = [separator.join(number.format(value) for value in row) for row in rows]
+    return end.join([*([header] if header else []), *lines, ""])
+
+
+def check(path, how=None, groups=("position",)):
+    layout = survey(path, how)
+    rows = read(layout)
+    assert set(rows) == {"time", *groups}, layout.columns
+    for kind, values in rows.items():
+        assert values == pytest.approx(RIGHT[kind], abs=2e-9), kind
+    return layout
+
+
+# program | names | the numbers below them | what the user says; d… is in degrees
+FORMS = """
+Rapier | t translation.~xyz rotation.~xyzw angvel.~xyz | t x xyzw w |
+cannon | time position.~xyz quaternion.~xyzw angularVelocity.~xyz | t x xyzw w |
+Babylon | time position._~xyz rotationQuaternion._~xyzw | t x xyzw |
+Unity | Time transform.position.~xyz transform.rotation.~xyzw | t x xyzw |
+Unity, angles | Time eulerAngles.~yxz | t dYXZ | angles=YXZ units=angles:deg
+Godot | t origin.~xyz quaternion.~xyzw linear_velocity.~xyz angular_velocity.~xyz | t x xyzw - w |
+MuJoCo, free joint | time qpos[*]~0123456 qvel[*]~012345 | t x wxyz - w |
+MuJoCo, ball joint | time qpos_~0123 qvel_~012 | t wxyz w |
+Drake | time top_q~wxyz top_~xyz top_w~xyz top_v~xyz | t wxyz x w - |
+ROS 2 | header.stamp.sec header.stamp.nanosec pose.position.~xyz orientation.~xyzw angular.~xyz | sec nanosec x xyzw w | t0=0
+rostopic | %time field.header.stamp field.pose.position.~xyz field.pose.orientation.~xyzw | ns ns x xyzw | units=t:ns
+PlotJuggler | __time /pose/pose/position/~xyz /pose/pose/orientation/~wxyz /pose/covariance[*]~012 | t x wxyz - |
+TUM | #timestamp t~xyz q~xyzw | t x xyzw |
+EuRoC | #timestamp[ns] p_RS_R_*[m]~xyz q_RS_*[]~wxyz v_RS_R_*[m/s]~xyz b_w_RS_S_*[rad/s]~xyz | ns x wxyz - - |
+OpenSim | top¶inDegrees=yes¶endheader¶time top_~XYZ roll pitch yaw | t x dxyz | angles=xyz
+Vicon | Trajectories¶10¶,,top:M1,,¶Frame Sub-Frame X Y Z¶,,mm,mm,mm | k k mm | step=0.1
+TRC | PathFileType,4,(X/Y/Z),a.trc¶10,m¶Frame#,Time,M1,,¶,,X1,Y1,Z1 | k t x |
+Basilisk | time[ns] sigma_BN[*]~012 omega_BN_B[*]~012 r_BN_N[*]~012 | ns mrp w x |
+JSBSim | Time /fdm/velocities/*-rad_sec~pqr /fdm/attitude/*-rad~phi,theta,psi | t w rxyz | angles=ZYX
+JSBSim, degrees | Time P_(deg/s) Q_(deg/s) R_(deg/s) Psi_(deg) Theta_(deg) Phi_(deg) | t dw dZYX | angles=ZYX
+GMAT | Sat.ElapsedSecs Sat.EarthMJ2000Eq.~XYZ Sat.Q~1234 Sat.AngularVelocity~XYZ | t mm xyzw dw | units=position:mm,omega:deg/s
+Chrono | time pos_~xyz rot_e~0123 w_~xyz | t x wxyz w |
+Adams | Time .top.CM_Position.~XYZ .top.CM_Angular_Velocity.~XYZ | t x w |
+Modelica | "time" "body.w_a[*]"~123 "body.Q[*]"~1234 | t w xyzw |
+MATLAB | t pos_~123 omega_~123 | t x w |
+PX4 | timestamp q[*]~0123 | ns wxyz | units=t:ns
+Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
+pandas | ,t x y z | k t x |
+axis and angle | t axis_~xyz angle[deg] | t v dangle |
+Euler | t phi theta psi | t dZXZ | angles=ZXZ units=angles:deg
+xmat | time xmat_~012345678 | t m |
+matrix by letters | t Rx~xyz Ry~xyz Rz~xyz | t m |
+units in names | time_ns ~x_mm,y_mm,z_mm ~wx_deg_s,wy_deg_s,wz_deg_s | ns mm dw |
+words for units | Elapsed_(nanoseconds) X{mm} Y{mm} Z{mm} ~wx(rpm),wy(rpm),wz(rpm) | ns mm rpm |
+two bodies aside | t top.~xyz base.~xyz | t x - | where=body:top
+columns given | a b c d | t x | columns=t:a,x:1,y:c,z:d
+a late clock | t x y z | late x | t0=0
+no names | | t x | columns=t:0,x:1,y:2,z:3
+"""
+NUMBERS = {
+    **{
+        "t": T,
+        "k": K,
+        "ns": K * 1e8,
+        "sec": 1700000000 + K // 10,
+        "nanosec": K % 10 * 1e8,
+        "late": 1700 + T,
+        "-": X - W,
+    },
+    **{
+        "x": X,
+        "mm": 1e3 * X,
+        "w": W,
+        "dw": W * DEG,
+        "rpm": W * 30 / np.pi,
+        "wxyz": Q,
+        "xyzw": R.as_quat(),
+        "m": M,
+        "v": V,
+    },
+    **{"mrp": R.as_mrp(), "rxyz": R.as_euler("xyz"), "dangle": R.magnitude() * DEG},
+    **{f"d{axes}": R.as_euler(axes, degrees=True) for axes in ("xyz", "YXZ", "ZYX", "ZXZ")},
+}
+VECTOR = dict.fromkeys(("v", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
+GROUP = {**VECTOR, "x": "position", "mm": "position", "w": "omega", "dw": "omega", "rpm": "omega", "m": "matrix"}
+GROUP |= {"wxyz": "quaternion", "xyzw": "quaternion"}
+
+
+def header(text):
+    """a.~xyz is a.x, a.y, a.z, and a[*]~01 is a[0], a[1]."""
+    words = []
+    for word in text.split(" "):
+        stem, tilde, ends = word.partition("~")
+        ends = ends.split(",") if "," in ends else ends
+        words += [stem.replace("*", end) if "*" in stem else stem + end for end in ends] if tilde else [word]
+    return ",".join(words)
+
+
+@pytest.mark.parametrize("form", FORMS.strip().split("\n"), ids=lambda form: form.split(" |")[0])
+def test_a_file_of_a_program_is_read_right(form, tmp_path):
+    _, words, parts, said = (word.strip() for word in form.split("|"))
+    options = dict(word.split("=") for word in said.split())
+    options = {
+        name: dict(pair.split(":") for pair in value.split(","))
+        if ":" in value
+        else value
+        if name == "angles"
+        else float(value)
+        for name, value in options.items()
+    }
+    lines = [header(line) if " " in line else line for line in words.split("¶")]
+    text = table("\n".join(lines) if words else "", *(NUMBERS[part] for part in parts.split()))
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    check(tmp_path / "run.csv", Options(**options), {GROUP[part] for part in parts.split() if part in GROUP})
+
+
+PLAIN = "t,x,y,z"
+ROWS = list(zip(T.tolist(), X.tolist(), strict=True))
+
+
+def lines(header, row):
+    return "\n".join([header, *(row.format(t, *x) for t, x in ROWS), ""])
+
+
+WAYS = {  # how text is written → the bytes of the file
+    "tabs, one at the end": lambda: table("t\tx\ty\tz", T, X, separator="\t", end="\t\n").replace("z\t", "z"),
+    "tabs, also below the header": lambda: table("t\tx\ty\tz\t", T, X, separator="\t", end="\t\n").replace("\t\t", "\t"),
+    "blanks": lambda: table("Time (s)  X (m)  Y (m)  Z (m)", T, X, separator="   "),
+    "bars": lambda: table("t|x|y|z", T, X, separator="|"),
+    "decimal commas": lambda: table("t;x;y;z", T, X, separator=";").replace(".", ","),
+    "decimal commas, tabs": lambda: table("t\tx\ty\tz", T, X, separator="\t").replace(".", ","),
+    "decimal commas, blanks": lambda: table("t x y z", T, X, separator=" ").replace(".", ","),
+    "D": lambda: table("# t x y z", T, X, separator="  ", number="{:.16e}").replace("e", "D"),
+    "CRLF, a mark": lambda: b"\xef\xbb\xbf" + table(PLAIN, T, X, end="\r\n").encode(),
+    "old Mac": lambda: table(PLAIN, T, X, end="\r"),
+    "UTF-16": lambda: table("t\tx\ty\tz", T, X, separator="\t").encode("utf-16"),
+    "Latin": lambda: table("Prüfstand: µ\nt,x,y,z", T, X).encode("cp1252"),
+    "gzip": lambda: gzip.compress(table(PLAIN, T, X).encode()),
+    "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
+    "blank lines": lambda: "\n\n" + table("# t x y z", T, X, separator=" ", end="\n\n"),
+    "a row of units": lambda: table("t,x,y,z\n[s],[m],[m],[m]", T, X),
+    "durations": lambda: lines("Time,x,y,z", "{} sec,{},{},{}"),
+    "clocks": lambda: lines("Time,x,y,z", "00:00:0{:.1f},{},{},{}"),
+    "a text column": lambda: lines("t,state,x,y,z", "{},run,{},{},{}"),
+    "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
+    "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
+    "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
+    "equal rows": lambda: table(PLAIN, T[K.repeat(2)], X[K.repeat(2)]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_to_write_a_table_is_read(way, tmp_path):
+    content = WAYS[way]()
+    (tmp_path / "run.txt").write_bytes(content if isinstance(content, bytes) else content.encode())
+    layout = check(tmp_path / "run.txt")
+    assert layout.notes == (["12 rows are equal to the one before, and left out."] if way == "equal rows" else [])
+
+
+def test_arrays_and_what_the_bench_saves(tmp_path):
+    np.savez(tmp_path / "a.npz", time=T, position=X, rotation=M.reshape(-1, 3, 3), name="top")
+    savemat(tmp_path / "a.mat", {"out": {"t": T[:, None], "pos": X.T, "omega": W}})
+    pd.DataFrame({"t": T, **dict(zip("xyz", X.T, strict=True))}).to_parquet(tmp_path / "a.parquet")
+    check(tmp_path / "a.npz", groups=("position", "matrix"))
+    check(tmp_path / "a.mat", groups=("position", "omega"))
+    check(tmp_path / "a.parquet")
+    case = CASES["slow"]
+    run = integrate(case.body, case.state, h=0.01, steps=20, method="rk4", every=1)
+    for ending in ("csv", "npz", "parquet"):
+        rows = read(survey(run.save(tmp_path / f"run.{ending}")))
+        assert np.array_equal(rows["position"], run.position), ending
+        assert np.array_equal(rows["omega"], run.omega_body), ending
+        assert "quaternion" in rows
+
+
+REFUSED = {  # what is in a file → what the line says
+    "0 0 1 0\n.1 0 1 0\n": "it has no header. Name them: --columns t=0",
+    "x,y,z\n0,1,0\n0,1,0\n": "or say --step SECONDS",
+    "t,x,y,z,x\n0,0,1,0,5\n": "names occur twice, such as 'x'",
+    "t,body,x,y,z\n0,base,0,0,0\n0,top,0,1,0\n": "the column body has base, top in turn; say which rows: --where body=top",
+    "t,A1.x,A1.y,A1.z,B1.x,B1.y,B1.z\n0,0,1,0,0,1,0\n": "several columns may be the position: A1.x A1.y A1.z; B1",
+    "t,q0,q1,q2,q3,e0,e1,e2,e3\n0,1,0,0,0,1,0,0,0\n": "several columns may be the quaternion",
+    "t,phi,theta,psi\n0,0,0,0\n": "phi theta psi are angles: say about which axes, --angles ZYX",
+    "t,rotation.x,rotation.y,rotation.z\n0,0,0,0\n": "if angles, say --angles ZYX; if a rotation vector, --columns rx=",
+    "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
+    "t,value1,value2,value3\n0,0,1,0\n": "Its columns are t value1 value2 value3. Name them",
+    "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
+    2 * "ITEM: TIMESTEP\n0\nITEM: ATOMS id x y z\n1 0 1 0\n": "a table must have one header and then its rows",
+    "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
+    "t,x,y,z\n0,0,1,0\n1,0,1,0\nLoop time of 5 s\n": "line 4",
+    "PK\x03\x04": "an archive or a spreadsheet",
+    "SQLite format 3\0": "write its topic as .csv",
+    '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
+    "2024-01-01T00:00,0,1,0\n": "it has no header",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED, ids=lambda text: repr(text[:30]))
+def test_what_cannot_be_read_gets_a_line_that_says_what_to_do(text, tmp_path):
+    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=r"run\.csv") as error:
+        read(survey(tmp_path / "run.csv"))
+    assert REFUSED[text] in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
+    file = tmp_path / "run.csv"
+    file.write_text("0 world 0 1 0\n.1 world 0 1 0\n", encoding="utf-8")
+    said = Options(columns={"t": "0", "x": "2", "y": "3", "z": "4"})
+    assert len(read(survey(file, said))["time"]) == 2
+    file.write_text(table("t,w,x,y,z", T, Q), encoding="utf-8")
+    assert "taken for a quaternion" in check(file, groups=("quaternion",)).notes[0]
+    file.write_text(table("t,q1,q2,q3,q4", T, R.as_quat()), encoding="utf-8")
+    assert "--quat wxyz" in check(file, groups=("quaternion",)).notes[0]
+    file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
+    layout = survey(file, Options(quat="wxyz"))
+    assert (layout.named, np.array_equal(read(layout)["quaternion"], Q)) == (False, True)
+    file.write_text("t,x [furlong],y,z,b\n0,0,1,0,-1.#IND\n1,-1.#IND,1.#INF,0,5\n", encoding="utf-8")
+    layout = survey(file)
+    assert read(layout)["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
+    assert ("'furlong' is no known unit" in layout.notes[0], "not used: b" in layout.columns) == (True, True)
+    file.write_text("10 0 1 0\n20 0 0 0\n10 0 1 0\n20 0 0 0\n", encoding="utf-8")
+    said = {"columns": {"x": "1", "y": "2", "z": "3"}, "step": 0.5}
+    with pytest.raises(ValueError, match="the column 0 has 10, 20 in turn"):
+        survey(file, Options(**said))
+    assert read(survey(file, Options(**said, where={"0": "10"})))["time"].tolist() == [[0], [0.5]]
+    for wrong in (
+        {"units": {"omega": "furlong"}},
+        {"units": {"o": "s"}},
+        {"angles": "ZXX"},
+        {"where": {"a": "b"}},
+        {"step": 1.0},
+    ):
+        file.write_text(table("t,roll,pitch,yaw", T, X), encoding="utf-8")
+        with pytest.raises(ValueError, match=f"--{next(iter(wrong))}"):
+            survey(file, Options(**wrong))
+
+
+def test_digits_of_the_times(tmp_path):
+    file = tmp_path / "run.csv"
+    for times, number, floor in (
+        (np.arange(20) / 7.5, "{:.6f}", 5e-7),
+        (np.arange(20) / 10, "{:.6f}", 0),
+        (1.7e9 + T, "{:.17g}", 1.2e-7),
+    ):
+        file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=number), encoding="utf-8")
+        assert survey(file).floor["time"] == pytest.approx(floor, rel=0.01)
+
+
+def test_units():
+    for word, factor in (
+        ("deg/s", 1 / DEG),
+        ("°/s", 1 / DEG),
+        ("rad s^-1", 1),
+        ("degrees per second", 1 / DEG),
+        ("rpm", np.pi / 30),
+        ("µs", 1e-6),
+        ("rad/ms", 1e3),
+    ):
+        assert unit_of(word).factor == pytest.approx(factor)
+    assert unit_of("furlong") is None
