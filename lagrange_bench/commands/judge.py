@@ -5,18 +5,21 @@ Print its errors: position, direction of the axis, rotation, spin about the axis
 and angular momentum, as far as the file has them. Also says whether the start is right, and which convention is perhaps another
 one.
 
-Columns are found by the names in the header; capitals and units in brackets do not matter:
-  t | time                       s
-  px py pz | pos_x … | x y z     m, position of the centre of mass; ux uy uz | u0 u1 u2: its displacement
-  qw qx qy qz | q_w … | quat_w … quaternion, body to world; q0 … q3 | e0 … e3 in the order of --quat
-  r11 r12 … r33 | r00 … r22      matrix, body to world, row by row
-  rx ry rz | rvx rvy rvz         rotation vector, rad
-  roll pitch yaw                 rad, about the fixed axes x, y, z in this order
-  wx wy wz | omega_x …           rad/s, in the frame of --omega; angular_velocity_x … is known, too, as are position_x … and
-                                 orientation_w …, with points in place of _
-Commas, semicolons, tabs or blanks separate them, # and % start comments, decimals need a point. A program that has the axis
-of symmetry elsewhere, or another axis upwards: --axis z, --up y, or --up=-y. The smallest turn leads from there to the frames
-of the case; where that is half a turn, it is about x.
+Columns are found by what their names mean, not by a list: topic.pose.orientation.x, quat_x and qx are the same. Capitals, points,
+slashes, underscores and brackets do not matter; a group may have a name before it, such as that of the body.
+  t | time | timestamp | …       s; header.stamp.sec and .nanosec are added
+  px | position.x | top.x …      m, position of the centre of mass; ux uy uz: its displacement
+  qw | rotation.w | quat_w …     quaternion, body to world; q0 … q3, q[0] … in the order of --quat; q1 … q4: scalar last
+  r11 … r33 | m00 … m22 | …      matrix, body to world, row by row
+  rx ry rz | mrp1 … | axis_x …   rotation vector, modified Rodrigues parameters, axis and angle
+  roll pitch yaw                 about the fixed axes x, y, z in this order; all other angles need --angles
+  wx | angvel.x | gyro_x …       rad/s, in the frame of --omega
+  qpos, qvel                     of a free or a ball joint of MuJoCo
+Units in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names are converted. Of text, the names are in
+the last line over the numbers that has as many words; commas, semicolons, tabs, bars or blanks separate them. Decimal commas,
+exponents with D, UTF-16, .gz, JSON (lines, rows or arrays), .npz, .parquet and .mat are read. What may be two things is refused,
+with the option that decides. A program that has the axis of symmetry elsewhere, or another axis upwards: --axis z, --up y, or
+--up=-y. The smallest turn leads from there to the frames of the case; where that is half a turn, it is about x.
 
 Times that are next to decimals of nine digits (to 1e-10 of the last one, with fewer than 100 rows 5e-13) are taken as these,
 for sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
@@ -27,6 +30,7 @@ examples:
   lagrange-bench judge run.csv --case bruels
   lagrange-bench judge coarse.csv fine.csv --case bruels                 with the observed orders
   lagrange-bench judge run.txt --case bruels --columns t=0,x=1,y=2,z=3   without a header
+  lagrange-bench judge a.csv --case bruels --where body=top --units omega=deg/s --angles ZXZ
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
 exit codes: 0 done · 1 a bound is violated, or the run ends early · 2 a file that cannot be judged
@@ -43,7 +47,7 @@ HIDDEN = 100  # an error of so many times the floor of its digits is not hidden 
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a text file with a row for each time")
+    command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a table with a row for each time")
     text = (
         "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; or "
     )

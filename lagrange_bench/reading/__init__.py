@@ -147,8 +147,9 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     if "time" in chosen:
         i = chosen["time"].places[0]
         floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
-    if how.step is not None and (mixed := [i for i in labels if _cyclic([row[i] for row in table.sample])]):
-        raise ValueError(f"{path}: {_several(header, table, mixed[0])}")
+    for i in labels:
+        if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
+            raise ValueError(f"{path}: {_several(header, table, i)}")
     places = {kind: group.places for kind, group in chosen.items()}
     return Layout(path, table, how, places, named, floor, notes, "; ".join(words), factors, rows, labels)
 
@@ -206,7 +207,7 @@ def _label(name: str, sample: Sequence[Sequence[str]], i: int, how: Options) -> 
     """Whether a column may say of which body a row is: it has a few words or whole numbers in turn."""
     words = [row[i] for row in sample if i < len(row)]
     values = set(words)
-    if not 2 <= len(values) <= 50 or "" in values:
+    if not 2 <= len(values) < min(len(words), 50) or "" in values:
         return False
     if any(not is_number(word) for word in values):
         return True
@@ -419,12 +420,13 @@ def read(layout: Layout) -> dict[str, Array]:
 
 def _once(layout: Layout, given: dict[str, Array]) -> None:
     """Leave out rows that are equal to those before; ValueError where rows are of several bodies."""
-    t = given["time"][:, 0]
-    late = np.flatnonzero(~(np.diff(t) > 0)) + 1
-    if len(late) and layout.labels:
+    steps = np.diff(given["time"][:, 0])
+    late = np.flatnonzero(~(steps > 0)) + 1
+    again = np.flatnonzero(steps == 0) + 1
+    same = [i for i in again if all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())]
+    if len(late) > len(same) and layout.labels:
         header = layout.table.names or [""] * layout.table.width
         raise ValueError(f"{layout.path}: {_several(header, layout.table, layout.labels[0])}")
-    same = [i for i in late if all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())]
     if same:
         layout.notes.append(
             f"{len(same)} row{'s are' if len(same) > 1 else ' is'} equal to the one before, and left out."
