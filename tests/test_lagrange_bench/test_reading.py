@@ -198,7 +198,7 @@ REFUSED = {  # what is in a file → what the line says
     "0 0 1 0\n.1 0 1 0\n": "it has no header. Name them: --columns t=0",
     "x,y,z\n0,1,0\n0,1,0\n": "or say --step SECONDS",
     "t,x,y,z,x\n0,0,1,0,5\n": "names occur twice, such as 'x'",
-    "t,body,x,y,z\n0,base,0,0,0\n.5,top,0,1,0\n1,base,0,0,0\n": "the column body has base, top in turn; say which rows: --where body=top",
+    "t,body,x,y,z\n0,base,0,0,0\n.5,top,0,1,0\n1,base,0,0,0\n": "the column body has base, top in turn; say which",
     "t,A1.x,A1.y,A1.z,B1.x,B1.y,B1.z\n0,0,1,0,0,1,0\n": "several columns may be the position: A1.x A1.y A1.z; B1",
     "t,q0,q1,q2,q3,e0,e1,e2,e3\n0,1,0,0,0,1,0,0,0\n": "several columns may be the quaternion",
     "t,phi,theta,psi\n0,0,0,0\n": "phi theta psi are angles: say about which axes, --angles ZYX",
