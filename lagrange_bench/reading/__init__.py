@@ -115,8 +115,18 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     ]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
     chosen = _choose(path, groups, header, sample, how, notes)
+    if (
+        how.step is not None
+        and "time" in chosen
+        and not all(is_number(row[chosen["time"].places[0]]) for row in sample)
+    ):
+        del chosen["time"]  # dates
     if how.step is None and "time" not in chosen:
-        there = f"its columns are {' '.join(table.names)[:200]}" if table.names else "it has no header"
+        there = (
+            f"its columns are {' '.join(table.names)[:200]}"
+            if table.names
+            else f"it has no header of {table.width} names"
+        )
         raise ValueError(
             f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
         )
@@ -260,29 +270,7 @@ def _choose(
             raise ValueError(f"{path}: names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
         if best:
             chosen[kind] = best[0]
-    angles = chosen.get("angles")
-    if how.angles and (angles is None or not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]", how.angles.lower())):
-        raise ValueError(
-            f"--angles {how.angles}: "
-            + (
-                "three axes, such as ZXZ or xyz"
-                if angles
-                else f"{path} has no angles; name them: --columns angle1=…,angle2=…,angle3=…"
-            )
-        )
-    if angles is not None and how.angles is None and angles.order != "roll pitch yaw":
-        words = " ".join(header[i] or f"{i}" for i in angles.places)
-        notes.append(f"{words} are angles: say about which axes, --angles ZYX (that move) or xyz (that do not).")
-        del chosen["angles"]
-    elif (
-        angles is not None
-        and how.angles
-        and len(axes := how.angles.lower()) == len(set(axes))
-        and angles.order in ROLES[:3]
-    ):
-        angles.places = [
-            angles.places["xyz".index(axis)] for axis in axes
-        ]  # roll is about x, pitch about y, yaw about z
+    _order_angles(path, chosen, header, how, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
             words = " ".join(header[i] for i in group.places)
@@ -290,6 +278,25 @@ def _choose(
                 f"{words} are no quaternion: if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
             )
     return chosen
+
+
+def _order_angles(path: Path, chosen: dict[str, Group], header: list[str], how: Options, notes: list[str]) -> None:
+    """Angles in the order in which --angles names their axes; without it only roll, pitch and yaw are known."""
+    angles, axes = chosen.get("angles"), how.angles
+    if axes is not None:
+        if not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]", axes.lower()) or axes not in (
+            axes.lower(),
+            axes.upper(),
+        ):
+            raise ValueError(f"--angles {axes}: three axes are needed, such as ZXZ or xyz")
+        if angles is None:
+            raise ValueError(f"--angles {axes}: {path} has no angles; name them: --columns angle1=…,angle2=…,angle3=…")
+        if len(set(axes)) == 3 and angles.order in ROLES[:3]:  # roll is about x, pitch about y, yaw about z
+            angles.places = [angles.places["xyz".index(axis)] for axis in axes.lower()]
+    elif angles is not None and angles.order != "roll pitch yaw":
+        words = " ".join(header[i] or f"{i}" for i in angles.places)
+        notes.append(f"{words} are angles: say about which axes, --angles ZYX (that move) or xyz (that do not).")
+        del chosen["angles"]
 
 
 def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
@@ -451,18 +458,10 @@ def _turned(layout: Layout, given: dict[str, Array]) -> None:
         elif kind == "angles":
             turns = Rotation.from_euler(str(how.angles), values)
         else:
-            with np.errstate(invalid="ignore"):
-                turns = Rotation.from_rotvec(
-                    np.nan_to_num(values[:, :3] / np.linalg.norm(values[:, :3], axis=1, keepdims=True)) * values[:, 3:]
-                )
+            lengths = np.linalg.norm(values[:, :3], axis=1, keepdims=True)
+            turns = Rotation.from_rotvec(values[:, :3] / np.where(lengths > 0, lengths, 1.0) * values[:, 3:])
         vectors = turns.as_rotvec()
         vectors[bad] = math.nan
-        free = next(name for name in ("rotation vector", "matrix", "quaternion") if name not in given)
-        given[free] = (
-            vectors
-            if free == "rotation vector"
-            else turns.as_matrix().reshape(-1, 9)
-            if free == "matrix"
-            else turns.as_quat(scalar_first=True)
-        )
-        layout.floor[free] = layout.floor.get(kind, 0.0)
+        if "rotation vector" in given:
+            raise ValueError(f"{layout.path}: {kind} and a rotation vector are there; choose one by --columns")
+        given["rotation vector"], layout.floor["rotation vector"] = vectors, layout.floor.get(kind, 0.0)

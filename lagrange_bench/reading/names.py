@@ -198,7 +198,18 @@ class Group:
     twice: bool = False
 
 
-QUATERNIONS = ("w x y z", "s x y z", "scalar x y z", "real x y z", "w i j k", "s i j k", "0 1 2 3", "1 2 3 4")
+QUATERNIONS = (
+    "w x y z",
+    "s x y z",
+    "scalar x y z",
+    "real x y z",
+    "w i j k",
+    "s i j k",
+    "r i j k",
+    "real i j k",
+    "0 1 2 3",
+    "1 2 3 4",
+)
 VECTORS = ("x y z", "0 1 2", "1 2 3")
 NINE = tuple(" ".join(a + b for a in row for b in row) for row in ("123", "012", "xyz"))
 FLAT = tuple(" ".join(map(str, range(k, k + 9))) for k in (0, 1))
@@ -208,7 +219,7 @@ SHAPES: dict[
     "": (),
     None: (
         ("quaternion or position", ("w x y z",)),
-        ("quaternion", QUATERNIONS[1:6]),
+        ("quaternion", QUATERNIONS[1:-2]),
         ("position", ("x y z",)),
         ("angles", ROLES[1:4]),
         ("omega", ("p q r",)),

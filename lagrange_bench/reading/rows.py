@@ -23,6 +23,7 @@ HEAD = 1 << 18  # characters in which the header and some rows must stand
 SAMPLE = 400  # rows that are looked at before all are read
 SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
+RULE = re.compile(r"[-=+|:\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
 MISSING = {
     "",
@@ -90,9 +91,9 @@ def number(word: str, comma: bool = False) -> float:
         return float(f"{odd[1]}inf") if odd[2] else math.nan
     if plain.lower().lstrip("+-") in ("inf", "infinity"):
         return float(plain)
-    raise ValueError(
-        f"{word[:40]!r} is no number" + " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
-    )
+    why = " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
+    why += "; without times in seconds, say --step SECONDS" * bool(re.match(r"\d{4}-\d\d", plain))
+    raise ValueError(f"{word[:40]!r} is no number{why}")
 
 
 def is_number(word: str, comma: bool = False) -> bool:
@@ -205,7 +206,7 @@ class Text:
         first = next(line.strip() for line in self.lines if line.strip())
         if first.startswith(("{", "[{")) or first == "[":
             return self._json(first)
-        shown = [(i, line) for i, line in enumerate(self.lines) if line.strip()]
+        shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
         self.separator = max(SEPARATORS, key=lambda separator: self._score(rows[: 2 * SAMPLE], separator))
         self.comma = self.separator != ","

@@ -203,7 +203,7 @@ FILES = {  # what is in it → exit code, what is said
     "s,x,y,z\n0,0,1,0": (2, "its columns are s x y z"),
     "t,a,b\n0,1,2": (2, "angular velocity. Its columns are t a b. Name them: --columns x=1"),
     "t,x,y,z,w\n0,0,1,0,9": (0, "read as time t; position x y z; not used: w"),
-    "0 0 1 0\n": (2, "no column is named t or time; it has no header. Name them: --columns t=0,x=1"),
+    "0 0 1 0\n": (2, "no column is named t or time; it has no header of 4 names. Name them: --columns t=0,x=1"),
     "t,qx,qy,qz\n0,1,2,3": (2, "No quaternion: there is no column qw."),
     "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
     "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),

@@ -147,6 +147,7 @@ WAYS = {  # how text is written → the bytes of the file
     "tabs, one at the end": lambda: table("t\tx\ty\tz", T, X, separator="\t", end="\t\n").replace("z\t", "z"),
     "tabs, also below the header": lambda: table("t\tx\ty\tz\t", T, X, separator="\t", end="\t\n").replace("\t\t", "\t"),
     "blanks": lambda: table("Time (s)  X (m)  Y (m)  Z (m)", T, X, separator="   "),
+    "Markdown": lambda: table("|t|x|y|z|\n|---|---|---|---|", [""] * 12, *map(list, [T, *X.T]), separator="|", number="{}"),
     "bars": lambda: table("t|x|y|z", T, X, separator="|"),
     "decimal commas": lambda: table("t;x;y;z", T, X, separator=";").replace(".", ","),
     "decimal commas, tabs": lambda: table("t\tx\ty\tz", T, X, separator="\t").replace(".", ","),
@@ -195,7 +196,7 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
 
 
 REFUSED = {  # what is in a file → what the line says
-    "0 0 1 0\n.1 0 1 0\n": "it has no header. Name them: --columns t=0",
+    "0 0 1 0\n.1 0 1 0\n": "it has no header of 4 names. Name them: --columns t=0",
     "x,y,z\n0,1,0\n0,1,0\n": "or say --step SECONDS",
     "t,x,y,z,x\n0,0,1,0,5\n": "names occur twice, such as 'x'",
     "t,body,x,y,z\n0,base,0,0,0\n.5,top,0,1,0\n1,base,0,0,0\n": "the column body has base, top in turn; say which",
@@ -212,7 +213,7 @@ REFUSED = {  # what is in a file → what the line says
     "PK\x03\x04": "an archive or a spreadsheet",
     "SQLite format 3\0": "write its topic as .csv",
     '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
-    "2024-01-01T00:00,0,1,0\n": "it has no header",
+    "time,x,y,z\n2024-01-01T00:00,0,1,0\n": "'2024-01-01T00:00' is no number; without times in seconds, say --step",
 }
 
 
