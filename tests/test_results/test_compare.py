@@ -66,20 +66,13 @@ def test_what_was_added_removed_and_changed(run, old, tmp_path):
 
 def test_a_foreign_journal_sends_nothing_to_the_terminal(run, tmp_path):
     evil = "\x1b]0;mine\x07\x1b[2J\x9b31m\r\x7f"
-    folders = [
-        store(
-            tmp_path / text,
-            ({"i": 1, evil: evil}, [{f"{evil}2": text, "b": evil * k}]),
-            ({"i": k}, None),
-            error=f"A: {evil}{k}",
-        )
-        for k, text in enumerate(("one", "two"), 1)
-    ]
+    cells = ({"i": 1, evil: evil}, [{"word": evil}]), ({"i": 2}, None)
+    old, new = store(tmp_path / "old", *cells, error=f"A: {evil}"), store(tmp_path / "new", *cells[:1], error="A: b")
     for words in (
-        ("compare", *folders),
-        ("compare", *folders, "--verbose"),
-        ("verify", folders[0]),
-        ("figure", "x", "--results", folders[0]),
+        ("compare", old, new, "--verbose"),
+        ("compare", new, old),
+        ("verify", old),
+        ("figure", "x", "--results", old),
     ):
         _, out, err = run(*words)
         assert out + err
@@ -113,18 +106,6 @@ def test_failures_and_other_numbers_of_rows_are_changes(old, tmp_path, rows, col
     assert compare.compare(new, new).same
 
 
-def test_how_far_a_timing_cell_goes_is_the_clocks_business(tmp_path):
-    cell = {"timing": True}
-    rows = [{"h": 1.0, "error": 1e-3, "seconds": 1.0}, {"h": 0.5, "error": 1e-4, "seconds": 2.0}]
-    old = store(tmp_path / "old", (cell, rows))
-    for name, new, same in (
-        ("row", rows[:1], True),
-        ("column", [rows[0], {"h": 0.5, "stopped": "too long", "predicted": 3.0}], True),
-        ("wrong", [rows[0], {**rows[1], "error": 2e-4}], False),
-    ):
-        assert compare.compare(old, store(tmp_path / name, (cell, new))).same is same
-
-
 def timed(folder, seed, ratio=1.0, raw=False):
     """A store of timings: lognormal noise, the samples of a cell together and each by itself."""
     draw, listed = random.Random(seed), []
@@ -148,21 +129,6 @@ def test_times_that_differ(run, tmp_path, raw):
     code, out, _ = run("compare", old, new, "--times")
     assert (code, "slower" in out) == (1, True)
     assert run("compare", old, new, "--times", "--threshold", "0.5")[0] == 0
-
-
-def test_the_same_code_twice_has_the_same_times():
-    """Fifty pairs of runs of one code, the second on a machine 5 % slower: at most two are called different."""
-    same = 0
-    for seed in range(50):
-        draw = random.Random(seed)
-
-        def record(shift, draw=draw):
-            row = {"ns_per_step": 20.0 * shift * draw.lognormvariate(0, 0.05)}
-            return {"experiment": "toy", "cell": {"method": "m", "timing": True}, "rows": [row]}
-
-        (group,) = compare.paired_times([(record(1.0), record(1.05)) for _ in range(24)])
-        same += group.verdict == "same"
-    assert same >= 48
 
 
 def test_which_columns_are_times_and_many_tests_are_corrected_for():
@@ -368,10 +334,7 @@ IMPORTS = (
     "import helper as h, os",
     "from helper import (  # a comment)\n    x,\n)",
     "def f():\n    from helper import x",
-    "import numpy; import helper",
-    "import \\\n    helper",
     "import middle",
-    "from lagrange_bench import integrate\nimport helper",
 )
 
 
@@ -385,24 +348,6 @@ def test_all_that_a_file_of_ones_own_imports_counts(folder, text):
     assert first not in (None, folder("helper.py", "x = 2\n"))
     assert first == folder("helper.py", "x = 1\n") == folder("other.py", "x = 2\n")
     assert "mine" not in sys.modules, "nothing of the user's is run for it"
-
-
-def test_what_the_bench_offers_counts_where_it_is_defined(folder):
-    folder("mine.py", "from lagrange_bench import explicit_stepper, drift\nfrom lagrange_bench import METHODS\n")
-    found = Sources().files(["mine"])
-    assert "lagrange_bench.integrators.methods.explicit" in found
-    assert not {"lagrange_bench", "lagrange_bench.questions", "lagrange_bench.integrators.registry"} & set(found)
-
-
-def test_an_installed_package_counts_if_it_is_asked_for(folder):
-    folder("x-1.dist-info/METADATA", "")
-    folder("deep/__init__.py", "")
-    folder("deep/methods.py", "from deep import kernels\nimport beside\n")
-    folder("beside.py", "")
-    first = folder("deep/kernels.py", "x = 1\n", "deep.methods:METHOD")
-    assert first is not None
-    assert first == folder("beside.py", "x = 1\n", "deep.methods:METHOD")
-    assert first != folder("deep/kernels.py", "x = 2\n", "deep.methods:METHOD")
 
 
 def test_what_cannot_be_known_is_not(folder):
