@@ -10,11 +10,12 @@ from __future__ import annotations
 import math
 
 from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.unroll import unrolled
 
 SPLITTER = 134217729.0  # 2^27 + 1
 
 
-@jit(inline=True)
+@unrolled
 def two_sum(a, b):
     """a + b, and what its rounding leaves out."""
     s = a + b
@@ -22,7 +23,7 @@ def two_sum(a, b):
     return s, (a - (s - t)) + (b - t)
 
 
-@jit
+@unrolled
 def two_prod(a, b):
     p = a * b
     t = SPLITTER * a
@@ -34,24 +35,24 @@ def two_prod(a, b):
     return p, ((ah * bh - p) + ah * bl + al * bh) + al * bl
 
 
-@jit
+@unrolled
 def quick(hi, lo):
     """Renormalise when |hi| >= |lo|."""
     s = hi + lo
     return s, lo - (s - hi)
 
 
-@jit
+@unrolled
 def dd(a):
     return a, 0.0
 
 
-@jit
+@unrolled
 def neg(a):
     return -a[0], -a[1]
 
 
-@jit
+@unrolled
 def add(a, b):
     s, e = two_sum(a[0], b[0])
     t, f = two_sum(a[1], b[1])
@@ -59,31 +60,31 @@ def add(a, b):
     return quick(s, e + f)
 
 
-@jit
+@unrolled
 def sub(a, b):
     return add(a, (-b[0], -b[1]))
 
 
-@jit
+@unrolled
 def mul(a, b):
     p, e = two_prod(a[0], b[0])
     return quick(p, e + (a[0] * b[1] + a[1] * b[0]))
 
 
-@jit
+@unrolled
 def scale(a, s):
     """a times a power of two (exact)."""
     return a[0] * s, a[1] * s
 
 
-@jit
+@unrolled
 def times(a, b):
     """a times a double."""
     p, e = two_prod(a[0], b)
     return quick(p, e + a[1] * b)
 
 
-@jit
+@unrolled
 def div(a, b):
     q = a[0] / b[0]
     p, e = two_prod(q, b[0])
@@ -113,24 +114,24 @@ def small_turn(angle, terms):
 # complex numbers are pairs (real, imaginary) of double-doubles
 
 
-@jit
+@unrolled
 def cadd(a, b):
     return add(a[0], b[0]), add(a[1], b[1])
 
 
-@jit
+@unrolled
 def cmul(a, b):
     return sub(mul(a[0], b[0]), mul(a[1], b[1])), add(mul(a[0], b[1]), mul(a[1], b[0]))
 
 
-@jit
+@unrolled
 def cdiv(a, b):
     n = add(mul(b[0], b[0]), mul(b[1], b[1]))
     re, im = cmul(a, (b[0], neg(b[1])))
     return div(re, n), div(im, n)
 
 
-@jit
+@unrolled
 def cscale(a, r):
     """Complex times a real double-double."""
     return mul(a[0], r), mul(a[1], r)

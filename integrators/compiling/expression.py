@@ -21,6 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
 from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, Number, unrolled
 
 PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
@@ -546,47 +547,18 @@ def machine_code(program: Program) -> Any:
     return evaluate
 
 
-@jit(inline=True)
-def one(c, first):
-    return (c[first],)
-
-
-@jit(inline=True)
-def nothing(c, first):
-    return ()
-
-
 @cache
 def take(count: int) -> Any:
     """(c, first) → the tuple of `count` doubles that begins at c[first], for compiled kernels."""
-    if count <= 1:
-        return one if count else nothing
-    half = count // 2
-    begin, end = take(half), take(count - half)
 
     @jit(inline=True)
     def some(c, first):
-        return begin(c, first) + end(c, first + half)
+        return load_tuple(c, first, count)
 
     return some
-
-
-@jit(inline=True)
-def put_one(c, first, values):
-    c[first] = values[0]
 
 
 @cache
 def put(count: int) -> Any:
     """(c, first, values) writes a tuple of `count` ≥ 1 doubles to where `take` finds it."""
-    if count == 1:
-        return put_one
-    half = count // 2
-    begin, end = put(half), put(count - half)
-
-    @jit(inline=True)
-    def some(c, first, values):
-        begin(c, first, values[:half])
-        end(c, first + half, values[half:])
-
-    return some
+    return store_tuple

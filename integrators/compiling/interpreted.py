@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import COMPILED, is_kept
+from lagrange_bench.integrators.compiling.compiled import COMPILED, Kernel, is_kept
 
 PATIENCE = (
     4.0  # seconds that a kernel is interpreted in a process, about what compiling takes; 0 where times are measured
@@ -72,9 +72,9 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
         return functions
     if isinstance(thing, ModuleType) and thing.__name__.startswith(PACKAGE):
         return _Kernels(thing, functions)
-    # what is `unrolled` is an ordinary function, and where nothing is compiled a kernel is one
-    function = unwrap(thing) if hasattr(thing, "py_func") else thing
-    if hasattr(thing, "overloads") or (functions is not math and isinstance(function, FunctionType)):
+    # what is `unrolled`, and an intrinsic, has a Python function, and where nothing is compiled a kernel is one
+    function = unwrap(thing) if isinstance(thing, Kernel) else getattr(thing, "py_func", thing)
+    if function is not thing or (functions is not math and isinstance(function, FunctionType)):
         return _function(function, functions)
     return function
 

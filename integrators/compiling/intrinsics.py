@@ -1,11 +1,13 @@
 """Loads and stores without checks, for kernels; sizes and strides must be literals.
 
-Public means of Numba only (`numba.extending`). Without compilation they are Python functions that do the same.
+Public means of Numba only (`numba.extending`). Each has a Python function that does the same, for where nothing is compiled.
 """
 
 from __future__ import annotations
 
 import operator
+from collections.abc import Callable
+from typing import Any
 
 from numba import TypingError, types
 from numba.core import cgutils
@@ -13,103 +15,152 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 
 from lagrange_bench.integrators.compiling.compiled import COMPILED
 
-if not COMPILED:
 
-    def stack(size):
-        return [0.0] * size
+def as_python(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
+    """The decorator for an intrinsic that does what a Python function does."""
 
-    def column(array, place, count, stride):
-        return tuple(array.reshape(-1)[place : place + count * stride : stride])
+    def decorate(typed: Callable[..., Any]) -> Any:
+        if not COMPILED:
+            return function
+        made: Any = intrinsic(typed)
+        made.py_func = function  # as of a kernel
+        return made
 
-    def put_column(array, place, values, stride):
-        array.reshape(-1)[place : place + len(values) * stride : stride] = values
+    return decorate
 
-    def strided(array, place, stride):
-        return array[place::stride]
 
-else:
+def literals(*numbers):
+    """Their values; Numba tries any integers first, and after this error constants."""
+    if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
+        raise TypingError("sizes and strides must be constants")
+    return [number.literal_value for number in numbers]
 
-    def literals(*numbers):
-        """Their values; Numba tries any integers first, and after this error constants."""
-        if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
-            raise TypingError("sizes and strides must be constants")
-        return [number.literal_value for number in numbers]
 
-    @intrinsic
-    def stack(typingctx, size):
-        """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+@as_python(lambda size: [0.0] * size)
+def stack(typingctx, size):
+    """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
 
-        Not in the constants of a kernel: two threads may share those.
-        """
-        (count,) = literals(size)
+    Not in the constants of a kernel: two threads may share those.
+    """
+    (count,) = literals(size)
 
-        def generate(context, builder, signature, args):
-            return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
+    def generate(context, builder, signature, args):
+        return cgutils.alloca_once(builder, context.get_value_type(types.float64), size=count)
 
-        return types.CPointer(types.float64)(size), generate
+    return types.CPointer(types.float64)(size), generate
 
-    @intrinsic
-    def column(typingctx, array, place, count, stride):
-        """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
 
-        Rows of the array lie one after the other, as in C.
+@as_python(lambda numbers, first, count: tuple(numbers[k] for k in range(first, first + count)))
+def load_tuple(typingctx, numbers, first, count):
+    """numbers[first], numbers[first + 1], … as a tuple, of an array, a pointer or a tuple; `count` is a literal."""
+    (size,) = literals(count)
+    item = typingctx.resolve_function_type(operator.getitem, (numbers, types.intp), {})
 
-        Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
-        becomes SIMD code without any test for overlaps.
-        """
-        number, distance = literals(count, stride)
+    def generate(context, builder, signature, args):
+        get = context.get_function(operator.getitem, item)
+        places = [builder.add(args[1], args[1].type(k)) for k in range(size)]
+        return context.make_tuple(builder, signature.return_type, [get(builder, (args[0], place)) for place in places])
 
-        def generate(context, builder, signature, args):
-            data = context.make_array(signature.args[0])(context, builder, args[0]).data
-            places = [builder.add(args[1], args[1].type(k * distance)) for k in range(number)]
-            loaded = [builder.load(builder.gep(data, [place])) for place in places]
-            return context.make_tuple(builder, signature.return_type, loaded)
+    return types.Tuple([item.return_type] * size)(numbers, types.intp, count), generate
 
-        return types.UniTuple(array.dtype, number)(array, types.int64, count, stride), generate
 
-    @intrinsic
-    def put_column(typingctx, array, place, values, stride):
-        """array[place], array[place + stride], … = values, a tuple; see `column`."""
-        (distance,) = literals(stride)
+def _store(numbers: Any, first: int, values: tuple[Any, ...]) -> None:
+    for k, value in enumerate(values, first):
+        numbers[k] = value
 
-        def generate(context, builder, signature, args):
-            data = context.make_array(signature.args[0])(context, builder, args[0]).data
-            for k in range(len(signature.args[2])):
-                place = builder.add(args[1], args[1].type(k * distance))
-                builder.store(builder.extract_value(args[2], k), builder.gep(data, [place]))
-            return context.get_dummy_value()
 
-        return types.none(array, types.int64, values, stride), generate
+@as_python(_store)
+def store_tuple(typingctx, numbers, first, values):
+    """numbers[first], numbers[first + 1], … = values, a tuple; `numbers` as of `load_tuple`."""
+    item = typingctx.resolve_function_type(operator.setitem, (numbers, types.intp, numbers.dtype), {})
 
-    class Strided(types.CPointer):
-        """A pointer to array[place], array[place + stride], … that Numba reads and writes by index, unchecked."""
-
-        key = property(lambda kind: (kind.dtype, kind.stride))
-
-        def __init__(self, dtype, stride):
-            self.stride = stride
-            super().__init__(dtype)
-            self.name = f"Strided({dtype}, {stride})"
-
-    register_model(Strided)(models.PointerModel)
-
-    @intrinsic
-    def strided(typingctx, array, place, stride):
-        """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
-
-        def generate(context, builder, signature, args):
-            return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
-
-        return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
-
-    def _place(builder, kind, args):
-        return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
-
-    @lower_builtin(operator.getitem, Strided, types.intp)
-    def read_strided(context, builder, signature, args):
-        return builder.load(_place(builder, signature.args[0], args))
-
-    @lower_builtin(operator.setitem, Strided, types.intp, types.Any)
-    def write_strided(context, builder, signature, args):
-        builder.store(args[2], _place(builder, signature.args[0], args))
+    def generate(context, builder, signature, args):
+        set_item = context.get_function(operator.setitem, item)
+        for k in range(len(values)):
+            place = builder.add(args[1], args[1].type(k))
+            set_item(builder, (args[0], place, builder.extract_value(args[2], k)))
         return context.get_dummy_value()
+
+    return types.none(numbers, types.intp, values), generate
+
+
+def _column(array: Any, place: int, count: int, stride: int) -> tuple[Any, ...]:
+    return tuple(array.reshape(-1)[place : place + count * stride : stride])
+
+
+@as_python(_column)
+def column(typingctx, array, place, count, stride):
+    """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+
+    Rows of the array lie one after the other, as in C.
+
+    Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
+    becomes SIMD code without any test for overlaps.
+    """
+    number, distance = literals(count, stride)
+
+    def generate(context, builder, signature, args):
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        places = [builder.add(args[1], args[1].type(k * distance)) for k in range(number)]
+        loaded = [builder.load(builder.gep(data, [place])) for place in places]
+        return context.make_tuple(builder, signature.return_type, loaded)
+
+    return types.UniTuple(array.dtype, number)(array, types.int64, count, stride), generate
+
+
+def _put_column(array: Any, place: int, values: tuple[Any, ...], stride: int) -> None:
+    array.reshape(-1)[place : place + len(values) * stride : stride] = values
+
+
+@as_python(_put_column)
+def put_column(typingctx, array, place, values, stride):
+    """array[place], array[place + stride], … = values, a tuple; see `column`."""
+    (distance,) = literals(stride)
+
+    def generate(context, builder, signature, args):
+        data = context.make_array(signature.args[0])(context, builder, args[0]).data
+        for k in range(len(signature.args[2])):
+            place = builder.add(args[1], args[1].type(k * distance))
+            builder.store(builder.extract_value(args[2], k), builder.gep(data, [place]))
+        return context.get_dummy_value()
+
+    return types.none(array, types.int64, values, stride), generate
+
+
+class Strided(types.CPointer):
+    """A pointer to array[place], array[place + stride], … that Numba reads and writes by index, unchecked."""
+
+    key = property(lambda kind: (kind.dtype, kind.stride))
+
+    def __init__(self, dtype, stride):
+        self.stride = stride
+        super().__init__(dtype)
+        self.name = f"Strided({dtype}, {stride})"
+
+
+register_model(Strided)(models.PointerModel)
+
+
+@as_python(lambda array, place, stride: array[place::stride])
+def strided(typingctx, array, place, stride):
+    """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
+
+    def generate(context, builder, signature, args):
+        return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
+
+    return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
+
+
+def _place(builder, kind, args):
+    return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
+
+
+@lower_builtin(operator.getitem, Strided, types.intp)
+def read_strided(context, builder, signature, args):
+    return builder.load(_place(builder, signature.args[0], args))
+
+
+@lower_builtin(operator.setitem, Strided, types.intp, types.Any)
+def write_strided(context, builder, signature, args):
+    builder.store(args[2], _place(builder, signature.args[0], args))
+    return context.get_dummy_value()

@@ -37,7 +37,7 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling import double_double
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import dd, scale
+from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, scale, sub, times, two_prod
 from lagrange_bench.integrators.compiling.expression import Program, record
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.lanes import LANES
@@ -59,9 +59,7 @@ PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
 
 increments, spectral_polynomial = jit(real_map.increments, inline=True), jit(ts.spectral_polynomial, inline=True)
 nutation_cubic, lower_roots = jit(ts.nutation_cubic, inline=True), jit(ts.lower_roots, inline=True)
-add, sub, mul = (jit(f, inline=True) for f in (double_double.add, double_double.sub, double_double.mul))
-div, root, times = (jit(f, inline=True) for f in (double_double.div, double_double.sqrt, double_double.times))
-two_prod = jit(double_double.two_prod, inline=True)
+root = jit(double_double.sqrt, inline=True)
 
 Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents
 
