@@ -230,7 +230,7 @@ def _measure_lanes(cell: dict) -> dict:
     for name, kernel in (("pinned", (real_map.step, real_map.pin, 8)), ("free", (real_map.step, None, 1 << 62))):
 
         def run(kernel=kernel, steps=steps):
-            run_lanes(kernel, states, c, tops, steps, steps, out, lambda: False, cell["lanes"])
+            run_lanes(kernel, states, c, tops, steps, steps, out, lambda: False, lanes=cell["lanes"])
 
         seconds = timing.time_call(run, repeats=9).min
         row[f"{name}_ns_per_step"] = rounded(seconds / steps / len(tops) * 1e9)

@@ -11,7 +11,7 @@ from typing import Any
 
 from numba import TypingError, types
 from numba.core import cgutils
-from numba.extending import intrinsic, lower_builtin, models, register_model
+from numba.extending import intrinsic
 
 from lagrange_bench.integrators.compiling.compiled import COMPILED
 
@@ -125,42 +125,3 @@ def put_column(typingctx, array, place, values, stride):
         return context.get_dummy_value()
 
     return types.none(array, types.int64, values, stride), generate
-
-
-class Strided(types.CPointer):
-    """A pointer to array[place], array[place + stride], … that Numba reads and writes by index, unchecked."""
-
-    key = property(lambda kind: (kind.dtype, kind.stride))
-
-    def __init__(self, dtype, stride):
-        self.stride = stride
-        super().__init__(dtype)
-        self.name = f"Strided({dtype}, {stride})"
-
-
-register_model(Strided)(models.PointerModel)
-
-
-@as_python(lambda array, place, stride: array[place::stride])
-def strided(typingctx, array, place, stride):
-    """The numbers of `column` as something that a kernel may write into; `stride` is a literal."""
-
-    def generate(context, builder, signature, args):
-        return builder.gep(context.make_array(signature.args[0])(context, builder, args[0]).data, [args[1]])
-
-    return Strided(array.dtype, *literals(stride))(array, types.int64, stride), generate
-
-
-def _place(builder, kind, args):
-    return builder.gep(args[0], [builder.mul(args[1], args[1].type(kind.stride))])
-
-
-@lower_builtin(operator.getitem, Strided, types.intp)
-def read_strided(context, builder, signature, args):
-    return builder.load(_place(builder, signature.args[0], args))
-
-
-@lower_builtin(operator.setitem, Strided, types.intp, types.Any)
-def write_strided(context, builder, signature, args):
-    builder.store(args[2], _place(builder, signature.args[0], args))
-    return context.get_dummy_value()

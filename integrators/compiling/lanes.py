@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.intrinsics import column, put_column, strided
-from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, SIZE
+from lagrange_bench.integrators.compiling.intrinsics import column, load_tuple, put_column, stack, store_tuple
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, MEMORY
 from lagrange_bench.integrators.interface import Array
 
 compiling = threading.Lock()
@@ -19,21 +19,23 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -> Callable:
-    """The loop around one kernel for `lanes` tops at a time, each with `size` constants of its own.
+def compile_lanes(step: Callable, pin: Callable | None, size: int, memory: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with `size` constants, and `memory` numbers from step to step.
 
     If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
     neighbours, and all bits are those of `compile_loop`.
     """
-    step = jit(step, inline=True)
+    step, tallies = jit(step, inline=True), MEMORY + memory
 
     @jit
     def run(columns, first, last, every, block, tops, out):
-        # `columns` holds blocks of columns of `lanes` numbers: states, tallies and constants. They are those of the `tops` of
+        # `columns` holds blocks of columns of `lanes` numbers: states, memories and constants. They are those of the `tops` of
         # `out`, −1 for a lane that is not used; its first row comes after `every` steps.
+        tally = stack(tallies)
         for b in range(len(tops) // lanes):
-            origin = b * (6 + SIZE + size) * lanes
-            constants = origin + (6 + SIZE) * lanes
+            origin = b * (6 + memory + size) * lanes
+            carried = origin + 6 * lanes
+            constants = carried + memory * lanes
             i = first
             row = i // every
             next_row = (row + 1) * every
@@ -51,8 +53,9 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
                     for j in range(lanes):
                         s = column(columns, origin + j, 6, lanes)
                         c = column(columns, constants + j, size, lanes)
-                        tally = strided(columns, origin + 6 * lanes + j, lanes)
+                        store_tuple(tally, MEMORY, column(columns, carried + j, memory, lanes))
                         put_column(columns, origin + j, step(s, c, tally), lanes)
+                        put_column(columns, carried + j, load_tuple(tally, MEMORY, memory), lanes)
                 i = stop
                 if i == next_row:
                     for j in range(lanes):
@@ -67,9 +70,9 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, lanes: int) -
 
 
 @jit
-def fill(columns, states, constants, places, lanes):
-    """The `columns` of the loop above: those of the rows `places` of states and constants, and tallies of zeros."""
-    width = 6 + SIZE + constants.shape[1]
+def fill(columns, states, constants, places, memory, lanes):
+    """The `columns` of the loop above: those of the rows `places` of states and constants, and memories of zeros."""
+    width = 6 + memory + constants.shape[1]
     for b in range(len(places) // lanes):
         origin = b * width * lanes
         for j in range(lanes):
@@ -77,8 +80,8 @@ def fill(columns, states, constants, places, lanes):
             for k in range(6):
                 columns[origin + k * lanes + j] = states[top, k]
             for k in range(constants.shape[1]):
-                columns[origin + (6 + SIZE + k) * lanes + j] = constants[top, k]
-        columns[origin + 6 * lanes : origin + (6 + SIZE) * lanes] = 0.0
+                columns[origin + (6 + memory + k) * lanes + j] = constants[top, k]
+        columns[origin + 6 * lanes : origin + (6 + memory) * lanes] = 0.0
 
 
 def run_lanes(
@@ -90,20 +93,21 @@ def run_lanes(
     every: int,
     out: Array,
     stopped: Callable[[], bool],
+    memory: int = 0,
     lanes: int = LANES,
 ) -> None:
     """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
 
-    `constants` (m, k) are those of each top. Rows of `out` (steps // every, m, 6) are the states after every, 2 every, …
-    steps. Ends early, its rows unfinished, once `stopped()`.
+    `constants` (m, k) are those of each top, `memory` says how many numbers the kernel carries from step to step. Rows of `out`
+    (steps // every, m, 6) are the states after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
     """
     step, pin, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # tops over again in the lanes left over
-    columns = np.empty(len(places) * (6 + SIZE + constants.shape[1]))
-    fill(columns, states, constants, places, lanes)
+    columns = np.empty(len(places) * (6 + memory + constants.shape[1]))
+    fill(columns, states, constants, places, memory, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, constants.shape[1], lanes)
+        run = compile_lanes(step, pin, constants.shape[1], memory, lanes)
         run(columns, 0, 0, 1, 1, places, out)
     stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):

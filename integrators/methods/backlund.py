@@ -43,8 +43,8 @@ LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 
-first_form, first_exact_constants = at_first_interpreted(real_map.form), at_first_interpreted(real_map.exact_constants)
-first_flow = at_first_interpreted(ts.flow)
+first_form, first_flow = at_first_interpreted(real_map.form), at_first_interpreted(ts.flow)
+first_nutation_period = at_first_interpreted(ts.nutation_period)
 
 
 def _stepper(
@@ -76,7 +76,7 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin: int) -> FixedStepper:
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    c, turn = first_exact_constants(units.alpha, tuple(state.tolist()), span)
+    c, turn = real_map.first_exact_constants(units.alpha, tuple(state.tolist()), span)
     return _stepper(name, h, units, state, c, pin, turn)
 
 
@@ -124,14 +124,15 @@ def many(
     dependent = np.zeros(n, dtype=bool)
     if pin:
         real_map.many_nearly_dependent(states, c, dependent)
-    kernels = real_map.KERNELS
-    steps_of_forms = (*((i, k, 1) for i, k in enumerate(kernels)), (HALVES, kernels[0], 2))
-    for (number, step, parts), precise in product(steps_of_forms, (False, True)):
+    forms_and_parts = (*((form, 1) for form in range(len(real_map.KERNELS))), (HALVES, 2))
+    for (number, parts), precise in product(forms_and_parts, (False, True)):
         tops = np.flatnonzero((forms == number) & (dependent == precise))
         if len(tops):
+            form = 0 if number == HALVES else number
+            step, memory = real_map.KERNELS[form], real_map.CARRIED[form]
             back = real_map.precise_pin if precise else real_map.pin
             kernel = (step, back, pin) if pin else (step, None, NEVER)
-            run_lanes(kernel, states, c, tops, parts * steps, parts * every, out, stopped)
+            run_lanes(kernel, states, c, tops, parts * steps, parts * every, out, stopped, memory)
     real_map.leave_many(out, forms, turns, every, units)
     return forms >= 0
 
@@ -141,7 +142,7 @@ def frames_exact(top: LagrangeTop, y0: Array, times: Array, pin: int = PIN) -> A
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
     # whole nutations have no λ of their own: steps of at most half of one, or of LONGEST_TURN where it takes for ever
-    longest = 0.5 * min(ts.nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
+    longest = 0.5 * min(first_nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
     if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")
     block = pin or NEVER

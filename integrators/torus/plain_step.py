@@ -38,7 +38,7 @@ import numpy as np
 from lagrange_bench.integrators.compiling import double_double
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, scale, sub, times, two_prod
-from lagrange_bench.integrators.compiling.expression import Program, record
+from lagrange_bench.integrators.compiling.expression import Program, record, sqrt
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.lanes import LANES
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -130,29 +130,23 @@ def _start_program() -> Program:
 
 
 @unrolled
-def start_values(P):
-    """R/τ and η/τ − 1."""
-    return _start_program()(*P)
-
-
-@jit(inline=True)
 def start(P):
     """(R, η, Re m, Im m) of the first time; m = √Q(λ) with Re m > 0."""
-    R, more = start_values(P)
+    R, more = _start_program()(*P)  # and η − 1
     eta = 1.0 + more
     t, r = 2.0 * R, R * R + eta * eta
     b3 = P[2] + t * P[3]
     b2 = P[1] + (t * b3 - r * P[3])
     b1 = P[0] + (t * b2 - r * b3)
     re, im = 1.0 + (R * b1 - r * b2), eta * b1  # Q(λ): divided by (u − λ)(u − λ̄)
-    mr = math.sqrt(0.5 * (math.sqrt(re * re + im * im) + re))
+    mr = sqrt(0.5 * (sqrt(re * re + im * im) + re))
     return R, eta, mr, 0.5 * im / mr
 
 
 # ---------------------------------------------------------------- doubling the time
 
 
-@jit(inline=True)
+@unrolled
 def slope(P, z):
     """N = 2|m|², G = Q'(λ) m̄ and B = N b = N Re m + η Im G; B > 0 as long as twice the time is below T_nut."""
     R, eta, mr, mi = z
@@ -166,9 +160,9 @@ def slope(P, z):
     return N, G, N * mr + eta * G[1]
 
 
-@jit(inline=True)
+@unrolled
 def double_time(P, z):
-    """(R, η, Re m, Im m) of twice the time, and whether that is below T_nut; see `time_step`."""
+    """(R, η, Re m, Im m) of twice the time, and what is positive as long as that is below T_nut; see `time_step`."""
     R, eta, mr, mi = z
     N, G, B = slope(P, z)
     over_b, over_n = 1.0 / B, 1.0 / N
@@ -178,13 +172,13 @@ def double_time(P, z):
     b = mr + (eta * G[1]) * over_n
     f = (P[3] * (eta2 * eta2)) * r
     c = mr + f
-    s = math.sqrt(c * r)
+    s = sqrt(c * r)
     re = s * (2.0 * (c + f) - b * (1.0 + e * e))
     im = e * (3.0 * c + f) - mi
-    return (R - eta * e, 2.0 * (eta * s), re, im), B > 0.0
+    return (R - eta * e, 2.0 * (eta * s), re, im), B
 
 
-@jit(inline=True)
+@unrolled
 def onto_curve(q, R, eta, mr, mi, inverse):
     """m with m² = Q(λ), q the coefficients of Q, by one step of Newton's method; `inverse` is 1/(2|m|²), roughly."""
     t, r = 2.0 * R, R * R + eta * eta
@@ -208,10 +202,10 @@ def first_time(q, alpha, h):
     return t if doublings <= MOST else 0.0, doublings
 
 
-@jit(inline=True)
+@unrolled
 def scaled_curve(q, j3, alpha, t):
     """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for the start at the time t."""
-    length = math.sqrt(q[0])
+    length = sqrt(q[0])
     weight = (alpha * length) * (t * t)
     P = 0.5 * (q[1] * (t / length)), 0.25 * (q[2] * (t * t)), 0.25 * (weight * (j3 * t)), 0.0625 * (weight * weight)
     return P, 0.5 * (length * t), length
@@ -224,7 +218,7 @@ def verdict(P, z):
     return (B > 0.0) & (N >= 2.0 * LEAST)
 
 
-@jit(inline=True)
+@unrolled
 def invariants(s, alpha):
     """C1, 2 C2 and 2H: the coefficients of Q below u³."""
     J1, J2, J3, x1, x2, x3 = s
@@ -240,8 +234,8 @@ def parameter(q, j3, alpha, h):
     P, tau, length = scaled_curve(q, j3, alpha, t)
     z, ok = start(P), doublings <= MOST
     for _ in range(min(doublings, MOST)):
-        z, below = double_time(P, z)
-        ok = ok & below
+        z, B = double_time(P, z)
+        ok = ok & (B > 0.0)
     ok = ok & verdict(P, z)
     m = math.copysign(length, h)
     return tau * z[0], tau * z[1], m * z[2], m * z[3], ok
@@ -250,7 +244,7 @@ def parameter(q, j3, alpha, h):
 # ---------------------------------------------------------------- the step
 
 
-@jit(inline=True)
+@unrolled
 def step_constants(alpha, j3, R, eta, mr, mi):
     """Those of `real_map.constants` that a step needs, in plain doubles, in the same order."""
     q3 = eta * (j3 + (2.0 * alpha) * R)
@@ -382,9 +376,9 @@ def solve(work, most):
     for k in range(most):
         for j in range(LANES):
             (left, fine), z = column(work, LEFT + j, 2, LANES), column(work, POINT + j, 4, LANES)
-            y, below = double_time(column(work, CURVE + j, 4, LANES), z)
+            y, B = double_time(column(work, CURVE + j, 4, LANES), z)
             more = k < left
-            fine = fine if below or not more else 0.0
+            fine = fine if B > 0.0 or not more else 0.0
             z = y[0] if more else z[0], y[1] if more else z[1], y[2] if more else z[2], y[3] if more else z[3]
             put_column(work, LEFT + j, (left, fine, *z), LANES)
     for j in range(LANES):

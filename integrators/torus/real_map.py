@@ -19,7 +19,9 @@ import numpy as np
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
 from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
+from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.units import Units, own_units
 from lagrange_bench.integrators.torus import attitude as at
@@ -161,7 +163,7 @@ def leave_many(out, forms, turns, every, units):
                     out[row, top, k] *= units[top, k]
 
 
-@jit
+@unrolled
 def gram(s, alpha):
     """a, b, d, e, f, g of the Gram matrix ((a, b, d), (b, e, f), (d, f, g)) of the gradients of H, C1/2 and C2, J3 fixed."""
     J1, J2, J3, x1, x2, x3 = s
@@ -171,7 +173,7 @@ def gram(s, alpha):
     return jj + alpha * alpha, alpha * x3, xj + alpha * J3, xx + x3 * x3, xj + x3 * J3, xx + jj + J3 * J3
 
 
-@jit
+@unrolled
 def adjugate(a, b, d, e, f, g):
     """The adjugate of such a matrix, in the same order, and the determinant."""
     A = e * g - f * f
@@ -192,7 +194,7 @@ def nearly_dependent(s, alpha):
     return not determinant > DEPENDENT * (a + (e + g)) * (A + (E + G))
 
 
-@jit
+@unrolled
 def corrected(s, alpha, r1, r2, r3):
     """Less the residuals of H, C1/2 and C2, by the smallest change of J1, J2, x1, x2, x3: one Newton step.
 
@@ -232,7 +234,7 @@ def pin(s, c):
     return corrected(s, alpha, r1, r2, r3)
 
 
-@jit
+@unrolled
 def halves(a):
     """a as a multiple of 2^-25 and a rest: products of such multiples, and sums of them below 8, are exact."""
     high = (a + GRID) - GRID
@@ -317,6 +319,7 @@ def exact_constants(alpha, y, h):
 
 NO_TURN = ((1.0, 0.0), (0.0, 0.0))
 KERNELS = (step, turning_step, compensated_step)
+CARRIED = (0, 0, 5)  # numbers that they carry from step to step
 TINY = 2.0**-40  # |λ|, in the same units, below which the increments are few ulps
 FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
 CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
@@ -383,35 +386,49 @@ def many_nearly_dependent(states, c, found):
 
 
 @jit
-def attitudes(alpha, y, times, longest, block):
+def follow_frames(out, times, begin, gap, place, c, spin, parts, done, block):
+    """Rows of `out` (N, 4) as long as `times` follow `begin` at equal distances `gap`, a multiple of `parts` steps; their number.
+
+    place : the state and the frame, 10 numbers, in place. done : steps before; the state is pinned before every `block` of them.
+    """
+    s, g, count = load_tuple(place, 0, 6), load_tuple(place, 6, 4), 0
+    while count < len(times):
+        t = times[count]
+        if count > 0 and (gap == 0.0 or abs(begin + (count + 1) * gap - t) > 2e-16 * abs(t)):
+            break
+        for k in range(done + count * parts, done + (count + 1) * parts):
+            if k % block == 0:
+                s = precise_pin(s, c) if nearly_dependent(s, c[ALPHA]) else pin(s, c)
+            u1, u2, u3, size = direction(s, c)
+            r = c[ETA] / size
+            g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
+            s = turning_step(s, c, c)
+        store_tuple(out[count], 0, g)
+        count += 1
+    store_tuple(place, 0, s)
+    store_tuple(place, 6, g)
+    return count
+
+
+first_exact_constants, first_spin = at_first_interpreted(exact_constants), at_first_interpreted(at.step_spin)
+
+
+def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, block: int) -> Array:
     """Quaternions (N, 4) of the frame that turns with J, which is 1 at 0, at times that lead away from 0.
 
     From each to the next by steps of at most `longest`, pinned before every `block` of them; equal distances share their
     constants, and are counted from where they begin: no rounding of a time adds up.
     """
-    out, tally = np.empty((len(times), 4)), np.zeros(5)
-    s, g = (y[0], y[1], y[2], y[3], y[4], y[5]), (1.0, 0.0, 0.0, 0.0)
-    begin = before = gap = 0.0
-    number = done = parts = 0
-    c, spin = np.zeros(CONSTANTS), (1.0, 0.0)
-    for i in range(len(times)):
-        number += 1
-        if gap == 0.0 or abs(begin + number * gap - times[i]) > 2e-16 * abs(times[i]):
-            begin, number, gap = before, 1, times[i] - before
-            parts = math.ceil(abs(gap) / longest)
-            if gap != 0.0:
-                c = exact_constants(alpha, y, gap / parts)[0]
-                spin = at.step_spin(alpha, y, gap / parts)
-        for _ in range(parts if gap != 0.0 else 0):
-            if done % block == 0:
-                s = precise_pin(s, c) if nearly_dependent(s, alpha) else pin(s, c)
-            u1, u2, u3, size = direction(s, c)
-            r = c[ETA] / size
-            g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
-            s = turning_step(s, c, tally)
-            done += 1
-        before = begin + number * gap
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = g
+    out, place = np.empty((len(times), 4)), np.array((*y, 1.0, 0.0, 0.0, 0.0))
+    c, spin, begin, done, row = np.zeros(CONSTANTS), (1.0, 0.0), 0.0, 0, 0
+    while row < len(times):
+        gap = float(times[row]) - begin
+        parts = math.ceil(abs(gap) / longest)
+        if parts:
+            c = first_exact_constants(alpha, y, gap / parts)[0]
+            spin = first_spin(alpha, y, gap / parts)
+        count = follow_frames(out[row:], times[row:], begin, gap, place, c, spin, parts, done, block)
+        begin, done, row = begin + count * gap, done + count * parts, row + count
     return out
 
 
