@@ -49,7 +49,7 @@ def at_first_interpreted(kernel: Any) -> Any:
         begin = perf_counter()
         try:
             with np.errstate(all="ignore"):
-                result = interpreted(kernel)(*own)
+                result = _plain(interpreted(kernel)(*own))
         except (ArithmeticError, ValueError):
             return kernel(*arguments)
         finally:
@@ -59,6 +59,13 @@ def at_first_interpreted(kernel: Any) -> Any:
         return result
 
     return call
+
+
+def _plain(result: Any) -> Any:
+    """With Python's numbers, as compiled code returns them."""
+    if isinstance(result, tuple):
+        return tuple(map(_plain, result))
+    return result.item() if isinstance(result, np.generic) else result
 
 
 def interpreted(thing: Any, functions: Any = math) -> Any:

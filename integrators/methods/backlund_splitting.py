@@ -508,7 +508,7 @@ def nutation_period(top: PerturbedTop, y0: Array) -> float:
     if not 0.0 < rate < math.inf:
         return math.inf
     y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
-    return unit * first_nutation_period(top.alpha / rate * (size / rate), y)[0]  # type: ignore[no-any-return]
+    return unit * first_nutation_period(top.alpha / rate * (size / rate), tuple(y.tolist()))[0]  # type: ignore[no-any-return]
 
 
 METHOD = Method(

@@ -45,6 +45,7 @@ from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.real_map import ALPHA, CONSTANTS, H
+from lagrange_bench.integrators.torus.time_step import nutation_cubic, spectral_polynomial
 
 WEIGHT = 10  # of the polynomials of the start
 REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them
@@ -57,8 +58,7 @@ VERTICAL = 1e-9
 NEWTON, AGM = 12, 12  # steps for the largest root of the cubic of nutation, in double, and of the means
 PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
 
-increments, spectral_polynomial = jit(real_map.increments, inline=True), jit(ts.spectral_polynomial, inline=True)
-nutation_cubic, lower_roots = jit(ts.nutation_cubic, inline=True), jit(ts.lower_roots, inline=True)
+increments, lower_roots = jit(real_map.increments, inline=True), jit(ts.lower_roots, inline=True)
 root = jit(double_double.sqrt, inline=True)
 
 Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents

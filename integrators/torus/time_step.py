@@ -50,6 +50,7 @@ from lagrange_bench.integrators.compiling.double_double import (
     times,
     two_prod,
 )
+from lagrange_bench.integrators.compiling.unroll import unrolled
 
 SERIES = 20  # terms of the power series of 1/√Q
 EXACT = 10  # of them in double-double; the others are below 1e-16 of the sum
@@ -70,7 +71,7 @@ def _weights():
 WEIGHTS = _weights()
 
 
-@jit
+@unrolled
 def spectral_polynomial(alpha, y):
     """Coefficients of Q as five double-doubles, from doubles taken as exact."""
     J1, J2, J3, x1, x2, x3 = y
@@ -81,7 +82,7 @@ def spectral_polynomial(alpha, y):
     return c1, scale(c2, 2.0), h2, scale(two_prod(alpha, J3), 2.0), two_prod(alpha, alpha)
 
 
-@jit
+@unrolled
 def horner(q, u):
     """Q(u) for complex double-double u."""
     r = (q[4], dd(0.0))
@@ -90,7 +91,7 @@ def horner(q, u):
     return r
 
 
-@jit
+@unrolled
 def slope(q, lam, m):
     """g = Q'(λ)/(2m)."""
     R, eta = lam
@@ -103,7 +104,7 @@ def slope(q, lam, m):
     return div(re, n), div(im, n)
 
 
-@jit
+@unrolled
 def cubic(q, lam, m):
     """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R: A(λ) = i m, A'(λ) = i Q'(λ)/(2m)."""
     g, eta = slope(q, lam, m), lam[1]
@@ -286,7 +287,7 @@ def largest_root(c0, c1, c2):
     return cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
 
 
-@jit
+@unrolled
 def nutation_cubic(alpha, y):
     """c0, c1, c2 of the cubic of nutation, c3 = 2: with ζ = z − z(y), z = alpha x3, ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0.
 
