@@ -105,7 +105,7 @@ def evaluate(c: Factor, kappa: Any, r: Any, functions: Any) -> tuple[Any, Any]:
     return first * total, slope * total + first * growth
 
 
-def find_orbit(alpha: float | Fraction, k: float | Fraction, y0: Sequence[float], digits: int) -> Orbit:
+def find_orbit(alpha: float | Fraction, k: float | Fraction, y0: Sequence[Any], digits: int) -> Orbit:
     """The orbit of `y0`, its constants good to `digits` decimal digits; without roots and the angle of precession."""
     (rate, size), two = units(alpha, y0, k), Fraction(2)
     J, x = (tuple(Fraction(v) * two**-e for v in part) for part, e in ((y0[:3], rate), (y0[3:], size)))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
-from lagrange_bench.integrators.truth import exact, free_body
+from lagrange_bench.integrators.truth import exact, free_body, symmetric_body
 
 LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
 LOST = 1e-12  # error of a reference state: where it is larger no method that computes in doubles follows the motion
@@ -38,8 +38,8 @@ def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: f
 
 
 def closed_form(problem: Any) -> bool:
-    """Whether the motion is known for any length of time: of a top in alpha x3 + k x3²/2, and of a free body."""
-    return _free(problem) or exact.vertical_field(problem) is not None
+    """Whether the motion is known for any length of time: of a top in alpha x3 + k x3²/2, and of a free or symmetric body."""
+    return _of_body(problem) is not None or exact.vertical_field(problem) is not None
 
 
 def name(problem: Any) -> str:
@@ -47,16 +47,20 @@ def name(problem: Any) -> str:
     return "exact solution" if closed_form(problem) else "reference solution"
 
 
-def _free(problem: Any) -> bool:
-    return isinstance(problem, RigidBody) and "free" in problem.offers
+def _of_body(problem: Any) -> Any:
+    """The closed form of a rigid body, a function; None if there is none."""
+    if not isinstance(problem, RigidBody):
+        return None
+    forms = {"free": free_body.solution, "symmetric": symmetric_body.solution}
+    return next((form for word, form in forms.items() if word in problem.offers), None)
 
 
 def _found(
     which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
 ) -> Array:
     """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
-    if _free(problem):
-        return free_body.solution(problem, y0, times, more=rest)
+    if (of_body := _of_body(problem)) is not None:
+        return of_body(problem, y0, times, more=rest)  # type: ignore[no-any-return]
     if closed_form(problem) and np.any(y0[3:]):  # a problem may be posed without an axis
         return getattr(exact, which)(problem, y0, *when)
     end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]

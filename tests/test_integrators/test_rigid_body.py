@@ -15,6 +15,7 @@ from lagrange_bench import CASES, METHODS, Case, RigidBody, StepError
 from lagrange_bench.integrators import integrate
 from lagrange_bench.integrators.cases import matrix, quaternion
 from lagrange_bench.integrators.truth import free_body as free
+from lagrange_bench.integrators.truth import symmetric_body as symmetric
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.truth.rigid_body import about_fixed_point, rigid_motion
 from tests.reference import exactly, largest
@@ -73,6 +74,7 @@ def test_any_symmetric_body_by_every_exact_method(motion_of):
             (integrate(body, state, h=end, steps=1, method=method), [0, 2]),
         ):
             assert np.max(np.abs(run.position - R[rows] @ body.com)) <= 1e-13 * lever
+            assert np.max(run.error()) < 1e-12
             assert np.max(np.abs(run.rotation.as_matrix() - R[rows])) < 1e-13
             assert np.max(np.abs(run.omega_body - Omega[rows])) < 1e-13 * size
             np.testing.assert_allclose(run.omega_world, (R[rows] @ Omega[rows][..., None])[..., 0], atol=2e-13 * size)
@@ -159,6 +161,16 @@ def apart(y, other):
     return np.maximum(turned, np.max(np.abs(y[:, 4:] - other[:, 4:]), axis=1) / size)
 
 
+def of_integers(body, y0, times, digits):
+    """States as fractions, q of length 1, by the series in integers; of a body with a weight that of a unit mass on its axis."""
+    weight, up = ([Fraction(v) for v in values.tolist()] for values in (body.weight, body.up))
+    inertia = [Fraction(v) for v in body.inertia.tolist()]
+    inertia_com = [v - sum(w * w for m, w in enumerate(weight) if m != n) for n, v in enumerate(inertia)]
+    omega = [Fraction(v) / w for v, w in zip(y0[4:].tolist(), inertia, strict=True)]
+    found = rigid_motion(1, weight, inertia_com, [-v for v in up], matrix(y0[:4]), omega, times, digits)
+    return np.array([[*quaternion(R), *(v * w for v, w in zip(spin, inertia, strict=True))] for R, spin in found])
+
+
 def ulps_of_start(body, y0, times, y):
     """Errors of states y at `times`, in units of what the last digits of L at the start do to the exact motion."""
     moved = y0 * (1 + 2.0**-52 * np.eye(7)[4:])
@@ -195,11 +207,9 @@ def free_bodies():
 def test_the_closed_form_of_the_free_body(moments, L):
     """The truth, to 25 digits and in doubles, against the series in integers; the method against the truth, at any time."""
     body = RigidBody(1.0, (0, 0, 0), moments)
-    inertia, y0 = [Fraction(v) for v in body.inertia.tolist()], np.array((0.5, -0.5, 0.5, 0.5, *L))
-    omega = [Fraction(v) / w for v, w in zip(y0[4:].tolist(), inertia, strict=True)]
-    times = (np.array((0.0, 0.4, 6.0)) / float(max(map(abs, omega)))).tolist()
-    found = rigid_motion(1, (0, 0, 0), inertia, (0, 0, 0), matrix(y0[:4]), omega, times, 30)
-    right = np.array([[*quaternion(R), *(v * w for v, w in zip(spin, inertia, strict=True))] for R, spin in found])
+    y0 = np.array((0.5, -0.5, 0.5, 0.5, *L))
+    times = (np.array((0.0, 0.4, 6.0)) / np.max(np.abs(y0[4:] / body.inertia))).tolist()
+    right = of_integers(body, y0, times, 30)
     exact = np.vectorize(exactly, otypes=[object])
     assert largest(apart(exact(free.solution(body, y0, times, digits=25)), right)) < 1e-24
     assert largest(apart(exact(free.solution(body, y0, times)), right)) < 2e-15
@@ -208,6 +218,49 @@ def test_the_closed_form_of_the_free_body(moments, L):
     ulps = ulps_of_start(body, y0, far, integrate(body, y0, t=far, method="theta_functions").y)
     assert largest(ulps[:3]) < 16
     assert largest(ulps) < 32
+
+
+def heavy_bodies():
+    """Symmetric bodies with a weight, and (q, L): any, either way up, along any axis; sleeping; homoclinic; at rest."""
+    for seed in range(4):
+        body, start, omega, _ = random_top(seed)
+        yield body, body.state(rotation=start, omega_body=omega)
+    for com in ((0, 0, 0.1), (0, 0, -0.1), (0, 0.2, 0)):
+        body = RigidBody(3.0, com, np.where(np.array(com) != 0, 0.4, 1.0))
+        yield body, np.array((0.5, -0.5, 0.5, 0.5, 1.0, 2.0, 0.75))
+    ball = RigidBody(1.0, (0, 0, 1), (1, 1, 2), (0, 0, -2.5))
+    for q, L in (
+        *(
+            ((1, 0, 0, 0), (0, 0, 1)),
+            ((0, 1, 0, 0), (0, 0, 1)),
+            ((0, 0.8, 0.6, 0), (1e-9, 0, 1)),
+            ((1, 0, 0, 0), (1, 0, 1)),
+        ),
+        *(
+            ((0.5, 0.5, 0.5, 0.5), (0, 0.0, 1e-3)),
+            ((0.5, 0.5, -0.5, 0.5), (0.1, 2, 9)),
+            ((0.5, 0.5, 0.5, 0.5), (0, 2.5, 1)),
+        ),
+    ):
+        yield ball, np.array((*q, *L), dtype=float)
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize(("body", "y0"), list(heavy_bodies()))
+def test_the_truth_of_a_symmetric_body(body, y0):
+    """Against the series in integers, to 25 digits and in doubles; in doubles against digits at any time."""
+    rate = np.max(np.abs(y0[4:] / body.inertia)) + np.sqrt(np.max(np.abs(body.weight)) / body.across)
+    time, share = float(1.0 / rate), max(1.0, rate * body.across / np.linalg.norm(y0[4:]))  # `apart` is relative to |L|
+    times = [0.0, 0.5 * time, 7.0 * time]
+    right = of_integers(body, y0, times, 30)
+    if sum(v * v for v in map(Fraction, y0[:4].tolist())) == 1:
+        digits = np.vectorize(exactly, otypes=[object])(symmetric.solution(body, y0, times, digits=25))
+        assert largest(apart(digits, right)) < 1e-24 * share
+    assert largest(apart(symmetric.solution(body, y0, times), right)) < 4e-15 * share
+    far = [-3e5 * time, 1e6 * time, 1e9 * time]
+    there = symmetric.solution(body, y0, far, digits=20)
+    assert largest(apart(symmetric.solution(body, y0, far), there)) < 4e-15 * share
+    assert np.array_equal(truths.solution(body, y0, far), symmetric.solution(body, y0, far))
 
 
 @pytest.mark.interpreted
