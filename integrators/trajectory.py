@@ -214,7 +214,8 @@ class Trajectory(Table):
         Returns
         -------
         (N,)
-            NaN where the reference solution is lost.
+            NaN where the reference solution is lost; of a heavy body without symmetry also beyond 2000 time scales, with a
+            warning.
 
         Raises
         ------

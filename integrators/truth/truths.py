@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange_bench.integrators.checks import warn_caller
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.truth import exact, free_body, symmetric_body
@@ -19,7 +20,9 @@ BITS = 44  # of the times for which reference solutions are computed and kept
 
 
 def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST) -> Array:
-    """The states (N, n) at `times` of the motion that is at y0 at t = 0; NaN where a chaotic motion is lost.
+    """The states (N, n) at `times` of the motion that is at y0 at t = 0.
+
+    NaN where a chaotic motion is lost, and of a body beyond `longest`, with a warning.
 
     longest : of a run with a reference solution, in time scales.
 
@@ -66,9 +69,13 @@ def _found(
     end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]
     if end > most:
         possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # not a time beyond it
-        raise ValueError(
-            f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {possible:.4g}"
-        )
+        reason = f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {possible:.4g}"
+        if not isinstance(problem, RigidBody):
+            raise ValueError(reason)
+        warn_caller(f"{reason}; later states are not compared", RuntimeWarning)
+        states, near = np.full((len(times), len(y0)), math.nan), np.abs(times) <= most
+        states[near] = _reference(problem, y0, times[near], rest[near])
+        return states
     return _reference(problem, y0, times, rest)
 
 

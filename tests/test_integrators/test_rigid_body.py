@@ -263,6 +263,15 @@ def test_the_truth_of_a_symmetric_body(body, y0):
     assert np.array_equal(truths.solution(body, y0, far), symmetric.solution(body, y0, far))
 
 
+def test_a_body_without_a_closed_form_is_judged_as_far_as_its_reference_goes():
+    y0 = SKEW.state(**WHOLE)
+    limit = 2.0 * SKEW.scales(y0)[2]
+    with pytest.warns(RuntimeWarning, match="take times up to .*; later states are not compared"):
+        states = truths.solution(SKEW, y0, [0.5 * limit, 10 * limit], longest=2.0)
+    assert np.array_equal(states[0], truths.solution(SKEW, y0, [0.5 * limit])[0])
+    assert np.all(np.isnan(states[1]))
+
+
 @pytest.mark.interpreted
 def test_runs_of_a_free_body_are_judged_at_any_length():
     """After a million periods, at n h itself; q and −q are the same rotation."""
