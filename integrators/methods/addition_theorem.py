@@ -43,7 +43,9 @@ from lagrange_bench.integrators.compiling.double_double import (
     small_turn,
     sub,
 )
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
+from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
@@ -98,7 +100,7 @@ def step(s, c, tally):
 # ------------------------------------------------------------------------------------ constants, in double-double
 
 
-@jit
+@unrolled
 def cubic(alpha, y):
     """The torus: H, J3, C1, C2; c1, c0 of x3'² = 2 alpha x3³ − 2H x3² + c1 x3 + c0; G1 = alpha c1/2, G0 = alpha² c0/4."""
     q = ts.spectral_polynomial(alpha, y)
@@ -108,7 +110,7 @@ def cubic(alpha, y):
     return H_, m, C1_, C2_, c1, c0, scale(mul(a, c1), 0.5), scale(mul(mul(a, a), c0), 0.25)
 
 
-@jit
+@unrolled
 def bracket(p, H_, G1, G0):
     """p'²/p = 4 − 2Hp + G1 p² + G0 p³."""
     return add(dd(4.0), mul(p, add(scale(H_, -2.0), mul(p, add(G1, mul(p, G0))))))
@@ -149,7 +151,7 @@ def start(torus, h):
     return mul(P, hh), mul(dP, h), mul(F, hh), mul(dF, h), small_turn(scale(mul(m, h), 0.5), TERMS + 4)
 
 
-@jit
+@unrolled
 def double_time(torus, p, dp, f, df, turn):
     """The same at twice the time: t = h in the formulas of the module's docstring."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
@@ -259,6 +261,9 @@ def constants(alpha, y, h):
     return c, least
 
 
+first_constants = at_first_interpreted(constants)
+
+
 def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
     """The exact step over h.
 
@@ -271,7 +276,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
-    c, least = constants(units.alpha, tuple(state), span)
+    c, least = first_constants(units.alpha, tuple(state.tolist()), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     onto_torus = real_map.pin_of(state, units.alpha) if block else None

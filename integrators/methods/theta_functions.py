@@ -36,6 +36,7 @@ from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
 from lagrange_bench.integrators.compiling.expression import put, take
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods import free_body, symmetric_body
@@ -420,13 +421,15 @@ def direct_series(c, cos_at, sin_at, sigma, eta, K):
 def transformed_series(c, cos_at, sin_at, sigma, b, odd):
     """Coefficients of a factor, ± cos and −σ sin of 2nb or, `odd`, of (2n+1)b; returns d arg/dV."""
     top, bottom, sign = 0.0, 1.0, 1.0
+    power, step_ = 1.0, c[NOME]  # q^(n²), q^(2n+1)
     for n in range(TERMS):
         angle = (2.0 * n + 1.0) * b if odd else 2.0 * n * b
         c[cos_at + n], c[sin_at + n] = sign * math.cos(angle), -sigma * sign * math.sin(angle)
         if n > 0:
-            q = c[NOME] ** (n * n)
-            top -= 4.0 * n * sign * q * math.sin(2.0 * n * b)
-            bottom += 2.0 * sign * q * math.cos(2.0 * n * b)
+            top -= 4.0 * n * sign * power * math.sin(2.0 * n * b)
+            bottom += 2.0 * sign * power * math.cos(2.0 * n * b)
+        power *= step_
+        step_ *= c[NOME] * c[NOME]
         sign = -sign
     return sigma * top / bottom
 
@@ -493,8 +496,11 @@ def constants(alpha, y, h):
         gJ = direct_series(c, COS_J, SIN_J, sJ, eJ, K)
         gA = direct_series(c, COS_A, SIN_A, sA, eA, K)
         gB = direct_series(c, COS_B, SIN_B, sB, eB, K)
+        power, odd = -2.0 * c[NOME], -c[NOME] * c[NOME] * c[NOME]  # 2 (−1)^n q^(n²), −q^(2n+1)
         for n in range(TERMS):
-            c[THETA + n] = 2.0 * (-1.0) ** (n + 1) * c[NOME] ** ((n + 1) * (n + 1))
+            c[THETA + n] = power
+            power *= odd
+            odd *= c[NOME] * c[NOME]
     else:
         c[KIND] = TRANSFORMED
         c[NOME] = nome(z12 / z13, z23 / z13)
@@ -530,8 +536,11 @@ def constants(alpha, y, h):
     return c
 
 
+first_constants, first_turn_of_frame = at_first_interpreted(constants), at_first_interpreted(turn_of_frame)
+
+
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
-    c: Array = constants(units.alpha, tuple(units.enter(y)), span)
+    c: Array = first_constants(units.alpha, tuple(units.enter(y).tolist()), span)
     if c[KIND] == TOO_UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
         raise StepError(NAME, reason, h=h)
@@ -578,7 +587,7 @@ def frames_of(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
     units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
-    return frames(scaled, turn_of_frame(units.alpha, tuple(units.enter(y0))) if moving else ZERO, c)
+    return frames(scaled, first_turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO, c)
 
 
 def prepare_body(body: RigidBody, y0: Array, h: float) -> symmetric_body.BodyStepper:
