@@ -537,6 +537,7 @@ def constants(alpha, y, h):
 
 
 first_constants, first_turn_of_frame = at_first_interpreted(constants), at_first_interpreted(turn_of_frame)
+first_positions, first_frames = at_first_interpreted(positions), at_first_interpreted(frames)
 
 
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
@@ -578,7 +579,7 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     if "symmetric" in top.offers:
         return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
-    states = units.leave(positions(scaled, c))
+    states = units.leave(first_positions(scaled, c))
     states[times == 0.0] = y0  # also what is lost beside |x| on the way through the formulas
     return states, Work(steps=len(times))
 
@@ -587,7 +588,8 @@ def frames_of(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
     units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
-    return frames(scaled, first_turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO, c)
+    turn = first_turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO
+    return first_frames(scaled, turn, c)
 
 
 def prepare_body(body: RigidBody, y0: Array, h: float) -> symmetric_body.BodyStepper:
