@@ -138,7 +138,7 @@ BAD = {  # words → what the line must name
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --bounds colour=1": "--bounds: unknown 'colour'",
     f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
-    f"{JUDGE} --columns q=0": "--columns: unknown 'q'",
+    f"{JUDGE} --columns foo=0": "--columns: unknown 'foo'",
     f"{JUDGE} --columns x=9": "--columns x=9: there is no such column among 4",
     f"{JUDGE} --steps 1,2": "--steps: 2 steps for 1 files",
     "judge run.csv --case brüls": "did you mean 'bruels'?",

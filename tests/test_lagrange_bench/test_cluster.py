@@ -123,7 +123,7 @@ def test_a_cluster_that_is_not_there(monkeypatch):
     with pytest.raises(cluster.ClusterError, match=message), cluster.Cluster("tcp://127.0.0.1:1", None):
         pytest.fail("connected")
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ValueError, match=r"pip install 'lagrange-bench\[cluster\]'"), cluster.Cluster("local:2", None):
+    with pytest.raises(ValueError, match=r"pip install '\.\[cluster\]'"), cluster.Cluster("local:2", None):
         pytest.fail("connected")
     for address in ("local", "local:0", "local:x", "head:8786", "tcp://head", ""):
         with pytest.raises(ValueError, match="tcp://HOST:PORT or local:N"):

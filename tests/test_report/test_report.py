@@ -25,7 +25,7 @@ from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import fairness, lists, page, promises, sections
-from lagrange_bench.report.claims import Bound, Claim
+from lagrange_bench.report.claims import Answer, Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
 
@@ -72,7 +72,14 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 
 def claim(name, text, limit, column="drift", experiment="toy.good", **where):
-    return Claim(name, "cost", text, experiment, (Bound((column,), "≤", limit, where=where),), f"{text} In short.")
+    return Claim(
+        name,
+        "cost",
+        text,
+        experiment,
+        (Bound((column,), "≤", limit, where=where),),
+        (Answer(f"{text} In short?", "{claim.worst}"),),
+    )
 
 
 CLAIMS = [
