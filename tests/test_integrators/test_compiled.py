@@ -10,11 +10,12 @@ import numba
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import announce
+from lagrange_bench.integrators import announce, imported
 from lagrange_bench.integrators.compiling import interpreted
-from lagrange_bench.integrators.compiling.compiled import compiled, jit
+from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
+from lagrange_bench.integrators.problem import kirchhoff
 from tests import faults
 
 pytestmark = [
@@ -174,6 +175,18 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     doubled, hits = run()
     assert float.fromhex(doubled) == 2 * float.fromhex(number)
     assert hits == "0"
+
+
+def test_kept_code_depends_on_kernels_that_come_as_arguments(monkeypatch):
+    """`loops` imports no problem; the steps that it loops over are made of their formulas."""
+    files, place, path = imported.IMPORTED, "lagrange_bench.integrators.compiling.loops", kirchhoff.__file__
+    digests = []
+    for text in (files.read(path), b"# edited"):
+        monkeypatch.setitem(files.content, path, text)
+        monkeypatch.setattr(files, "known", {})
+        digests.append(_sources(place))
+    assert None not in digests
+    assert digests[0] != digests[1]
 
 
 # last states of runs that begin one after the other, and whether their set-up is compiled at the end

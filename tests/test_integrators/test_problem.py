@@ -146,6 +146,13 @@ def measured(name, problem):
     return list(errors.items()), float(np.max(drift[:, kept], initial=0.0) / EPS)
 
 
+def test_another_start_is_that_of_the_top_in_a_potential_too():
+    """It may have been asked for its form as a top before."""
+    problem = Problem("mine", "e3", lambda t, y, p: y[:3] @ y[:3] / 2 + y[5] + (1 + sin(t)) * y[3] ** 2)
+    assert problem.as_top.parameters == (0.0,)
+    assert problem.starting(2.0).as_top.parameters == (2.0,)
+
+
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")  # too long a step overflows
 @pytest.mark.parametrize(("name", "problem"), PAIRS)
 def test_order_and_what_is_kept(name, problem):

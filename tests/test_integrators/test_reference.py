@@ -11,6 +11,7 @@ from mpmath import mp, mpf
 from lagrange_bench import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, Problem, StepError, cos, exact, exp
 from lagrange_bench.integrators import log, reference, sin, sqrt
 from lagrange_bench.integrators.problem.system import invariants_of
+from lagrange_bench.integrators.truth import truths
 from tests.reference import as_mpf, errors, largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -221,6 +222,15 @@ def test_what_is_kept_has_the_same_bits(folder, counted, monkeypatch):
     asked(t=(0.5, 1.0 + 2.0**-52))
     asked(problem=top("square", 1.0, (0.3 + 2.0**-50,)))
     assert len(counted) == 6
+    one, two = (asked(problem=DRIVEN.starting(t), t=[0.5]) for t in (0.0, 1.0))
+    assert not same(one, two), "the time at the start counts"
+
+
+def test_a_lost_state_is_no_truth(monkeypatch):
+    lost = types.SimpleNamespace(states=np.tile(Y0, (3, 1)), tail=np.zeros((3, 6)), error=np.array([0.0, 1e-13, 1e-9]))
+    monkeypatch.setattr(reference, "solution", lambda *asked: lost)
+    states = truths.solution(QUADRATIC, Y0, np.array([0.5, 1.0, 1.5]))
+    assert np.isnan(states).all(axis=1).tolist() == [False, False, True]
 
 
 @pytest.mark.parametrize("damage", ["bit", "short", "foreign", "folder"])

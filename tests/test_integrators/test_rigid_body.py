@@ -453,6 +453,8 @@ def test_rho_damps():
     y0 = SKEW.state(**WHOLE)
     ends = [integrate(SKEW, y0, h=0.1, steps=200, method="generalized_alpha", rho=rho) for rho in (0.5, 1.0)]
     assert ends[0].energy[-1] < ends[1].energy[-1]
+    usual = (integrate(SKEW, y0, h=0.1, steps=9, method="generalized_alpha", **rho) for rho in ({}, {"rho": 0.9}))
+    assert np.array_equal(*(run.y for run in usual))
 
 
 @pytest.mark.interpreted

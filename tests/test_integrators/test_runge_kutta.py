@@ -184,6 +184,21 @@ def test_the_tightest_tolerance_is_met(name):
     assert tight.error()[-1] < 1e-11
 
 
+@pytest.mark.interpreted
+def test_the_step_after_a_rejected_one_does_not_grow():
+    tried = []
+
+    def trial(s, t, h, c):
+        tried.append(h)
+        return s, (2.0 if len(tried) == 2 else 0.5), (0.5 if len(tried) == 2 else 2.0), None
+
+    walk = np.zeros(dop853.WALK)
+    walk[dop853.STEP] = 0.125
+    run = dop853.compile_loop.__wrapped__(trial, None, None, 1)
+    run(np.zeros(1), np.array([1.5]), 100, None, walk, np.zeros((1, 1)))
+    assert tried == [0.125, 0.25, 0.125, 0.125, 0.25, 0.5, 0.375]
+
+
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
 @pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["dop853", "rk45", "scipy_dop853", "verner9_projected"])

@@ -53,6 +53,16 @@ def test_the_error_is_the_distance_to_the_truth(runs, name):
     assert error[0] < 1e-15 < error[-1] < 1e-4  # that of RK4
 
 
+def test_times_are_multiples_of_h_rounded_once():
+    run = integrate(NAMED.top, NAMED.state, 0.1, 3000, "strang", every=3)
+    assert np.array_equal(run.t, 0.1 * np.arange(0, 3001, 3))
+
+
+def test_dense_output_has_the_options_of_the_run():
+    run = integrate(NAMED.top, NAMED.state, t=[1.0, 2.0], method="dop853", rtol=1e-4)
+    assert np.array_equal(run.sol(run.t), run.y)
+
+
 def test_the_error_of_steps_is_that_at_n_h():
     run = integrate(NAMED.top, NAMED.state, 0.1, 10**4, every=10**4)
     assert run.error()[-1] < 1e-12

@@ -102,6 +102,17 @@ def test_a_value_that_is_not_finite_never_passes(value):
         assert verdict.findings[0].passed is passed
 
 
+def test_a_bound_that_is_met_exactly():
+    rows = pd.DataFrame({"part": "a", "drift": [1.0]})
+    for sign, passed in (("≤", True), ("<", False), ("≥", True), (">", False)):
+        assert judge(rows, Bound(lambda rows: rows.drift, sign, 1.0)).findings[0].passed is passed
+
+
+def test_only_times_may_be_missing_of_a_run_that_is_far_off():
+    rows = pd.DataFrame({"status": "done", "error": [0.2, 0.2], "seconds": [np.nan, 1.0], "C1": [1.0, np.nan]})
+    assert reductions.lacking(rows, {"": ("seconds", "C1")}).tolist() == ["", "C1"]
+
+
 def test_a_run_that_fails_or_is_declined_refutes_every_claim_about_it_and_no_other():
     rows = pd.DataFrame({"method": ["a", "a", "b"], "status": ["done", "failed", "done"], "steps": 10})
     rows = rows.assign(failure=[None, "StepError: too large", None], name=["H", None, "H"], x=[1, None, 1])
