@@ -65,6 +65,9 @@ class PredictedPhase:
         None without a prediction.
     clock_growth, turn_growth : float
         How these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
+    amplitude : float
+        Of the nutation: how far it takes J and x from a steady precession, over their scales. `states` leaves about the error
+        over this, as a share of the error; from 1 on the prediction may be worse than none. Infinite where it is exact.
     reason : str
         Why there is no prediction; else empty.
     _theory : Theory, optional
@@ -75,6 +78,7 @@ class PredictedPhase:
     turn: float | None
     clock_growth: float = 0.0
     turn_growth: float = 0.0
+    amplitude: float = math.inf
     reason: str = ""
     _theory: Theory | None = field(default=None, repr=False, compare=False)
 
@@ -82,7 +86,7 @@ class PredictedPhase:
         """States (N, 6) where the method is at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
         With what oscillates, and what is lost of the invariants. Exact for the two-point map. Of any other method first order
-        in the local error: where the method is off by more than the amplitude of the nutation, worth little.
+        in the local error: where the method is off by more than `amplitude`, worth little.
         NoPrediction, a ValueError, if there is none.
         """
         theory = self._known()
@@ -168,13 +172,15 @@ class Theory:
     """The error of a method, to first order in its local error; within, everything is in units of the top.
 
     step : (points, 6), what a step adds to p and o, at equal distances over a nutation. S : (points, 2, 4), or 0. angle :
-    (points,), by what a step turns each Fourier mode. drifts : whether the invariants do, in the mean.
+    (points,), by what a step turns each Fourier mode. drifts : whether the invariants do, in the mean. amplitude : see
+    `PredictedPhase`.
     """
 
     def __init__(
         self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: NDArray[Any],
-        drifts: bool = False,
+        drifts: bool = False, amplitude: float = math.inf,
     ):  # fmt: skip
+        self.amplitude = amplitude
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
         off = Sum.of(step[:, 2:], angle)
@@ -190,7 +196,8 @@ class Theory:
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
         turn, clock_growth, turn_growth = turn * second, clock_growth * second, turn_growth * second * second
-        return PredictedPhase(float(clock), float(turn), float(clock_growth), float(turn_growth), _theory=self)
+        rates = (float(clock), float(turn), float(clock_growth), float(turn_growth))
+        return PredictedPhase(*rates, self.amplitude, _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""
@@ -277,9 +284,9 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
     angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
-    return Theory(
-        user_top, user_y0, user_h, step, h * np.fft.ifft(modes, axis=0).real, angle, not method.claims.symmetric
-    )
+    S = h * np.fft.ifft(modes, axis=0).real
+    drifts, nods = not method.claims.symmetric, nutation_amplitude(top, y0, flows(top, states), period)
+    return Theory(user_top, user_y0, user_h, step, S, angle, drifts, nods)
 
 
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:
@@ -298,6 +305,14 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
         raise NoPrediction("the power series of the local error does not converge: take a smaller |h|")
     return total.T
+
+
+def nutation_amplitude(top: LagrangeTop, y0: Array, X: Array, period: float) -> float:
+    """From X_H and X_J3 (N, 6, 2) over a nutation: the largest part of X_H across X_J3, over the frequency."""
+    rate, size, _ = top.scales(y0)
+    motion, turn = np.moveaxis(X / np.repeat((rate, size), 3)[:, None], -1, 0)
+    across = motion - (np.sum(motion * turn, axis=1) / np.sum(turn * turn, axis=1))[:, None] * turn
+    return float(np.max(np.linalg.norm(across, axis=1)) * period / (2 * np.pi))
 
 
 def times(matrices: NDArray[Any], vectors: Array) -> Array:
