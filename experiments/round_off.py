@@ -58,7 +58,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
     def build(top, y0, h):
         units = Units(top, y0, h)
         state = units.enter(y0)
-        c, turn = real_map.exact_constants(units.alpha, state, units.time(h))
+        c, turn = real_map.exact_constants(units.alpha, tuple(state), units.time(h))
         back, block = (real_map.pin, pin) if pin else (None, NEVER)
         return FormStepper("form", h, units, c, kernel, back, block, turn=turn)
 
@@ -68,7 +68,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
 def program(top, y0, h):
     """The paper's program with the exact λ(h)."""
     units = Units(top, y0, h)
-    c, _ = real_map.exact_constants(units.alpha, units.enter(y0), units.time(h))
+    c, _ = real_map.exact_constants(units.alpha, tuple(units.enter(y0)), units.time(h))
     shift = units.length - units.rate
     return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))
 

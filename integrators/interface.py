@@ -154,7 +154,8 @@ class Claims:
     poisson : bool
         One step is a Poisson map.
     conserves : set of str
-        Of INVARIANTS: at round-off, for every h, as far as the problem conserves them.
+        Of INVARIANTS: at round-off, for every h that the method takes, as far as the problem conserves them. Round-off may grow
+        with the angle of a step: some ulps for each time scale of h.
     conserves_if_quadratic : set of str
         These, too, if H is quadratic.
     keeps : dict

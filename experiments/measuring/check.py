@@ -43,6 +43,8 @@ FIELD_STATES = tuple(f"{name}{kind}" for name in ("generic", "random001") for ki
 FIELD_STEPS = 1000  # of the runs that tell what is conserved there
 SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
 AT = "h = 0.1, 0.5, 3, {} states"
+LONG_SPANS, LONG_RUNS = (10.0, 30.0, 100.0, 1e4), (1, 10)  # steps that a method may refuse, and how many of them
+A_UNIT = 256  # ulps for each time scale of a step: its round-off grows with the angle it turns by
 BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
 ROUND_OFF = 1.5  # ulps a step, at most: what may be round-off and nothing else
 TOLERANCE = 0.15  # of a measured order
@@ -412,6 +414,23 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         yield Verdict(f"takes {n} steps", None if harmless else False, None, "", how)
 
 
+def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
+    """What is claimed for every h is kept in very long steps, too, and next to the upright top; or the step is refused."""
+    starts = (*names, *((LagrangeTop(1.0), np.array((tilt, 0.0, 0.3, tilt, 0.0, 1.0))) for tilt in (1e-3, 1e-9)))
+    worst = Worst()
+    for name, span, steps in product(starts, LONG_SPANS, LONG_RUNS) if method.control == "step" else ():
+        top, y0 = find(name)
+        kept = [word in method.kept(top) for word in top.names]
+        with contextlib.suppress(StepError):
+            y = prepared(method, top, y0, span * top.scales(y0)[2]).record(y0, steps, 1)
+            with np.errstate(over="ignore", invalid="ignore"):
+                drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, kept]
+            worst = worst.or_(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), name, span)
+    if worst.at:
+        how = f"steps of h = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of h{worst.where}"
+        yield Verdict("conserves in long steps", worst.size <= 1.0, worst.size, "≤ 1", how, worst.at)
+
+
 # ---------------------------------------------------------------- behaviour
 
 
@@ -603,7 +622,7 @@ def _placed(name: str, kind: str) -> tuple[Any, Array]:
 
 # ---------------------------------------------------------------- shared
 
-CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, poisson, purity, extremes, in_field)
+CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, long_steps, poisson, purity, extremes, in_field)
 
 
 def label(start: Start) -> str:

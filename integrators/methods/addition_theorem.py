@@ -16,7 +16,8 @@ e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, a
 
 Off the torus the map is not the flow and leads further off, exponentially. So the state is moved back onto H, C1 and C2 every
 few steps, in every step if h is long. And where a long step takes Y(h) close to the orbit's largest Y(t), which it can only
-near the separatrix, the denominator loses the digits of x3. Such steps are refused.
+near the separatrix, the denominator loses the digits of x3. Such steps are refused. So are rows off the torus, to which the
+constants of a still longer step lead, as they have no digits.
 
 Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
 modulo the nutation period; a whole period is a rotation about e3, `time_step.precession`.
@@ -264,6 +265,17 @@ def constants(alpha, y, h):
 first_constants = at_first_interpreted(constants)
 
 
+class AdditionStepper(real_map.TorusStepper):
+    """A map that leads off the torus, if h is so long that its constants have no digits."""
+
+    def rows(self, out: Array, every: int) -> Array:
+        on = real_map.first_rows_on_torus(out, self.constants, real_map.OFF_TORUS)
+        if on < len(out):
+            reason = "the map has left the torus: h is too long so near the separatrix, or pins are too rare"
+            raise StepError(self.name, reason, h=self.h, step=on * every)
+        return super().rows(out, every)
+
+
 def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
     """The exact step over h.
 
@@ -280,7 +292,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     onto_torus = real_map.pin_of(state, units.alpha) if block else None
-    return real_map.TorusStepper(name, h, units, c, step, onto_torus, block or NEVER)
+    return AdditionStepper(name, h, units, c, step, onto_torus, block or NEVER)
 
 
 METHOD = Method(

@@ -8,7 +8,7 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
-from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.interface import Array, Claims
 from lagrange_bench.integrators.methods.backlund import PAPER, SOURCE
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
@@ -89,4 +89,6 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
 METHOD = replace(
     PAPER, name="backlund_textbook", label="Bäcklund, paper's program",
     source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, special={},
+    # its map keeps H, C1 and C2, too; its divisions lose them wherever B(λ) is small, as in every pass near the vertical
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3"}),
 )  # fmt: skip

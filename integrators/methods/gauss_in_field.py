@@ -288,10 +288,10 @@ def kernel(stages: int, system: System) -> Any:
     return step
 
 
-def check_span(name: str, span: float, h: float) -> None:
+def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> None:
     """StepError if h is far longer than the time scale of the motion, `span` times as long."""
-    if not span <= LONGEST:
-        raise StepError(name, f"|h| is over {LONGEST:g} times the time scale of the top or problem", h=h)
+    if not span <= longest:
+        raise StepError(name, f"|h| is over {longest:g} times the time scale of the top or problem", h=h)
 
 
 def stepper_in_field(

@@ -34,6 +34,7 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 ALPHA, H, LARGE = range(3)  # places of the constants
+LONGEST = 100.0  # of |h|, in time scales of the top: what solving the equation leaves of the invariants grows like h²
 LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6
 NOT_CONVERGED, NOT_UNIQUE = 1, 2
 FAILURES = {
@@ -175,7 +176,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
         unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
     """
     check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
-    check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h)
+    check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h, LONGEST)
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
     fixed = solver == "fixed_point" or (solver == "auto" and contraction < WEAK)
     c = np.array((top.alpha, h, contraction >= 0.25))

@@ -53,6 +53,8 @@ from lagrange_bench.integrators.problem.field import Field
 from lagrange_bench.integrators.problem.parts import Part
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
+FARTHEST = 4.0  # g |x| of `process`, which loses a factor of 1 + 2(g|x|)², squared, of the digits of |x|
+
 
 class Scheme(NamedTuple):
     """Coefficients of one step; `a` of the rotations and `b`, `c`, `d` of the kicks, all palindromes."""
@@ -380,8 +382,12 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
     force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
     scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-    step = KERNELS[carried][bool(scheme.c) + bool(scheme.d)]
-    return _conjugate(name, h, scales, NOTHING, step, MAP, 0.5 * scheme.processor * force * h)
+    step, processor = KERNELS[carried][bool(scheme.c) + bool(scheme.d)], 0.5 * scheme.processor * force * h
+    if FARTHEST < abs(processor) * math.hypot(*y0[3:]) < math.inf:
+        raise StepError(
+            name, "h is so long that its processor turns every axis into the vertical, but for round-off", h=h
+        )
+    return _conjugate(name, h, scales, NOTHING, step, MAP, processor)
 
 
 def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:

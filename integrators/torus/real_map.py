@@ -277,6 +277,15 @@ def on_torus(s, c, tolerance):
 
 
 @jit
+def rows_on_torus(rows, c, tolerance):
+    """How many of the first rows are on the torus."""
+    for i in range(len(rows)):
+        if not on_torus((rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]), c, tolerance):
+            return i
+    return len(rows)
+
+
+@jit
 def constants(alpha, y, q, lam, m):
     """The constants of a step, computed in double-double and rounded once."""
     c = np.zeros(CONSTANTS)
@@ -437,7 +446,10 @@ def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, 
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
 OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
 first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
-first_nearly_dependent = at_first_interpreted(nearly_dependent)
+first_nearly_dependent, first_rows_on_torus = (
+    at_first_interpreted(nearly_dependent),
+    at_first_interpreted(rows_on_torus),
+)
 
 
 def pin_of(state: Array, alpha: float) -> Any:

@@ -12,6 +12,7 @@ from toys import multistep
 from lagrange_bench.experiments.measuring import check, first_step
 from lagrange_bench.integrators import METHODS, TOPS, Claims, LagrangeTop, Problem, StepError
 from lagrange_bench.integrators.interface import Stepper
+from lagrange_bench.integrators.methods import implicit_midpoint, splitting
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
 from tests.installed import in_uniform_fields
@@ -126,7 +127,8 @@ LIES = [
     ("implicit_midpoint", {"order": 3}, {"order 3"}),
     ("implicit_midpoint", {"order": None}, {"exact in time"}),
     ("rk45_fixed", {"symmetric": True}, {"symmetric"}),
-    ("rk45_fixed", {"conserves": ALL}, {"conserves H", "conserves C1", "conserves C2"}),
+    ("rk45_fixed", {"conserves": ALL}, {"conserves H", "conserves C1", "conserves C2", "conserves in long steps"}),
+    ("backlund_textbook", {"conserves": ALL}, {"conserves in long steps"}),
     ("taylor_fixed", {"order": 21}, {"order 21"}),
 ]
 
@@ -136,6 +138,18 @@ def test_a_false_claim_is_caught(name, lie, caught):
     claims = {word: lie.pop(word) for word in {*lie} & {"symmetric", "poisson", "conserves"}}
     honest = METHODS[name]
     assert failed(in_uniform_fields(honest, claims=replace(honest.claims, **claims), **lie)) == caught
+
+
+@pytest.mark.parametrize(
+    ("name", "limit"),
+    [("takahashi_imada", (splitting, "FARTHEST")), ("implicit_midpoint", (implicit_midpoint, "LONGEST"))],
+)
+def test_steps_too_long_to_keep_what_is_claimed_are_refused(name, limit, monkeypatch):
+    (verdict,) = check.long_steps(METHODS[name], True)
+    assert verdict.passed
+    monkeypatch.setattr(*limit, 1e6)
+    (verdict,) = check.long_steps(METHODS[name], True)
+    assert not verdict.passed
 
 
 def adams(order):

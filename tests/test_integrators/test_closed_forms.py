@@ -23,8 +23,8 @@ def test_map_follows_the_exact_solution(h):
 
 
 def test_pins_keep_the_map_on_its_torus():
-    """Without them it leaves it exponentially, here a hundredfold every hundred steps."""
-    for pins, steps in (({}, 200_000), ({"pin": 0}, 400)):
+    """Without them it leaves it exponentially, here a hundredfold every hundred steps, until that is refused."""
+    for pins, steps in (({}, 200_000), ({"pin": 0}, 240)):
         y = prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", **pins).record(
             GENERIC.state, steps, steps // 4
         )
@@ -34,6 +34,8 @@ def test_pins_keep_the_map_on_its_torus():
         else:
             assert np.all(off <= 16 * 2.0**-53)
             assert np.all(off[:, 1] == 0)
+    with pytest.raises(StepError, match="left the torus"):
+        prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", pin=0).advance(GENERIC.state, 400)
 
 
 @pytest.mark.parametrize("kick", [1e-2, 1e-12])
@@ -52,6 +54,13 @@ def test_map_refuses_what_it_cannot_do(kick):
     if refused:
         with pytest.raises(StepError, match="separatrix"):
             prepare(top, y0, 7.0, "addition_theorem")
+
+
+@pytest.mark.parametrize("steps", [1, 10])
+def test_a_map_that_leads_off_the_torus_is_refused(steps):
+    """The constants of so long a step have no digits: x3 would be 216."""
+    with pytest.raises(StepError, match="left the torus"):
+        integrate(LagrangeTop(1.0), (0, 0, 0, 0, 0, 1.0), h=1000.0, steps=steps, method="addition_theorem")
 
 
 def test_a_long_step_close_to_the_unstable_vertical_has_its_turn():
