@@ -194,6 +194,20 @@ def test_who_leads_is_told_with_set_up(setup, error, ratio):
         assert len(found.values) == 5
 
 
+def test_with_a_state_every_unit_longer_steps_do_not_count():
+    """Steps of 16 units take 0.1 s, those of one unit 1 s; every other method 5 s at one unit, but one with a tolerance 3 s."""
+    rows = pd.DataFrame({"method": [*METHODS, "backlund"], "status": "done", "span": 10.0, "state": "generic"})
+    rows = rows.assign(error=1e-13, seconds=5.0, setup_seconds=0.0, h=1.0)
+    ours = rows.method == "backlund"
+    rows.loc[ours, ["seconds", "h"]] = [(1.0, 1.0), (0.1, 16.0)]
+    rows.loc[rows.method == "taylor", ["seconds", "h"]] = (3.0, np.nan)
+    errors = [(10.0, 1e-4, 1e-12)]
+    for every, ratio in ((1.0, 3.0), (np.inf, 30.0)):
+        assert np.allclose(promises.lead(rows, errors, every=every).values, ratio)
+    with pytest.raises(claims.NoData, match="backlund over"):
+        promises.lead(rows[~(ours & (rows.h == 1.0))], errors, every=1.0)
+
+
 @pytest.mark.parametrize(
     ("read", "line"),
     [
