@@ -22,8 +22,6 @@ from lagrange_bench.results.store import default_results
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 # their rows, or some of them, come with the next run of the reference
 PENDING = {
-    "magnet-exact": claims.UNTESTED,
-    "exact-in-time": claims.CONSISTENT,
     "long-and-short-runs": claims.CONSISTENT,
 }
 
@@ -81,8 +79,6 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, 
         cell = fields(journals[experiment])
         for part, names in load(experiment).MEASURED.items():
             done = rows[(rows.status == "done") & reductions.in_part(rows, part)]
-            if (experiment, part) == ("paper", "magnet") and "magnet-exact" in PENDING:
-                continue
             always = {name for name in done if done[name].dtype.kind == "f" and done[name].notna().all()}
             assert always - cell - {"x1"} <= set(names), (experiment, part)
             for name in set(names) & set(numbers(experiment, done, cell)):
