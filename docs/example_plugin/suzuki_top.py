@@ -9,7 +9,7 @@ Source: Suzuki, Phys. Lett. A 146 (1990) 319.
 
 import numpy as np
 
-from lagrange_bench import Claims, FixedStepper, Method, compiled
+from lagrange_bench import Claims, FixedStepper, Method, StepError, compiled
 
 ALPHA, OUTER, MIDDLE = range(3)  # places of the constants
 S = 1 / (4 - 4 ** (1 / 3))
@@ -52,6 +52,8 @@ def step(s, c, tally):
 
 
 def prepare(top, y0, h):
+    if abs(h) * top.scales(y0)[0] > 100.0:
+        raise StepError("suzuki4", "|h| is over 100 time scales: Cayley's turn loses the digits of |x|", h=h)
     return FixedStepper("suzuki4", h, np.array((top.alpha, S * h, (1 - 4 * S) * h)), step)
 
 

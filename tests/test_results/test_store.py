@@ -389,7 +389,7 @@ def test_every_column_is_explained():
 CELLS = [
     {"method": "rk4", "state": "generic"},
     {"method": "strang", "state": "generic"},
-    {"method": "strang", "top": "mine"},
+    {"method": "strang", "state": "mine"},
     {"part": "cost"},
 ]
 ROWS = [{"error": 1.0}]
