@@ -94,8 +94,8 @@ def _judge(result: Verification, old: Record, new: Record, here: Sources) -> Non
         result.close += 1
 
 
-def _tolerance(method: str | None) -> Any:
-    compiled = method is not None and getattr(_found(find_stored_method, method), "engine", None) == "numba"
+def _tolerance(method: Any) -> Any:
+    compiled = isinstance(method, str) and getattr(_found(find_stored_method, method), "engine", None) == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
