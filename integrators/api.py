@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.cases import CASES, Case
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
+from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
@@ -232,6 +234,8 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise
+    if isinstance(built, FixedStepper):
+        built.again = partial(prepare, top, y0.copy(), h, method, **options)
     stepper = watched(method.name, built, len(y0))
     if y0.tobytes() != before:
         raise ValueError(f"{method.name}: prepare wrote to y0")

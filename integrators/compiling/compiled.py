@@ -240,18 +240,3 @@ def useful_lines(error: Any) -> str:
     here = os.path.dirname(__file__)
     where = [f" ({file}:{line})" for file, line in places if os.path.dirname(os.path.abspath(file)) != here]
     return f"{' '.join(words)[:300]}{''.join(where[:1])}"
-
-
-# ---------------------------------------------------------------- old names, until the branches that use them have landed
-
-
-def inlined(function: Callable[..., Any]) -> Any:
-    return jit(function, inline=True)
-
-
-def jit_as(name: str, forceinline: bool = False) -> Any:
-    return partial(jit, inline=forceinline)
-
-
-def jit_over(*kernels: Any) -> Any:
-    return jit

@@ -101,6 +101,10 @@ class KernelError(ValueError):
     """A kernel cannot be compiled. The cause is Numba's error."""
 
 
+def _call(function: Callable[[], Any]) -> Any:
+    return function()
+
+
 class FixedStepper(Stepper):
     """A `Stepper` around a compiled kernel: one internal step per h.
 
@@ -140,6 +144,8 @@ class FixedStepper(Stepper):
         From `advance` and `record`.
     """
 
+    again: Callable[[], Any] | None = None  # what prepares it once more, if `prepare` has made it
+
     def __init__(
         self,
         name: str,
@@ -168,6 +174,10 @@ class FixedStepper(Stepper):
             self.from_start = True
         self._run = compiled_loop(step, pin, constants.dtype, size, timed)
         self.work, self.tally = Work(), np.zeros(max(SIZE, MEMORY + memory))
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """It is prepared again where it arrives: machine code cannot be sent."""
+        return super().__reduce_ex__(protocol) if self.again is None else (_call, (self.again,), {"work": self.work})
 
     # not attributes: a stepper that holds methods of its own waits for the garbage collector, which costs as much as a
     # short run

@@ -91,10 +91,8 @@ class Unrolled:
         return identified, (self.digest,)
 
 
-def unrolled(function: Callable[..., Any] | str) -> Any:
+def unrolled(function: Callable[..., Any]) -> Any:
     """The decorator. The function may close over what `jit` takes, and over plain functions and what has a `digest`."""
-    if isinstance(function, str):  # the old way, until the branches that use it have landed
-        return unrolled
     if not COMPILED:
         return function
     made = Unrolled(function)

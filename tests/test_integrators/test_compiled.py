@@ -2,6 +2,7 @@
 
 import io
 import os
+import pickle
 import resource
 import sys
 from functools import partial
@@ -10,12 +11,13 @@ import numba
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import announce, imported
+from lagrange_bench.integrators import announce, imported, prepare
 from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
 from lagrange_bench.integrators.problem import kirchhoff
+from lagrange_bench.integrators.registry import find_top
 from tests import faults
 
 pytestmark = [
@@ -278,6 +280,24 @@ def test_compilation_switched_off_later_changes_nothing(monkeypatch):
 
     assert half(1.0) == 0.5
     assert len(half.overloads) == 1
+
+
+# what a process prints that gets a stepper and its state
+ARRIVED = """
+import pickle, sys
+stepper, y0 = pickle.loads(bytes.fromhex(sys.argv[1]))
+print(stepper.advance(y0, 10).tobytes().hex())
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "named"), [("backlund", "generic"), ("verner9_projected", "generic"), ("strang", "weak_tide")]
+)
+def test_steppers_of_kernels_go_to_other_processes(tmp_path, name, named):
+    found = find_top(named)
+    stepper = prepare(found.top, found.y0, 0.1, name)
+    sent = pickle.dumps((stepper, np.array(found.y0))).hex()
+    assert python(ARRIVED, sent, cache=tmp_path).strip() == stepper.advance(found.y0, 10).tobytes().hex()
 
 
 def test_kernels_that_cannot_be_compiled_are_refused():
