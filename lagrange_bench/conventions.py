@@ -241,10 +241,6 @@ class Hints:
         if np.linalg.norm(self.given["position"], axis=1).max() < RIGHT * self.sizes["position"]:
             yield "the positions are those of the fixed point, not of the centre of mass."
 
-    def moved(self) -> list[str]:
-        """Another origin, another point of the body."""
-        return list(self._points())
-
     def _wrong(self, judged: str) -> bool:
         return bool(self.now.get(judged, 0.0) > START)
 
@@ -376,7 +372,7 @@ class Hints:
         found = frames.errors(self.first, frames.exact(self.t[:1]))
         return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
 
-    def _points(self) -> Iterator[str]:
+    def points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
         if "position" not in self.given or not self._wrong("position") or not self.frames.moving.fixed:
             return
@@ -422,21 +418,28 @@ class Hints:
         yield from fits if len(fits) == 1 else []
 
 
-def hints(frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = "") -> list[str]:
-    """Those of the whole run; else of its first rows. Rows themselves tell the frame of ω, and missing torques."""
+def find_hints(
+    frames: Frames,
+    given: Mapping[str, Array],
+    t: Array,
+    exact: Exact,
+    good: Array,
+    rows: Rows | None,
+    way: str = "",
+) -> list[str]:
+    """Hints of the whole run; else of its first rows. `rows` themselves tell the frame of ω, and missing torques."""
     whole = Hints(frames, given, t, exact, good, way)
-    found = whole.written() or whole.turned()
-    if not found and len(good) and good[0] == 0:
+    hints = whole.written() or whole.turned()
+    if not hints and len(good) and good[0] == 0:
         prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
-        found = next(filter(None, (each.written() for each in prefixes)), [])
-    found = found or whole.moved()
-    rows = frames.rows(_rows(given, good), t[good])
+        hints = next(filter(None, (each.written() for each in prefixes)), [])
+    hints = hints or list(whole.points())
     if rows is not None:
-        if (other := rows.other_frame()) and not any("--omega" in hint for hint in found):
-            found.append(f"ω is in the {other} frame: --omega {other}, from Python omega_frame.")
+        if (other := rows.other_frame()) and not any("--omega" in hint for hint in hints):
+            hints.append(f"ω is in the {other} frame: --omega {other}, from Python omega_frame.")
         elif rows.without_gyroscopic_torque(frames.moving):
-            found.append("the program leaves out the gyroscopic torque ω × I ω: an option of many engines.")
-    return found
+            hints.append("the program leaves out the gyroscopic torque ω × I ω: an option of many engines.")
+    return hints
 
 
 def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:

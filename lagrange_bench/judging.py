@@ -13,9 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import reading
 from lagrange_bench.arguments import own
-from lagrange_bench.consistency import rate_note
-from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Exact, Frames
-from lagrange_bench.conventions import hints as find_hints
+from lagrange_bench.consistency import Rows, rate_note
+from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Exact, Frames, find_hints
 from lagrange_bench.integrators import CASES, Case, StepError
 from lagrange_bench.integrators.cases import read_case
 
@@ -83,7 +82,7 @@ class Judgement:
         return lines
 
     def _growth(self, name: str) -> str:
-        """how the largest error so far grows with time, if the rows tell."""
+        """How the largest error so far grows with time, if the rows tell."""
         t, error = self.curves[name]
         worst = np.maximum.accumulate(error)
         use = (t > t[-1] / 8) & (worst > max(self.floor.get(name, 0.0), 1e-15))
@@ -239,7 +238,8 @@ def _judged(
         exact = frames.exact(t)
         found = frames.errors(given, exact)
         good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        hints = find_hints(frames, given, t, exact, good, way) if len(good) else []
+        rows = frames.rows(given, t)
+        hints = find_hints(frames, given, t, exact, good, rows, way) if len(good) else []
         if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
     floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
@@ -254,7 +254,7 @@ def _judged(
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    notes = [*_notes(t, found), *_own_notes(frames, given, t, hints)]
+    notes = [*_notes(t, found), *_own_notes(frames, rows, hints)]
     for name in (name for name in blurred if name in found):
         floors[name] = blurred[name]
         hidden = f"this hides errors of {name} below {floors[name]:.1e} {UNITS[name]}."
@@ -309,9 +309,8 @@ def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
 
 
-def _own_notes(frames: Frames, given: Mapping[str, Array], t: Array, hints: Sequence[str]) -> Iterator[str]:
+def _own_notes(frames: Frames, rows: Rows | None, hints: Sequence[str]) -> Iterator[str]:
     """What the rows say of themselves."""
-    rows = frames.rows(given, t)
     if rows is None:
         return
     yield from rows.notes()

@@ -51,8 +51,7 @@ def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
     # a_j G² − D; where it is 0 the two choices of k are the same motion
     if (a[j] - a[i]) * squares[i] + (a[j] - a[k]) * squares[k] < 0 or a[j] == a[k]:
         i, k = k, i
-    differences = a[i] - a[j], a[j] - a[k], a[i] - a[k]
-    ij, jk, ik = differences
+    ij, jk, ik = a[i] - a[j], a[j] - a[k], a[i] - a[k]
     low = ik * squares[i] + jk * squares[j]  # D − a_k G²
     high = ij * squares[j] + ik * squares[k]  # a_i G² − D
     middle = jk * squares[k] - ij * squares[i]  # a_j G² − D

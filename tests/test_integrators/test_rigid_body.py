@@ -84,14 +84,19 @@ def test_any_symmetric_body_by_every_exact_method(motion_of):
                 assert np.ptp(kept) < 1e-12 * np.max(np.abs(kept))
 
 
-@pytest.mark.parametrize("method", EXACT)
-@pytest.mark.parametrize("name", CASES)
+def pairs_of_cases():
+    """Every exact method with every case that it takes; not Taylor where what is rounded off grows by 10¹²."""
+    for name, case in CASES.items():
+        unstable = "free" in case.body.offers and case.body.axis is None
+        for method in EXACT:
+            if not (METHODS[method].takes(case.body) or (method == "taylor" and unstable)):
+                yield name, method
+
+
+@pytest.mark.parametrize(("name", "method"), list(pairs_of_cases()))
 def test_the_cases_against_their_reference_files(name, method):
     """25 digits on file: position to 1e-14 m in one step, rotation to 1e-13, through 500 rad of spin."""
     case, file = CASES[name], np.loadtxt(REFERENCE / f"{name}.csv", delimiter=",", skiprows=6)
-    stable = "free" not in case.body.offers or case.body.axis is not None
-    if METHODS[method].takes(case.body) or (method == "taylor" and not stable):
-        pytest.skip("it does not take this body, or what is rounded off grows by 10¹² in it")
     t, position, R, omega = file[:, 0], file[:, 1:4], file[:, 8:17].reshape(-1, 3, 3), file[:, 17:]
     one = integrate(case.body, case.state, h=t[-1], steps=1, method=method)
     dense = integrate(case.body, case.state, t=t, method=method)
