@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 

@@ -36,11 +36,11 @@ from lagrange_bench.integrators import (
 from lagrange_bench.integrators.compiling.compiled import compiled
 from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
 from lagrange_bench.integrators.interface import Array
-from lagrange_bench.integrators.machine import usable_cores
 from lagrange_bench.integrators.methods.backlund import SHORT
 from lagrange_bench.integrators.methods.taylor import equations
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.truth import exact, reference
+from lagrange_bench.support.machine import usable_cores
 
 VERSION = 3
 COST = ("us_per_top", "ns_per_time", "error", "largest_error")

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring.states import KNOBS, OPTIONS, find, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
-from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.files import read_toml
+from lagrange_bench.support.words import suggestion
 
 Cell = dict[str, Any]
 FIELDS = {"methods": "method", "tops": "state"}  # keys of a table and of a cell, where they differ

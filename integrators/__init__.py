@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from lagrange_bench.integrators.lazy import exported, face
+from lagrange_bench.support.lazy import exported, public_module
 
 if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.api import integrate as integrate
@@ -55,5 +55,5 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.truth import reference as reference
 
 _HOMES = exported(__file__)
-__getattr__, __dir__ = face(__name__, _HOMES)
+__getattr__, __dir__ = public_module(__name__, _HOMES)
 __all__ = sorted(sum(_HOMES.values(), ()))

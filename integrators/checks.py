@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 Array = NDArray[np.float64]
 

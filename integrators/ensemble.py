@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators import checks, machine
+from lagrange_bench.integrators import checks
 from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
@@ -27,6 +27,7 @@ from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Start, motion_of
+from lagrange_bench.support import machine
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
 

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
-from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.support.files import write_file
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -27,7 +27,7 @@ from types import ModuleType
 from typing import Any
 
 from lagrange_bench.integrators.interface import Method, StepError
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 BUILT_IN = {
     # backlund

@@ -15,7 +15,7 @@ Beside it, this package holds the command line (`commands`) and what runs cells 
 from typing import TYPE_CHECKING
 
 from lagrange_bench.integrators import __all__ as _INTEGRATORS
-from lagrange_bench.integrators.lazy import exported, face
+from lagrange_bench.support.lazy import exported, public_module
 
 if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot evaluate `__all__`
     from lagrange_bench.comparison import Comparison as Comparison
@@ -40,5 +40,5 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot
     from lagrange_bench.results.store import Store as Store
 
 _HOMES = {**exported(__file__), "lagrange_bench.integrators": tuple(_INTEGRATORS)}
-__getattr__, __dir__ = face(__name__, _HOMES)
+__getattr__, __dir__ = public_module(__name__, _HOMES)
 __all__ = sorted(sum(_HOMES.values(), ()))

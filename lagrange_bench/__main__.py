@@ -21,9 +21,9 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from lagrange_bench.integrators import announce
-from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.output import plain, visible
+from lagrange_bench.support import announce
+from lagrange_bench.support.words import suggestion
 
 
 class Help(argparse.HelpFormatter):

@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.integrators.words import number, numbers, option, read, suggestion
+from lagrange_bench.support.words import number, numbers, option, read, suggestion
 
 __all__ = ["number", "numbers", "option"]  # types of options, too
 

@@ -18,7 +18,7 @@ from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
 from lagrange_bench.experiments.work_precision import WALL, draw_front
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 Names = Iterable[str | Method] | None
 MOST = 12  # panels of one figure, and methods that are all named

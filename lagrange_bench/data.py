@@ -12,8 +12,8 @@ import pandas as pd
 
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators.registry import find_stored_potential
-from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.results.store import Store, find_results
+from lagrange_bench.support.words import suggestion
 
 # experiments whose rows have the tops' own unit of time; those of a `case` have s
 OWN_UNITS = ("driven", "ensemble")

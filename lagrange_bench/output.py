@@ -90,6 +90,6 @@ def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> Non
 def write_picture(path: Path, figure: Any) -> str:
     """Write a figure in the format that the name ends in, and say what was done."""
     from lagrange_bench.experiments.drawing import figures
-    from lagrange_bench.integrators.files import replace_file
+    from lagrange_bench.support.files import replace_file
 
     return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))

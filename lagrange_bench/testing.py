@@ -25,7 +25,7 @@ from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
 

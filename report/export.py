@@ -7,11 +7,11 @@ from pathlib import Path
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style
-from lagrange_bench.integrators.files import replace_file
-from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.report import origin, sections
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store
+from lagrange_bench.support.files import replace_file
+from lagrange_bench.support.words import suggestion
 
 # each file with what was done, what cannot be drawn and why, remarks on the rows
 Written = tuple[dict[Path, str], list[str], list[str]]

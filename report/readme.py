@@ -8,11 +8,11 @@ import numpy as np
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.integrators import TOPS, integrate
-from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.truth import exact
 from lagrange_bench.report import page
 from lagrange_bench.report.claims import CONFIRMED, grouped
 from lagrange_bench.results.store import Store
+from lagrange_bench.support.files import write_file
 
 ROOT = Path(__file__).resolve().parents[1]
 BEGIN = (

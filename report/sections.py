@@ -24,14 +24,14 @@ from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import settled
-from lagrange_bench.integrators.files import write_file
-from lagrange_bench.integrators.interrupts import interrupt_held_back
 from lagrange_bench.integrators.registry import import_modules
 from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store, StoreError
+from lagrange_bench.support.files import write_file
+from lagrange_bench.support.interrupts import interrupt_held_back
 
 DECLINED = "StepError"  # what a method raises that declines a step
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long

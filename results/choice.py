@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from lagrange_bench.integrators import machine
+from lagrange_bench.support import machine
 
 # a result is stored under these versions: a change of any of them measures afresh
 DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")

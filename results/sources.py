@@ -13,7 +13,7 @@ from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, installed, load_stored
-from lagrange_bench.integrators.imported import BENCH, IMPORTED, Code, Sources
+from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, SourceDigest, Sources
 
 DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
 QUOTED = re.compile(rb"""["'](\w+)["']""")
@@ -26,12 +26,12 @@ WORDS = {
 }
 
 
-def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> str | None:
+def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> str | None:
     """Digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
     return code_of_cell(experiment, cell, sources).digest
 
 
-def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED) -> Code:
+def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> SourceDigest:
     """The source code that computes a cell.
 
     sources : as this process read them; `Sources()` for the files as they are now.
@@ -42,11 +42,11 @@ def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IM
         try:
             sources.known[asked] = _code(sources, *asked)
         except Exception:  # somebody else's, and not here, or not fit to be read
-            sources.known[asked] = Code(None)
+            sources.known[asked] = SourceDigest(None)
     return sources.known[asked]
 
 
-def _code(sources: Sources, experiment: str, method: str | None, potential: str | None) -> Code:
+def _code(sources: Sources, experiment: str, method: str | None, potential: str | None) -> SourceDigest:
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS
 
     modules = {_module(experiment)}

@@ -22,9 +22,9 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
+from lagrange_bench.support.source_digest import Sources
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -112,7 +112,7 @@ def short_races(monkeypatch):
 @pytest.fixture
 def one_core(monkeypatch):
     """Pages are drawn in this process: starting others takes longer than a few figures."""
-    monkeypatch.setattr("lagrange_bench.integrators.machine.usable_cores", lambda: 1)
+    monkeypatch.setattr("lagrange_bench.support.machine.usable_cores", lambda: 1)
 
 
 @pytest.fixture

@@ -16,8 +16,8 @@ from typing import Any
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.files import write_file
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.support.files import write_file
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STATES = ("generic", "figure1", "random000")

@@ -13,7 +13,7 @@ from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import METHODS
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 
 def problem(method: Method, word: str | None) -> str | None:

@@ -20,7 +20,7 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
 from lagrange_bench.integrators.truth import truths
-from lagrange_bench.integrators.words import numbers, suggestion
+from lagrange_bench.support.words import numbers, suggestion
 
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise

@@ -30,13 +30,13 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.backward_error.steps import STEPS, Series, flow
 from lagrange_bench.integrators.checks import check_state, check_step, check_times
 from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter
 from lagrange_bench.integrators.torus.clock import time_and_turn
 from lagrange_bench.integrators.truth import exact
+from lagrange_bench.support.precision import workdps
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
 SPANS = (1e-6, 1e3)  # of |h|, in time scales of the top

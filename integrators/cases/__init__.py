@@ -21,13 +21,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_count, check_times
-from lagrange_bench.integrators.files import read_toml
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.problem.top import Named
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import Start, Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+from lagrange_bench.support.files import read_toml
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation

@@ -27,9 +27,9 @@ import numpy as np
 from numba.core.errors import NumbaError as NumbaError  # those who compile catch it
 from numba.core.registry import CPUDispatcher
 
-from lagrange_bench.integrators import announce
-from lagrange_bench.integrators.files import cache_folder
-from lagrange_bench.integrators.imported import IMPORTED, Code
+from lagrange_bench.support import announce
+from lagrange_bench.support.files import cache_folder
+from lagrange_bench.support.source_digest import IMPORTED_SOURCES, SourceDigest
 
 config: Any = numba.config  # its attributes are made at run time
 COMPILED = not config.DISABLE_JIT  # asked once: functions that are compiled and functions that are not do not mix
@@ -191,17 +191,17 @@ def _hash(*parts: Any) -> str:
 
 def _sources(module: str) -> str | None:
     """Digest of all sources that the functions of a module can call, of `SETTINGS` and the processor; None: not known."""
-    if module not in IMPORTED.known:
+    if module not in IMPORTED_SOURCES.known:
         settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
         machine = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         try:
             if module not in sys.modules:  # Numba could not load what it keeps
                 raise ImportError(module)
-            code = IMPORTED.code({module, *_below()}, numba.__version__, *settings, *machine)
-            IMPORTED.known[module] = Code(None) if IMPORTED.edited(code) else code
+            code = IMPORTED_SOURCES.code({module, *_below()}, numba.__version__, *settings, *machine)
+            IMPORTED_SOURCES.known[module] = SourceDigest(None) if IMPORTED_SOURCES.edited(code) else code
         except (ImportError, OSError):  # a module without a file
-            IMPORTED.known[module] = Code(None)
-    return IMPORTED.known[module].digest
+            IMPORTED_SOURCES.known[module] = SourceDigest(None)
+    return IMPORTED_SOURCES.known[module].digest
 
 
 @cache

@@ -14,7 +14,7 @@ import numpy as np
 
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.splitting import palindrome
-from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.support.precision import workdps
 
 
 class Scheme(NamedTuple):

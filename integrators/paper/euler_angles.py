@@ -34,10 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.phase_space import components, function, refuse, sqrt
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth.exact import check_times, solution
 from lagrange_bench.integrators.truth.orbit import State, real
+from lagrange_bench.support.precision import workdps
 
 __all__ = ["Motion", "Weierstrass", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 

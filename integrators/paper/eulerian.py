@@ -26,8 +26,8 @@ from mpmath import mp
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.euler_angles import to_angles
 from lagrange_bench.integrators.paper.phase_space import Numbers, function, gradient, ladder, refuse, root_near, sqrt
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.support.precision import workdps
 
 Pair = tuple[Any, Any]
 

@@ -24,8 +24,8 @@ from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.eulerian import Pair
 from lagrange_bench.integrators.paper.lax import entries
 from lagrange_bench.integrators.paper.phase_space import Numbers, cartesian, function, ladder, refuse, root_near, sqrt
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.support.precision import workdps
 
 
 def root_k(top: LagrangeTop, lam: Any, c1: Any, old: Pair, new: Pair, near: Any) -> Any:

@@ -24,10 +24,10 @@ from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.one_point import gauge
 from lagrange_bench.integrators.paper.phase_space import Numbers, function, invariants, lift, turn_rate, vector_field
 from lagrange_bench.integrators.paper.two_point import Point, point, pole_free
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import clock
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
+from lagrange_bench.support.precision import workdps
 
 # ------------------------------------------------------------------------------------------ the limit λ1 → λ2
 

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
 from lagrange_bench.integrators.problem.system import E3, Dynamics, System, uniform_system
-from lagrange_bench.integrators.words import suggestion
+from lagrange_bench.support.words import suggestion
 
 
 class Top(Dynamics):

@@ -21,11 +21,11 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_state
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth import orbit as uniform
 from lagrange_bench.integrators.truth import tide
 from lagrange_bench.integrators.truth.orbit import Nutation, Orbit, Rotation
+from lagrange_bench.support.precision import workdps
 
 __all__ = ["after_steps", "nutation_period", "precession_per_nutation", "regime", "roots", "solution"]
 

@@ -35,7 +35,6 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.rotation import product
 from lagrange_bench.integrators.truth.exact import (
     DIGITS,
@@ -47,6 +46,7 @@ from lagrange_bench.integrators.truth.exact import (
     reduced,
     split,
 )
+from lagrange_bench.support.precision import workdps
 
 GUARD = 15  # digits
 DOUBLE = 20  # digits of series that are summed in doubles

@@ -42,7 +42,7 @@ from typing import Any, NamedTuple
 
 from mpmath import mp, mpf
 
-from lagrange_bench.integrators.precision import workdps
+from lagrange_bench.support.precision import workdps
 
 Vector = tuple[Any, ...]  # of mpf, mpc, float or complex
 

@@ -34,15 +34,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_times
 from lagrange_bench.integrators.compiling.expression import Program, Tape
-from lagrange_bench.integrators.files import cache_folder, write_file
 from lagrange_bench.integrators.interface import StepError
-from lagrange_bench.integrators.precision import ONE_AT_A_TIME, workdps
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
 from lagrange_bench.integrators.truth.orbit import horner
+from lagrange_bench.support.files import cache_folder, write_file
+from lagrange_bench.support.precision import ONE_AT_A_TIME, workdps
 
 __all__ = ["Reference", "engines", "horizon", "solution"]
 

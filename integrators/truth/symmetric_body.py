@@ -25,12 +25,12 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.problem.rotation import product
 from lagrange_bench.integrators.truth import tide
 from lagrange_bench.integrators.truth.exact import DIGITS, Clock, check_digits, check_times, reduced, rounded
 from lagrange_bench.integrators.truth.free_body import Rationals, clock, quaternions, real
 from lagrange_bench.integrators.truth.orbit import Rotation
+from lagrange_bench.support.precision import workdps
 
 BITS = 400  # of directions that are not rational
 

@@ -36,7 +36,6 @@ from typing import Any, NamedTuple
 from mpmath import mp, mpf
 from numpy.polynomial.polynomial import polyder, polydiv
 
-from lagrange_bench.integrators.precision import workdps
 from lagrange_bench.integrators.truth.orbit import (
     Orbit,
     State,
@@ -50,6 +49,7 @@ from lagrange_bench.integrators.truth.orbit import (
     units,
     weight,
 )  # fmt: skip
+from lagrange_bench.support.precision import workdps
 
 
 class Factor(NamedTuple):

@@ -28,8 +28,8 @@ DOUBLE = 17  # digits that make a double again
 def run(options: argparse.Namespace) -> Answer:
     """The list of the cases, or the rows of one."""
     from lagrange_bench.integrators import CASES
-    from lagrange_bench.integrators.files import replace_file
     from lagrange_bench.judging import find
+    from lagrange_bench.support.files import replace_file
 
     if options.name is None:
         if given := [word for word in ("until", "every", "output") if getattr(options, word) is not None]:

@@ -48,10 +48,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Draw one stored figure, or all of them, as files."""
     from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.integrators.files import replace_file
     from lagrange_bench.report import export
     from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
+    from lagrange_bench.support.files import replace_file
 
     if options.list and (given := [word for word in ("output", "format", "width") if getattr(options, word)]):
         raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")

@@ -35,7 +35,7 @@ def run(options: argparse.Namespace) -> Answer:
     """List the sections, or show one."""
     from lagrange_bench.experiments import paper_sections
     from lagrange_bench.integrators import TOPS
-    from lagrange_bench.integrators.words import suggestion
+    from lagrange_bench.support.words import suggestion
 
     known = paper_sections.SECTIONS
     if options.section is None:

@@ -35,12 +35,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """Build the page from stored results, and say what could not be drawn."""
-    from lagrange_bench.integrators import machine
     from lagrange_bench.report import claims, page
     from lagrange_bench.report.sections import place
     from lagrange_bench.results import provenance
     from lagrange_bench.results.store import REFERENCE, find_results
     from lagrange_bench.runner import progress
+    from lagrange_bench.support import machine
 
     results = find_results(options.results)
     beside = options.beside and find_results(options.beside)

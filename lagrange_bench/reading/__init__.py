@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.words import suggestion
 from lagrange_bench.reading.names import (
     EXPECTED,
     ROLES,
@@ -28,6 +27,7 @@ from lagrange_bench.reading.names import (
     unit_of,
 )
 from lagrange_bench.reading.rows import Table, is_number, number, open_table
+from lagrange_bench.support.words import suggestion
 
 Array = np.ndarray
 KNOWN = (

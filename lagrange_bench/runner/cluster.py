@@ -17,10 +17,10 @@ from functools import cache
 from typing import Any, Self
 
 from lagrange_bench import arguments
-from lagrange_bench.integrators import interrupts
 from lagrange_bench.results import provenance
 from lagrange_bench.runner import memory, workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
+from lagrange_bench.support import interrupts
 
 CONNECT = 30.0  # s to wait for the scheduler
 PATIENCE = 30.0  # s without a finished cell before it is asked whether there is a worker

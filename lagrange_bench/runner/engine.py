@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.experiments.catalogue import lacks, load
-from lagrange_bench.integrators import interrupts, machine
-from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
 from lagrange_bench.runner import cluster, memory, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
+from lagrange_bench.support import interrupts, machine
+from lagrange_bench.support.source_digest import Sources
 
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
 

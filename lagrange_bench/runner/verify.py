@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_stored
-from lagrange_bench.integrators import machine
-from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
@@ -19,6 +17,8 @@ from lagrange_bench.results.compare import differences, is_time
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical, find_results
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
+from lagrange_bench.support import machine
+from lagrange_bench.support.source_digest import Sources
 
 # `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
 RTOL, ATOL = 1e-3, 1e-12

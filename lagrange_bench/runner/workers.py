@@ -22,11 +22,11 @@ from time import monotonic, perf_counter
 from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.integrators import announce, interrupts
-from lagrange_bench.integrators.imported import IMPORTED
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
 from lagrange_bench.runner import memory
+from lagrange_bench.support import announce, interrupts
+from lagrange_bench.support.source_digest import IMPORTED_SOURCES
 
 # read by the numerical libraries when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
@@ -246,9 +246,9 @@ def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, e
     """
     start = perf_counter()
     code = sources.code_of_cell(experiment, cell)  # the files are read before they are imported
-    if expected in (None, code.digest) and not IMPORTED.edited(code):
+    if expected in (None, code.digest) and not IMPORTED_SOURCES.edited(code):
         outcome = {**_measure(experiment, cell, limit), "seconds": round(perf_counter() - start, 3)}
-        if not IMPORTED.edited(code):
+        if not IMPORTED_SOURCES.edited(code):
             return {**outcome, "sources": code.digest}
     return failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0)
 

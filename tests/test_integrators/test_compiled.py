@@ -11,13 +11,14 @@ import numba
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import announce, imported, prepare
+from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
 from lagrange_bench.integrators.problem import kirchhoff
 from lagrange_bench.integrators.registry import find_top
+from lagrange_bench.support import announce, source_digest
 from tests import faults
 
 pytestmark = [
@@ -181,7 +182,11 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
 
 def test_kept_code_depends_on_kernels_that_come_as_arguments(monkeypatch):
     """`loops` imports no problem; the steps that it loops over are made of their formulas."""
-    files, place, path = imported.IMPORTED, "lagrange_bench.integrators.compiling.loops", kirchhoff.__file__
+    files, place, path = (
+        source_digest.IMPORTED_SOURCES,
+        "lagrange_bench.integrators.compiling.loops",
+        kirchhoff.__file__,
+    )
     digests = []
     for text in (files.read(path), b"# edited"):
         monkeypatch.setitem(files.content, path, text)

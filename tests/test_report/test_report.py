@@ -23,11 +23,11 @@ import pytest
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.files import write_file
 from lagrange_bench.report import fairness, lists, page, promises, sections
 from lagrange_bench.report.claims import Answer, Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
+from lagrange_bench.support.files import write_file
 
 NASTY = "50 % of a_b & <script>alert(1)</script> | α"
 TOYS = ("toy.good", "toy.broken", "toy.empty")

@@ -17,10 +17,10 @@ from faults import HERE, python
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.imported import Sources
 from lagrange_bench.results import compare, sources
 from lagrange_bench.results.store import Store, cell_key, clean_rows, make_record
 from lagrange_bench.runner import verify
+from lagrange_bench.support.source_digest import Sources
 
 
 def store(folder, *cells, experiment="toy.none", error="StepError: no"):
@@ -234,7 +234,8 @@ COMPUTED = {(e, m) for e in ("drift", "phase") for m in ("rk4", "kahan", "bobenk
 INTERPRETED = """
 import sys
 from lagrange_bench.experiments import drift
-from lagrange_bench.integrators import METHODS, LagrangeTop, available, imported
+from lagrange_bench.integrators import METHODS, LagrangeTop, available
+from lagrange_bench.support import source_digest
 from lagrange_bench.results import sources
 
 tried = 0
@@ -244,9 +245,9 @@ for method in (name for name in METHODS if available(METHODS[name]) and METHODS[
     drift.measure(cell)
     sys.setprofile(None)
     homes = {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
-    ours = {homes[file] for file in called if homes.get(file, "").partition(".")[0] == imported.BENCH}
-    ours = {name for name in ours if not imported.NO_ROW.fullmatch(name)}
-    found = imported.IMPORTED.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
+    ours = {homes[file] for file in called if homes.get(file, "").partition(".")[0] == source_digest.BENCH}
+    ours = {name for name in ours if not source_digest.IGNORED_MODULES.fullmatch(name)}
+    found = source_digest.IMPORTED_SOURCES.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
     assert ours <= set(found), (method, ours - set(found))
     assert METHODS.module(method) in ours or METHODS[method].requires, "negative control"
     assert sources.of_cell("drift", cell)

@@ -19,19 +19,20 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 BENCH = "lagrange_bench"
-FACES = (BENCH, f"{BENCH}.integrators")  # `from FACE import name` means the module that has the name
+PUBLIC_MODULES = (BENCH, f"{BENCH}.integrators")  # `from lagrange_bench import name` means the module that has the name
 # what decides about no row: which methods there are, how figures look, how cells are run, and this file
-NO_ROW = re.compile(
-    rf"{BENCH}(\.(integrators(\.(registry|lazy|imported|announce))?|experiments(\.drawing(\..*)?)?|(?!integrators|experiments)\w+(\..*)?))?"
+IGNORED_MODULES = re.compile(
+    rf"{BENCH}(\.(integrators(\.registry)?|experiments(\.drawing(\..*)?)?|support(\.(announce|lazy|source_digest))?"
+    r"|(?!integrators|experiments|support)\w+(\..*)?))?"
 )
 # of every method one entry: a cell depends on its own method only
-TABLES = ("lagrange_bench.integrators.backward_error.steps",)
+NOT_FOLLOWED = ("lagrange_bench.integrators.backward_error.steps",)
 IMPORT = re.compile(
     r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*[\w.]*)[ \t]+)?import\b[ \t]*(\([^)]*\)|(?:\\\n|[^\n;])*)", re.MULTILINE
 )
 
 
-class Code(NamedTuple):
+class SourceDigest(NamedTuple):
     """Source code that computes something."""
 
     digest: str | None  # 24 hexadecimal digits, of the names of modules and the content of their files; None: not known
@@ -43,7 +44,7 @@ class Sources:
 
     def __init__(self) -> None:
         self.content: dict[str, bytes] = {}
-        self.known: dict[Any, Code] = {}  # for those who ask for the same code again
+        self.known: dict[Any, SourceDigest] = {}  # for those who ask for the same code again
         self._stamps: dict[str, tuple[int, int] | None] = {}
         self._places: dict[str, tuple[str, bool] | None] = {}  # see `_place`
         self._targets: dict[str, set[str]] = {}  # of the imports of a module
@@ -54,16 +55,16 @@ class Sources:
             self.content[path] = Path(path).read_bytes()
         return self.content[path]
 
-    def edited(self, code: Code) -> bool:
+    def edited(self, code: SourceDigest) -> bool:
         """Whether one of the files was written since it was read: which state of it this process imported is then not known."""
         return any(_stamp(path) != self._stamps[path] for path in code.paths if path in self._stamps)
 
-    def code(self, modules: Collection[str], *more: str) -> Code:
+    def code(self, modules: Collection[str], *more: str) -> SourceDigest:
         """Those modules and all that they import; its digest is of names and content, and of `more`."""
         files = self.files(modules)
         lines = [f"{name} {hashlib.sha256(self.content[path]).hexdigest()}" for name, path in sorted(files.items())]
         digest = hashlib.sha256("\n".join([*lines, *more]).encode()).hexdigest()[:24]
-        return Code(digest, frozenset(files.values()))
+        return SourceDigest(digest, frozenset(files.values()))
 
     def files(self, modules: Collection[str]) -> dict[str, str]:
         """Modules that these import, directly or not, and their files; without Python itself and installed packages.
@@ -80,13 +81,13 @@ class Sources:
         while waiting:
             name, needed = waiting.popitem()
             path = self._path(name, packages)
-            if path is None and needed and not NO_ROW.fullmatch(name):
+            if path is None and needed and not IGNORED_MODULES.fullmatch(name):
                 raise ImportError(f"no source file of {name}")
-            if path is None or name in found or NO_ROW.fullmatch(name):
+            if path is None or name in found or IGNORED_MODULES.fullmatch(name):
                 continue
             self.read(path)
             found[name] = path
-            if name not in TABLES:
+            if name not in NOT_FOLLOWED:
                 waiting |= dict.fromkeys(self._imported(name, path) - set(found), False)
         return found
 
@@ -102,7 +103,7 @@ class Sources:
         if name not in self._targets:
             package = name if Path(path).name == "__init__.py" else name.rpartition(".")[0]
             targets = {
-                self._home(*target) if target[0] in FACES else ".".join(filter(None, target))
+                self._home(*target) if target[0] in PUBLIC_MODULES else ".".join(filter(None, target))
                 for target in _statements(self.content[path], package)
             }
             self._targets[name] = {
@@ -110,19 +111,19 @@ class Sources:
             }
         return self._targets[name]
 
-    def _home(self, face: str, name: str) -> str:
-        """The module that has a name which a face of the bench offers; or that is the name, a module in its folder."""
-        if name and self._path(f"{face}.{name}", ()):
-            return f"{face}.{name}"
-        path = self._path(face, ())
-        offers = _statements(self.read(path), face) if path else ()
+    def _home(self, package: str, name: str) -> str:
+        """The module that has a name which a public module of the bench offers; or that is the name, a module in its folder."""
+        if name and self._path(f"{package}.{name}", ()):
+            return f"{package}.{name}"
+        path = self._path(package, ())
+        offers = _statements(self.read(path), package) if path else ()
         for module, offered in offers:
-            if name and offered == name and module != face:  # not an example in its docstring
+            if name and offered == name and module != package:  # not an example in its docstring
                 return f"{module}.{name}"
-        return next((self._home(module, name) for module, offered in offers if offered == "*"), face)
+        return next((self._home(module, name) for module, offered in offers if offered == "*"), package)
 
 
-IMPORTED = Sources()  # of this process
+IMPORTED_SOURCES = Sources()  # of this process
 
 
 def _stamp(path: str) -> tuple[int, int] | None:

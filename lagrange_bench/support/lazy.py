@@ -1,4 +1,4 @@
-"""Faces of packages whose names are imported when they are first asked for: the command line answers --help without Numba."""
+"""Packages that import their public names when these are first used: the command line answers --help without Numba."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any
 
 
-def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
+def public_module(
+    package: str, homes: Mapping[str, tuple[str, ...]]
+) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """`__getattr__` and `__dir__` of a package; homes: module → the names it has, modules of a package among them."""
     places = {name: module for module, names in homes.items() for name in names}
 
@@ -27,7 +29,7 @@ def face(package: str, homes: Mapping[str, tuple[str, ...]]) -> tuple[Callable[[
 
 
 def exported(file: str) -> dict[str, tuple[str, ...]]:
-    """What a file imports `as` it is called, though only for type checkers, as homes of `face`."""
+    """What a file imports `as` it is called, though only for type checkers, as homes of `public_module`."""
     found = [node for node in ast.walk(ast.parse(Path(file).read_bytes())) if isinstance(node, ast.ImportFrom)]
     names = [(str(node.module), alias.name) for node in found for alias in node.names if alias.asname == alias.name]
     return {home: tuple(name for module, name in names if module == home) for home, _ in names}
