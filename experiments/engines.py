@@ -368,11 +368,49 @@ SHOWN = 1 / 1024  # s, a step at which errors are told beside those with the sma
 
 def runs(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows with the name of each integrator, or method, in one column, and the seconds of a run."""
-    wanted = ("integrator", "method", "setting", "overhead_ns_per_step")
+    wanted = ("integrator", "method", "setting", "overhead_ns_per_step", "until")
     rows = rows.reindex(columns=list(dict.fromkeys((*rows.columns, *wanted))))
     named = rows.integrator.astype(object).fillna(rows.method)
     seconds = rows.ns_per_step * 1e-9 * UNTIL / rows.h if "ns_per_step" in rows else np.nan
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)
+
+
+OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
+
+
+def overview(rows: pd.DataFrame) -> pd.DataFrame:
+    """How well engines follow `slow`, with their default and their best settings.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        As stored, of the experiment `engines`.
+
+    Returns
+    -------
+    DataFrame
+        A line for each engine and setting. `engine` with its version; `setting`, with the integrator; "1/60 s", "1/1024 s":
+        the error of the centre of mass after 2 s with these steps, m (NaN: it gave up, or was not measured); `until`: how long
+        it is within 10 cm with steps of 1/60 s, s; `limit`: what motion it tends to as the steps get smaller.
+    """
+    good = runs(rows[rows.status == "done"]).drop_duplicates(["case", "engine", "integrator", "h"], keep="last")
+    lines = []
+    for (engine, kind), group in good[good.setting.isin((DEFAULT, BEST))].groupby(["engine", "integrator"], sort=False):
+        slow = group[group.case == "slow"].set_index("h").sort_index(ascending=False)
+        if not slow.empty:
+            line = {"engine": f"{engine}, {slow.version.iloc[-1]}", "setting": f"{slow.setting.iloc[-1]}: {kind}"}
+            line |= {name: slow.position.get(h, np.nan) for name, h in OVERVIEW.items()}
+            lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(slow)})
+    return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
+
+
+def limit(slow: pd.DataFrame) -> str:
+    """What motion the runs of one integrator tend to, from those with the two smallest steps."""
+    if len(slow) < 2:
+        return ""
+    (h, coarse), (k, fine) = slow.position.iloc[-2:].items()
+    order = np.log(coarse / fine) / np.log(h / k) if fine else np.inf
+    return "another motion" if order < 0.3 and fine > 0.05 else "the exact motion"
 
 
 CAPTION = (

@@ -128,6 +128,28 @@ def test_round_off_that_grows_tells_no_order():
     ] == (pytest.approx(2.0))
 
 
+def test_the_overview_tells_another_motion_from_large_errors():
+    line = {**ABSENT, "version": "1", "status": "done", "until": 0.5}
+    errors = {("right", "default"): (1.0, 0.25, 0.06), ("wrong", "best"): (1.0, 0.11, 0.1), ("right", ""): (1.0,) * 3}
+    steps = (1 / 60, 1 / 1024, 1 / 4096)
+    rows = [
+        {**line, "engine": name, "integrator": how, "setting": how, "h": h, "position": error}
+        for (name, how), found in errors.items()
+        for h, error in zip(steps, found, strict=True)
+    ]
+    right, wrong = engines.overview(pd.DataFrame(rows)).to_dict("records")
+    assert right == {
+        "engine": "right, 1",
+        "setting": "default: default",
+        "1/60 s": 1.0,
+        "1/1024 s": 0.25,
+        "until": 0.5,
+        "limit": "the exact motion",
+    }
+    assert wrong["limit"] == "another motion"
+    assert np.isnan(engines.overview(pd.DataFrame(rows[:1]))["1/1024 s"].iloc[0])
+
+
 def test_an_engine_that_gives_up_is_a_result(monkeypatch):
     def fails(n):
         raise RuntimeError("singular joint. See the manual")
