@@ -12,6 +12,7 @@ from typing import Any
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.support.words import suggestion
 
+SCALED = ("h", "span")  # times in a cell
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
@@ -84,3 +85,19 @@ def load_stored(name: str) -> ModuleType:
     if "." in name and name not in sys.modules:
         raise UnknownExperiment(f"unknown experiment {name!r}; if it is your own, add --module {name}")
     return load(name)
+
+
+def declared(name: str, word: str, usual: Any = None) -> Any:
+    """What a stored experiment says of itself, here and now; `usual` if it says nothing, or is somebody else's and not here."""
+    try:
+        return getattr(load_stored(name), word, usual)  # the record does not choose what is imported
+    except UnknownExperiment:
+        return usual
+
+
+def with_units(name: str, cell: Mapping[str, Any]) -> dict[str, Any]:
+    """A cell as messages print it: times in the time scale of its top are `h_scaled` and `span_scaled`."""
+    scaled = declared(name, "SCALED_TIMES", False)
+    if scaled is not True and cell.get("part") not in (scaled or ()):
+        return dict(cell)
+    return {f"{key}_scaled" if key in SCALED else key: value for key, value in cell.items()}

@@ -24,6 +24,7 @@ from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 4
+SCALED_TIMES = ("step", "periods", "start")  # parts
 A_STEP = ("ns_per_step", "ns_per_step_median", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
           "rejected_per_step", "setup_us")  # fmt: skip
 MEASURED = {

@@ -36,6 +36,7 @@ from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS
 from lagrange_bench.integrators.truth import reference
 
 VERSION = 2
+SCALED_TIMES = True
 MEASURED = {
     "problem": ("error", "kept"),
     "drift": ("t", *INVARIANTS),

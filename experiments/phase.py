@@ -27,6 +27,7 @@ from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
+SCALED_TIMES = True
 MEASURED = {
     "h": ("time", "angle", "off", "error"),
     "order": ("h", "error"),

@@ -30,6 +30,7 @@ from lagrange_bench.integrators.torus.real_map import ETA, R
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
+SCALED_TIMES = True
 
 SIZES = (0.125, 1.0)
 STEPS = {"quick": (2 * 10**4,), "full": (10**7, 2 * 10**6)}  # for each size

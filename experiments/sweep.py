@@ -12,7 +12,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.catalogue import SCALED, load, with_units
 from lagrange_bench.experiments.measuring.states import KNOBS, OPTIONS, find, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
 from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method
@@ -20,7 +20,10 @@ from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
 
 Cell = dict[str, Any]
-FIELDS = {"methods": "method", "tops": "state"}  # keys of a table and of a cell, where they differ
+LISTS = {
+    "method": "methods",
+    "state": "tops",
+}  # fields of a cell and keys of a table, where they differ; see also `with_units`
 
 
 class Sweep(NamedTuple):
@@ -62,7 +65,7 @@ def read(path: Path) -> Sweep:
         tables = content.get("sweep", [])
         for number, table in enumerate(tables if isinstance(tables, list) else (), 1):
             with _at(f"[[sweep]] {number}, "):
-                cells |= {repr(cell): cell for cell in _cells(table, tops, templates)}
+                cells |= {repr(cell): cell for cell in _cells(experiment, table, tops, templates)}
         if not cells:
             raise ValueError("nothing to compute: add a table [[sweep]], with two brackets")
     return Sweep(path.stem, experiment, list(cells.values()))
@@ -78,11 +81,15 @@ def _at(place: str) -> Iterator[None]:
 
 
 def _known(table: Any, known: Iterable[str]) -> None:
-    if not isinstance(table, dict):
-        raise ValueError(f"it must be a table; got {table!r}")
-    for key in table:
+    for key in _table(table):
         if key not in known:
             raise ValueError(f"unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
+
+
+def _table(value: Any) -> Cell:
+    if not isinstance(value, dict):
+        raise ValueError(f"it must be a table; got {value!r}")
+    return value
 
 
 def _top(name: str, table: Any) -> Cell:
@@ -107,19 +114,23 @@ def _text(values: Iterable[float]) -> str:
     return ",".join(repr(float(value)) for value in values)  # as the options of `integrate` take them
 
 
-def _cells(table: Any, tops: Mapping[str, Cell], templates: Mapping[str, Cell]) -> Iterator[Cell]:
+def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Mapping[str, Cell]) -> Iterator[Cell]:
     """The cells of a table: all combinations of what it lists."""
-    part = table.get("part", next(iter(templates)))
+    part = _table(table).get("part", next(iter(templates)))
     if part not in templates:
         raise ValueError(f"part: unknown {part!r}{suggestion(str(part), templates)} Known: {', '.join(templates)}")
     template = templates[part]
-    keys = {word: key for key, word in FIELDS.items()}
-    _known(table, [keys.get(word, word) for word in dict.fromkeys((*template, *OPTIONS))])
-    lists = {FIELDS.get(key, key): value if isinstance(value, list) else [value] for key, value in table.items()}
-    for word, values in lists.items():
-        for value in values:
-            _check(word, value, template)
-    if missing := [keys[word] for word in FIELDS.values() if word in template and word not in lists]:
+    words = dict.fromkeys((*template, *OPTIONS))
+    keys = dict(zip(with_units(experiment, {**words, "part": part}), words, strict=False))
+    keys = {LISTS.get(word, key): word for key, word in keys.items()}
+    if old := [word for word in SCALED if word in table and f"{word}_scaled" in keys]:
+        raise ValueError(f"{old[0]}: write {old[0]}_scaled = …, in the time scale of each top")
+    _known(table, keys)
+    lists = {keys[key]: value if isinstance(value, list) else [value] for key, value in table.items()}
+    for key, word in keys.items():
+        for value in lists.get(word, ()):
+            _check(key, word, value, template)
+    if missing := [key for word, key in LISTS.items() if word in template and word not in lists]:
         raise ValueError(f"{' and '.join(missing)} must be given, a list of names")
     for chosen in product(*lists.values()):
         cell = {**template, **dict(zip(lists, chosen, strict=True))}
@@ -134,14 +145,14 @@ def _cells(table: Any, tops: Mapping[str, Cell], templates: Mapping[str, Cell]) 
         yield cell
 
 
-def _check(word: str, value: Any, template: Cell) -> None:
+def _check(key: str, word: str, value: Any, template: Cell) -> None:
     """ValueError for a value of another kind than the experiment's own, and for a method that there is not."""
     if word == "method":
         with _at("methods: "):
             find_method(value)
     elif word in KNOBS:
-        check_step(value, word)
+        check_step(value, key)
     elif type(template.get(word)) in (int, float):
-        check_real(value, word)
+        check_real(value, key)
     elif word in template and type(value) is not type(template[word]):
-        raise ValueError(f"{word} must be a value such as {template[word]!r}; got {value!r}")
+        raise ValueError(f"{key} must be a value such as {template[word]!r}; got {value!r}")

@@ -25,6 +25,7 @@ from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
+SCALED_TIMES = True
 MEASURED = {"": ("error", "seconds", "setup_seconds", "steps", "evals", "iterations")}
 
 # span: (states, steps to an octave, decades of tolerance between two, longest run in s)

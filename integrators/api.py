@@ -31,8 +31,10 @@ TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 def prepare(
     top: LagrangeTop | PerturbedTop | Problem | NamedTop | Case | str,
     y0: ArrayLike | None,
-    h: float,
+    h: float | None = None,
     method: str | Method | None = None,
+    *,
+    h_scaled: float | None = None,
     **options: Any,
 ) -> Stepper:
     """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
@@ -44,9 +46,11 @@ def prepare(
     y0 : (6,)
         A state, as for `integrate`.
     h : float
-        The step, not 0, in the units of the top.
+        The step, not 0, in the top's own unit of time.
     method : str or Method, optional
         A name in METHODS, or a record. By default the exact step, backlund, where there is one; of a free body the closed form.
+    h_scaled : float
+        The step in the time scale of the motion, in place of `h`; see `integrate`.
     **options : dict
         The method's own.
 
@@ -64,7 +68,7 @@ def prepare(
         The method cannot be prepared for this top and step.
     """
     problem, found, state, _ = _look_up(top, y0, method)
-    return _prepare(found, problem, state, check_step(h), options)
+    return _prepare(found, problem, state, check_step(own_step(h, h_scaled, (problem, state))), options)
 
 
 def integrate(
@@ -75,6 +79,8 @@ def integrate(
     method: str | Method | None = None,
     every: int | None = None,
     t: ArrayLike | None = None,
+    *,
+    h_scaled: float | None = None,
     **options: Any,
 ) -> Trajectory:
     """Follow a top, or a problem of your own, from y0.
@@ -101,6 +107,9 @@ def integrate(
         Record every so many steps; must divide `steps`.
     t : (N,)
         Finite times, in the unit of h.
+    h_scaled : float
+        In place of `h`: the step in the time scale of the motion, that is 1/(|J| + √(|alpha||x|)) at y0 for a top in a uniform
+        field, and `top.scales(y0)[2]` for any.
     **options : dict
         The method's own.
 
@@ -118,6 +127,7 @@ def integrate(
         The method failed.
     """
     problem, found, state, flight = _look_up(top, y0, method)
+    h = own_step(h, h_scaled, (problem, state))
     if t is None and (h is None or steps is None):
         found.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
@@ -178,6 +188,24 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
     if not isinstance(top, LagrangeTop):
         raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
+
+
+def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
+    """The step in the problem's own unit: h, or h_scaled in the shortest time scale of motions (problem, state); None for none.
+
+    Raises
+    ------
+    ValueError
+        Both are given, or the motion is a rest, which has no time scale.
+    """
+    if h_scaled is None:
+        return h
+    if h is not None:
+        raise ValueError("give h or h_scaled, not both")
+    unit = min((float(problem.scales(y0)[2]) for problem, y0 in starts), default=1.0)
+    if not math.isfinite(unit):
+        raise ValueError("h_scaled: a motion that is at rest for ever has no time scale; give h")
+    return check_step(h_scaled, "h_scaled") * unit
 
 
 def check_problem(top: Any) -> Any:

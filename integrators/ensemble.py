@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
-from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate
+from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate, own_step
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
@@ -42,6 +42,8 @@ def integrate_ensemble(
     t: ArrayLike | None = None,
     threads: int | None = None,
     on_failure: str = "raise",
+    *,
+    h_scaled: float | None = None,
     **options: Any,
 ) -> EnsembleTrajectory:
     """Follow n tops from Y0 (n, 6), as `integrate` does one: to the end, on a grid or at times.
@@ -64,6 +66,8 @@ def integrate_ensemble(
     on_failure : str
         "raise" a StepError that names the first top for which the method fails, and says how many there are; or "nan": all rows
         of such tops are NaN.
+    h_scaled : float
+        In place of `h`: the step in the shortest time scale of the tops; see `integrate`. All take the same step.
     **options : dict
         The method's own.
 
@@ -86,6 +90,8 @@ def integrate_ensemble(
     found = find_method(default_method(sample) if method is None else method)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
+    if h_scaled is not None:
+        h = own_step(h, h_scaled, *((motion_of(top, i), y[: sample.space.size]) for i, y in enumerate(states)))
     times = checks.check_times_or_grid(t, h, steps, every)
     if times is None:
         h = checks.check_step(h)

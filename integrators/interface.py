@@ -34,13 +34,13 @@ class StepError(RuntimeError):
     reason : str
         What went wrong.
     h : float, optional
-        The step.
+        The step, in the problem's own unit of time.
     step : int, optional
         Its number.
     """
 
     def __init__(self, method: str, reason: str, *, h: float | None = None, step: int | None = None) -> None:
-        at = "" if h is None else f" at h = {h:g}"
+        at = "" if h is None else f" at h = {h:g} (own unit)"
         where = "" if step is None else f", step {step}"
         super().__init__(f"{method}{at}{where}: {reason}")
         self.method, self.reason, self.h, self.step = method, reason, h, step

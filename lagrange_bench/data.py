@@ -3,20 +3,19 @@
 import contextlib
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators.registry import find_stored_potential
 from lagrange_bench.results.store import Store, find_results
 from lagrange_bench.support.words import suggestion
 
-# experiments whose rows have the tops' own unit of time; those of a `case` have s
-OWN_UNITS = ("driven", "ensemble")
 TIMES = ("h", "t", "span")
 
 
@@ -43,11 +42,12 @@ class Results(Mapping[str, pd.DataFrame]):
             for problem in journal.problems:
                 warnings.warn(problem, RuntimeWarning, stacklevel=2)
             rows = journal.rows()
-            own = experiment in OWN_UNITS or "case" in rows
             rows = rows.rename(columns=dict.fromkeys(("state", "case", "problem"), "top"))
             if {"seconds", "setup_seconds"} <= set(rows):
                 rows["total"] = rows["seconds"] + rows["setup_seconds"]
-            self._frames[experiment] = rows if own else in_both_units(rows)
+            if scaled := declared(experiment, "SCALED_TIMES"):
+                rows = in_both_units(rows, parts=None if scaled is True else scaled)
+            self._frames[experiment] = rows
         return self._frames[experiment].copy()
 
     def __iter__(self) -> Iterator[str]:
@@ -77,8 +77,8 @@ def load(results: str | Path = "reference") -> Results:
     Results
         A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`,
         `case` and `problem` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the
-        top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, as they are
-        stored.
+        top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, where the
+        experiment stores them so.
 
     Raises
     ------
@@ -88,10 +88,14 @@ def load(results: str | Path = "reference") -> Results:
     return Results(find_results(results))
 
 
-def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) -> pd.DataFrame:
+def in_both_units(
+    rows: pd.DataFrame, known: Mapping[str, float] | None = None, parts: Collection[str] | None = None
+) -> pd.DataFrame:
     """Rows with times in time scales of their tops: these as `h_scaled` and so on, beside them `h` in the top's own unit.
 
-    It is NaN where a row has no top that is known here. known : time scales of tops.
+    It is NaN where a row has no top that is known here.
+
+    known : time scales of tops. parts : those whose times are scaled; None: all.
     """
     times = [name for name in TIMES if name in rows]
     if not times:
@@ -101,11 +105,11 @@ def in_both_units(rows: pd.DataFrame, known: Mapping[str, float] | None = None) 
     if "top" in rows:
         known = known or {name: _unit(group.iloc[0]) for name, group in rows.groupby("top", sort=False)}
         units = rows["top"].map(known).to_numpy(dtype=float)
-    own = rows["part"].eq("headline").to_numpy() if "part" in rows else np.zeros(len(rows), dtype=bool)
+    scaled = np.full(len(rows), True) if parts is None else rows["part"].isin(parts).to_numpy()
     for name in times:
         place = int(found.columns.get_loc(f"{name}_scaled"))  # type: ignore[arg-type]
-        found.insert(place, name, rows[name] * np.where(own, 1.0, units))
-        found[f"{name}_scaled"] = rows[name] / np.where(own, units, 1.0)
+        found.insert(place, name, rows[name] * np.where(scaled, units, 1.0))
+        found[f"{name}_scaled"] = rows[name] / np.where(scaled, 1.0, units)
     return found
 
 

@@ -48,7 +48,9 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     """What `integrate` prints."""
     top, work, error = trajectory.top, data["work"], data["error"]
     settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
-    grid = "given times" if data["h"] is None else f"h = {data['h']:g}, {data['steps']} steps"
+    grid, unit = "given times", "s" if "physical" in data else "(own unit)"
+    if data["h"] is not None:
+        grid = f"h = {data['h']:g} {unit}, h_scaled = {data['h_scaled']:g}, {data['steps']} steps"
     upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [

@@ -3,14 +3,15 @@
     from lagrange_bench.testing import assert_drift, assert_order
 
     def test_mine():
-        assert_drift(METHOD, tops=("generic", "fast"), h=0.1, steps=10**4, J3=0, C1=500)  # ulps
+        assert_drift(METHOD, tops=("generic", "fast"), h_scaled=0.1, steps=10**4, J3=0, C1=500)  # ulps
         assert_drift(METHOD, growth="H", below=0.75)  # exponent of the growth in time
         assert_order(METHOD)
 
 A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
 potential, too), or a pair (problem, y0) of any problem that the method accepts. docs/ci.md says how to use this.
 
-Steps are in units of the top's own time scale 1/(|J| + √(|alpha||x|)), as in all experiments. Drifts are in ulps (units in
+`h` is in the top's own unit of time, `h_scaled` in its time scale, 1/(|J| + √(|alpha||x|)), which makes steps on several tops
+alike. Drifts are in ulps (units in
 the last place) of the invariant's scale, the size of its terms at the start; they are measured after 1, 2, 4, … steps, and
 at three counts between each two.
 """
@@ -23,6 +24,7 @@ import numpy as np
 
 from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.integrators import METHODS, Method, StepError
+from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.support.words import suggestion
@@ -39,10 +41,10 @@ Named = tuple[str, Any, np.ndarray]
 
 
 class Run(NamedTuple):
-    """The drift of the invariants `names` along one run, (N, len(names)) in ulps, after `counts` steps."""
+    """The drift of the invariants `names` along one run, (N, len(names)) in ulps, after `counts` steps of `step`, in words."""
 
     top: str
-    h: float
+    step: str
     counts: list[int]
     ulps: np.ndarray
     names: tuple[str, ...]
@@ -62,7 +64,8 @@ def assert_drift(
     method: str | Method,
     *,
     tops: Top | Iterable[Top] | None = None,
-    h: float | Iterable[float] = 0.1,
+    h: float | Iterable[float] | None = None,
+    h_scaled: float | Iterable[float] | None = None,
     steps: int | None = None,
     growth: str | None = None,
     below: float | None = None,
@@ -74,7 +77,7 @@ def assert_drift(
     Parameters
     ----------
     tops : one or several; default: TOPS; for `growth` the sixteen random tops of the drift experiment. h : one step or several,
-    in the top's time scale.
+    in the top's own unit of time. h_scaled : the same in its time scale; 0.1 if neither is given.
     steps : default: LENGTH; fewer for a method that is interpreted. options : of the method.
     growth, below : the invariant whose root-mean-square error over the tops grows like t^p, and a bound on p.
     ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem: bounds in ulps of the invariant's scale, on every top.
@@ -98,15 +101,15 @@ def assert_drift(
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
     named = find_all([tops] if isinstance(tops, str) else tops, asked)
-    runs = list(drifts(found, named, h, steps, options))
+    runs = list(drifts(found, named, h, h_scaled, steps, options))
     if not runs:
-        raise ValueError("tops and h: give at least one of each")
+        raise ValueError("tops, h and h_scaled: give at least one of each")
     wrong = []
     for run in runs:
         for name, bound in ulps.items():
             value, step = run.largest(name)
             if not value <= bound:
-                wrong.append(f"{name} is off by {value:.4g} ulps at step {step} on {run.top}, h = {run.h:g}: {bound:g}")
+                wrong.append(f"{name} is off by {value:.4g} ulps at step {step} on {run.top}, {run.step}: {bound:g}")
     lines = [f"{found.name}: {text} allowed" for text in wrong]
     if growth is not None and below is not None:
         lines += _grows(found, runs, growth, below)
@@ -116,17 +119,17 @@ def assert_drift(
 
 def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator[str]:
     """What is wrong with the exponents, one for each step. A drift of round-off, up to `ROUND_OFF`, needs none."""
-    for h in dict.fromkeys(run.h for run in runs):
-        these = [run for run in runs if run.h == h]
+    for step in dict.fromkeys(run.step for run in runs):
+        these = [run for run in runs if run.step == step]
         E = np.array([run.drift(name) for run in these])
-        where = f"on {len(these)} tops, h = {h:g}, {these[0].counts[-1]} steps"
+        where = f"on {len(these)} tops, {step}, {these[0].counts[-1]} steps"
         if not np.all(np.isfinite(E)):
             yield f"{method.name}: {name} is not finite {where}"
             continue
         if len(these[0].counts) < 3:
             yield f"{method.name}: the growth of {name} cannot be measured {where}: take more steps"
             continue
-        times = abs(h) * np.array(these[0].counts)
+        times = np.array(these[0].counts, dtype=float)
         p, low, high = metrics.growth_exponent(times, E, floor=0.5)
         # in a short run an oscillation hides a drift for most of the time: the last decade may show it beyond doubt
         late = metrics.growth_exponent(times, E, floor=0.5, decades=1.0, blocks=6)
@@ -175,11 +178,12 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Sequen
 def drifts(
     method: Method,
     tops: Iterable[Named],
-    h: float | Iterable[float],
+    h: float | Iterable[float] | None,
+    h_scaled: float | Iterable[float] | None,
     steps: int | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Iterator[Run]:
-    """A run for each top and each h, in units of the top's own time scale; `tops` as `find` gives them.
+    """A run for each top and each step, as of `assert_drift`; `tops` as `find` gives them.
 
     Raises
     ------
@@ -187,7 +191,10 @@ def drifts(
     """
     n = states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
     counts = states.log_counts(n, per_octave=4)
-    sizes = [check_step(size, "h") for size in (h if isinstance(h, Iterable) else [h])]
+    if h is not None and h_scaled is not None:
+        raise ValueError("give h or h_scaled, not both")
+    word, given = ("h_scaled", 0.1 if h_scaled is None else h_scaled) if h is None else ("h", h)
+    sizes = [check_step(size, word) for size in (given if isinstance(given, Iterable) else [given])]
     if not isinstance(options or {}, Mapping):
         raise ValueError(f"options must be a dict; got {options!r}")
     name = method.name
@@ -196,14 +203,16 @@ def drifts(
             if reason := method.takes(top):
                 raise ValueError(f"tops: {reason}")
             for size in sizes:
+                step = f"{word} = {size:g}"
+                own = size if word == "h" else own_step(None, size, (top, y0))
                 try:
-                    times, y = states.sample(top, y0, name, size * top.scales(y0)[2], counts, **options or {})
+                    times, y = states.sample(top, y0, name, own, counts, **options or {})
                 except StepError as error:
-                    raise AssertionError(f"{name} on {label}, h = {size:g}, in {n} steps: {error.reason}") from None
+                    raise AssertionError(f"{name} on {label}, {step}, in {n} steps: {error.reason}") from None
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
-                yield Run(label, size, counts, ulps, top.names)
+                yield Run(label, step, counts, ulps, top.names)
 
 
 def find(word: Top) -> Named:

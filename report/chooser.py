@@ -130,4 +130,6 @@ def _times(run: pd.Series, first: pd.Series) -> str:
 def _settings(run: pd.Series) -> Iterator[str]:
     for name in (*KNOBS, *SCHEME_OPTIONS):
         if pd.notna(value := run.get(name)):
-            yield f"{name} = {value if name in SCHEME_OPTIONS else tables.show(value)}"
+            word, unit = (name, " s") if "case" in run else (f"{name}_scaled", "")
+            shown = str(value) if name in SCHEME_OPTIONS else tables.show(value)
+            yield f"{word} = {shown}{unit}" if name == "h" else f"{name} = {shown}"

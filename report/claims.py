@@ -17,10 +17,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import load_stored
+from lagrange_bench.experiments.catalogue import declared, load_stored
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring.reductions import settled
-from lagrange_bench.results.sources import declared
 
 SIGNS = {"≤": operator.le, "<": operator.lt, "≥": operator.ge, ">": operator.gt}
 GROUPS = ("exactness", "conservation", "cost", "fields", "method")

@@ -93,7 +93,7 @@ def taken_by_theory(rows: pd.DataFrame) -> Reading:
         raise Refuted(f"no prediction, or no error in range, of {', '.join(unseen)}")
     worst = judged.loc[_worst(judged["share left"])]
     note = f"{len(judged)} runs of {len(asked)} methods with a fixed step; "
-    note += f"worst: {worst.method}, {worst.state}, h = {show(worst.h)}"
+    note += f"worst: {worst.method}, {worst.state}, h_scaled = {show(worst.h)}"
     if without := int(theory["in range"].isna().sum()):
         note += f"; no prediction for {without} more, where the series does not converge"
     return Reading(1.0 - judged["share left"], note)

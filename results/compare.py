@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, load_stored
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import SAMPLES, Record, Store, _canonical, failure_text, find_results, restore
 
@@ -116,7 +116,7 @@ def compare(
 
 def _cells(experiment: str, both: Sequence[tuple[Record, Record]], tolerance: tuple[float, float]) -> Cells:
     """What differs in the cells that are in both stores."""
-    cells, own = Cells(), sources.declared(experiment, "TIMES", ())
+    cells, own = Cells(), declared(experiment, "TIMES", ())
     for before, after in both:
         age = sources.compared(before.get("sources"), after.get("sources"))
         cells.other_sources += age == sources.OTHER

@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from lagrange_bench.experiments import EXPERIMENTS
-from lagrange_bench.experiments.catalogue import UnknownExperiment, installed, load_stored
+from lagrange_bench.experiments.catalogue import declared, installed
 from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, SourceDigest, Sources
 
 DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
@@ -71,14 +71,6 @@ def _module(experiment: str) -> str:
 @cache
 def _quoted(source: bytes) -> frozenset[str]:
     return frozenset(word.decode() for word in QUOTED.findall(source))
-
-
-def declared(experiment: str, name: str, usual: Any = None) -> Any:
-    """What a stored experiment says of itself, here and now; `usual` if it says nothing, or is somebody else's and not here."""
-    try:
-        return getattr(load_stored(experiment), name, usual)  # the record does not choose what is imported
-    except UnknownExperiment:
-        return usual
 
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:

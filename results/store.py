@@ -22,6 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.support.source_digest import Sources
@@ -372,7 +373,7 @@ class Store:
     def open(self, experiment: str) -> Journal:
         """What is stored of an experiment now, read once: its VERSION, the cells in their order; see the function `latest`."""
         records, problems = self.read(experiment)
-        shown = [r for r in latest(records, sources.declared(experiment, "VERSION")) if self.choice.takes(r["cell"])]
+        shown = [r for r in latest(records, declared(experiment, "VERSION")) if self.choice.takes(r["cell"])]
         if len({record["version"] for record in records}) > 1:
             chosen = (record["cell"] for record in records if self.choice.takes(record["cell"]))
             older = set(map(_canonical, chosen)) - {_canonical(record["cell"]) for record in shown}

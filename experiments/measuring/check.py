@@ -42,7 +42,7 @@ FIELD_ORDER_STATES = tuple(f"random{i:03d}{kind}" for i in range(8) for kind in 
 FIELD_STATES = tuple(f"{name}{kind}" for name in ("generic", "random001") for kind in (TIDE, CHARGE))
 FIELD_STEPS = 1000  # of the runs that tell what is conserved there
 SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
-AT = "h = 0.1, 0.5, 3, {} states"
+AT = "h_scaled = 0.1, 0.5, 3, {} states"
 LONG_SPANS, LONG_RUNS = (10.0, 30.0, 100.0, 1e4), (1, 10)  # steps that a method may refuse, and how many of them
 A_UNIT = 256  # ulps for each time scale of a step: its round-off grows with the angle it turns by
 BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
@@ -94,7 +94,7 @@ class Worst(NamedTuple):
 
     def or_(self, size: float, name: Start, span: float) -> Worst:
         size = float("inf") if np.isnan(size) else float(size)
-        return self if self.at and size <= self.size else Worst(size, f"{label(name)}, h = {span:g}")
+        return self if self.at and size <= self.size else Worst(size, f"{label(name)}, h_scaled = {span:g}")
 
     @property
     def where(self) -> str:
@@ -265,7 +265,7 @@ def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ve
         back_again = back_again.or_(return_error(method, name, 0.25, 80), name, -0.25)
     ahead, back = there.size, back_again.size
     if method.control == "step" and method.order is None:
-        how = f"80 steps against the {_truth(names)}, h = 0.25, {len(names)} states{there.where}"
+        how = f"80 steps against the {_truth(names)}, h_scaled = 0.25, {len(names)} states{there.where}"
         yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how, there.at)
     elif method.control == "tolerance":
         how = f"default tolerance, t = 20, {len(names)} states{there.where}"
@@ -409,8 +409,8 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how, largest.at)
     if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
         harmless = min(stopped)[0] > SPANS[0]
-        how = "; ".join(f"fails at h = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())
-        how += f"; only a failure at h = {SPANS[0]:g} or below counts against a method" if harmless else ""
+        how = "; ".join(f"fails at h_scaled = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())
+        how += f"; only a failure at h_scaled = {SPANS[0]:g} or below counts against a method" if harmless else ""
         yield Verdict(f"takes {n} steps", None if harmless else False, None, "", how)
 
 
@@ -427,7 +427,7 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
                 drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, kept]
             worst = worst.or_(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), name, span)
     if worst.at:
-        how = f"steps of h = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of h{worst.where}"
+        how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it{worst.where}"
         yield Verdict("conserves in long steps", worst.size <= 1.0, worst.size, "≤ 1", how, worst.at)
 
 
@@ -512,7 +512,7 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
 def extreme_cases() -> Iterator[Extreme]:
     for name, named in TOPS.items():
         for span in (0.1, 3.0):
-            yield f"{name}, h = {span}", named.top, named.state, span * named.top.scales(named.state)[2]
+            yield f"{name}, h_scaled = {span}", named.top, named.state, span * named.top.scales(named.state)[2]
     top, y0 = TOPS["generic"].top, TOPS["generic"].state
     for size in (1e-300, 1e-150, 1e-30, 1e30, 1e150, 1e300):
         y = size * y0
@@ -520,7 +520,7 @@ def extreme_cases() -> Iterator[Extreme]:
         y = np.concatenate((y0[:3], size * y0[3:]))
         yield f"|x| = {size:g}", top, y, 0.3 * top.scales(y)[2]
     for h in (1e-300, -1e-12, 30.0):
-        yield f"h = {h:g}", top, y0, h
+        yield f"h = {h:g} (own unit)", top, y0, h
     yield "at rest without weight", LagrangeTop(0.0), np.array((0.0, 0, 0, 0, 0, 1)), 0.5
     yield "hanging at rest", top, np.array((0.0, 0, 0, 0, 0, -1)), 0.5
 
@@ -601,7 +601,7 @@ def extreme_fields(names: Starts) -> Iterator[Extreme]:
     for name in names[:2]:
         top, y0 = find(name)
         for h in (1e-300, -3.0, 30.0):
-            yield f"{label(name)}, h = {h:g}", top, y0, h
+            yield f"{label(name)}, h = {h:g} (own unit)", top, y0, h
         momenta = np.zeros(len(y0), dtype=bool)
         momenta[top.system.space.momenta] = True
         for size in (1e-30, 1e30):

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from lagrange_bench.arguments import add_module, results_folder, tolerance
+from lagrange_bench.experiments.catalogue import with_units
 from lagrange_bench.output import Answer, table
 
 MOST = 10  # cells listed of a kind
@@ -79,7 +80,9 @@ def _times(tested: Sequence[Any], threshold: float) -> list[str]:
 
 
 def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
-    lines = [f"{what}: {experiment} {json.dumps(cell, ensure_ascii=False)}" for cell in cells[:most]]
+    lines = [
+        f"{what}: {experiment} {json.dumps(with_units(experiment, cell), ensure_ascii=False)}" for cell in cells[:most]
+    ]
     return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
 
 

@@ -51,9 +51,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     arguments.add_potential(start)
 
-    grid = command.add_argument_group("the times (--h and --steps, or --times)")
-    text = "step, in the top's unit of time; negative: backwards"
-    grid.add_argument("--h", type=arguments.number, metavar="H", help=text)
+    grid = command.add_argument_group("the times (--h or --h-scaled with --steps, or --times)")
+    step = grid.add_mutually_exclusive_group()
+    text = "step, in the top's own unit of time; negative: backwards"
+    step.add_argument("--h", type=arguments.number, metavar="H", help=text)
+    text = "the same in its time scale, 1/(|J| + √(|alpha||x|)) at the start"
+    step.add_argument("--h-scaled", type=arguments.number, metavar="H", help=text)
     grid.add_argument("--steps", type=arguments.count, metavar="N", help="number of steps")
     text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
     grid.add_argument("--every", type=arguments.count, metavar="K", help=text)
@@ -97,10 +100,13 @@ def physical(text: str) -> dict[str, float]:
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write what is wanted, and sum up."""
     from lagrange_bench import summary
+    from lagrange_bench.integrators.api import own_step
     from lagrange_bench.integrators.registry import METHODS, find_method
     from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
+    if options.times is None:
+        options.h, options.h_scaled = own_step(options.h, options.h_scaled, (top, y0)), None
     grid, method, settings = _grid(options), find_method(options.method), dict(options.option)
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
@@ -129,7 +135,8 @@ def run(options: argparse.Namespace) -> Answer:
     facts |= {"potential": potential and (options.potential or potential.name)}
     facts |= {"parameters": list(getattr(top, "parameters", ()))}
     facts |= {} if options.physical is None else {"physical": options.physical}
-    facts |= {"h": options.h, "steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
+    facts |= {"h": options.h, "h_scaled": options.h and options.h / top.scales(y0)[2]}
+    facts |= {"steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
@@ -211,11 +218,13 @@ def _of_body(
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `lagrange_bench.integrate` that say when."""
     if options.times is not None:
-        if given := [flag for flag in ("h", "steps", "every") if getattr(options, flag) is not None]:
+        if given := [
+            flag for flag in ("h", "h-scaled", "steps", "every") if vars(options)[flag.replace("-", "_")] is not None
+        ]:
             raise ValueError(f"give either --times or --h and --steps; got --times and --{given[0]}")
         return {"t": options.times}
     if options.h is None or options.steps is None:
-        raise ValueError("give --h and --steps, or --times (see lagrange-bench integrate --help)")
+        raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
     if options.h == 0.0:
         raise ValueError("--h must not be 0")
     every = options.every

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import lacks, load
+from lagrange_bench.experiments.catalogue import lacks, load, with_units
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
@@ -65,12 +65,10 @@ class Summary:
             counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>14.1f}"
             lines.append(f"{name:<16}{counts}")
         for f in self.failures[:10]:
-            lines.append(f"{_word(f['error'])}: {f['experiment']} {json.dumps(f['cell'])}: {f['error']}")
+            cell = json.dumps(with_units(f["experiment"], f["cell"]))
+            lines.append(f"{_word(f['error'])}: {f['experiment']} {cell}: {f['error']}")
         if len(self.failures) > 10:
             lines.append(f"… and {len(self.failures) - 10} more")
-        if any("h" in f["cell"] and _word(f["error"]) == "declined" for f in self.failures):
-            units = "the h in {…} is in units of 1/(|J| + √(|α||x|)), the h of a StepError in those of the top"
-            lines.append(f"note: {units}")
         for name, t in self.experiments.items():
             old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
             lines += [f"old: {name}: {old}"] if old else []

@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import UnknownExperiment, lacks, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lacks, load_stored
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
@@ -84,7 +84,7 @@ def verify(
 
 
 def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
-    own = sources.declared(old["experiment"], "TIMES", ())
+    own = declared(old["experiment"], "TIMES", ())
     if not differences(old, new, own, lambda _: (0.0, 0.0)):
         result.identical += 1
     elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):

@@ -26,13 +26,13 @@ x = [0.48, 0.6, 0.64]
 part = "h"
 methods = ["strang", "backlund"]
 tops = ["heavy", "generic"]
-h = [0.5, 0.25]
-span = 50
+h_scaled = [0.5, 0.25]
+span_scaled = 50
 """
 IN_A_TIDE = """
 experiment = "perturbed"
 tops.heavy = { alpha = 1.5, J = [0.3, -0.4, 2.0], x = [0.48, 0.6, 0.64], potential = "tide", parameters = [0.1, 1, 0, 0] }
-sweep = [{ part = "order", methods = "rk4", tops = "heavy", h = [0.5, 0.25] }]
+sweep = [{ part = "order", methods = "rk4", tops = "heavy", h_scaled = [0.5, 0.25] }]
 """
 BAD = [  # what to replace in GOOD, by what, and what the message must say
     ('experiment = "drift"\n', "", "experiment must be given"),
@@ -48,9 +48,11 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ('methods = ["strang", "backlund"]\n', "", "methods must be given, a list of names"),
     ('"generic"]', '"magnet"]', "methods: backlund does not take the potential charge"),
     ('"generic"]', '"generi"]', "tops: unknown top or problem 'generi'; did you mean 'generic'?"),
-    ("h = [0.5, 0.25]", "h = [0.5, 0]", "h must not be 0"),
-    ("span = 50", 'span = "long"', "span must be a real number; got 'long'"),
-    ("span = 50", "steps = 50", "unknown key 'steps'"),
+    ("h_scaled = [0.5, 0.25]", "h_scaled = [0.5, 0]", "h_scaled must not be 0"),
+    ("h_scaled = [", "h = [", "[[sweep]] 1, h: write h_scaled = …, in the time scale of each top"),
+    ("span_scaled = 50", "span = 50", "[[sweep]] 1, span: write span_scaled"),
+    ("span_scaled = 50", 'span_scaled = "long"', "span_scaled must be a real number; got 'long'"),
+    ("span_scaled = 50", "steps = 50", "unknown key 'steps'"),
     ("[[sweep]]", "[sweep]", "add a table [[sweep]], with two brackets"),
     ("[[sweep]]", "sweep = [5]\n[other]", "unknown key 'other'"),
 ]
@@ -75,7 +77,7 @@ def test_what_is_wrong_is_told_with_its_place(write, old, new, words):
 
 
 def test_what_a_file_asks_for(write):
-    again = '[[sweep]]\npart = "h"\nmethods = "strang"\ntops = "heavy"\nh = [0.5, -2]\nspan = 50\n'
+    again = '[[sweep]]\npart = "h"\nmethods = "strang"\ntops = "heavy"\nh_scaled = [0.5, -2]\nspan_scaled = 50\n'
     name, experiment, cells = sweep.read(write(GOOD + again))
     assert (name, experiment, len(cells)) == ("my", "drift", 2 * 2 * 2 + 1), "each cell once"
     heavy = {"alpha": 1.5, "y0": "0.3,-0.4,2.0,0.48,0.6,0.64"}
@@ -111,11 +113,17 @@ def test_the_documented_files_work(write):
 
 @pytest.mark.parametrize("experiment", ["drift", "phase", "work_precision"])
 def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, experiment, in_process, one_core):
-    text = GOOD.replace('"drift"', f'"{experiment}"').replace(', "generic"', "").replace("span = 50", "span = 5")
+    text = (
+        GOOD.replace('"drift"', f'"{experiment}"')
+        .replace(', "generic"', "")
+        .replace("span_scaled = 50", "span_scaled = 5")
+    )
     if experiment == "phase":
-        text = text.replace("span = 5\n", "")
+        text = text.replace("span_scaled = 5\n", "")
     if experiment == "work_precision":
-        text = re.sub('part = "h"\n|h = .*\n', "", text).replace("span = 5", "span = 5.0\nlongest = 0.01")
+        text = re.sub('part = "h"\n|h_scaled = .*\n', "", text).replace(
+            "span_scaled = 5", "span_scaled = 5.0\nlongest = 0.01"
+        )
     code, out, err = run("run", write(text), "--results", tmp_path / "out", "--jobs", "1", "--quiet")
     assert code == 0, err
     rows = Store(tmp_path / "out").rows(experiment)

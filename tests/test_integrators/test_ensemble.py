@@ -217,7 +217,9 @@ def test_a_failure_names_the_first_top_and_counts(monkeypatch):
     top, states = LagrangeTop(ALPHAS[:10]), Y0[:10].copy()
     states[3, :3] *= 1e20
     states[7, :3] *= 1e30
-    with pytest.raises(StepError, match=r"^backlund at h = 0\.1: top 3: \|h\| is over 1e15 .*; 2 of 10 tops fail$"):
+    with pytest.raises(
+        StepError, match=r"^backlund at h = 0\.1 \(own unit\): top 3: \|h\| is over 1e15 .*; 2 of 10 tops fail$"
+    ):
         integrate_ensemble(top, states, 0.1, 10, threads=3)
     with pytest.raises(StepError, match="top 3"):
         integrate_ensemble(top, states, t=[0.1], threads=1)

@@ -111,7 +111,7 @@ def test_a_residual_that_rises_once_is_not_yet_round_off():
 @pytest.mark.parametrize("name", [*STAGES, "collective_midpoint"])
 def test_no_step_is_an_error(name):
     """A fast top turns ten times in a step: the fixed point diverges or goes on for ever, Newton solves it, if it is unique."""
-    message = rf"{name} at h = 3, step 0: .*500 iterations.*residual"
+    message = rf"{name} at h = 3 \(own unit\), step 0: .*500 iterations.*residual"
     top, y = CHARGED, np.concatenate((10 * Y0[:3], Y0[3:]))
     with pytest.raises(StepError, match=message):
         prepare(top, y, 3.0, name, solver="fixed_point").advance(y, 1)

@@ -64,6 +64,7 @@ CHECKS = [  # of each check what does not pass, and one caller
     ("y0", STATES, lambda v: integrate(TOP, v, 0.1, 10)),
     ("Y0", [Y0, FIVE[:, :5], FIVE + 0j, FIVE.astype(str), [[1.0], [1.0, 2.0]]], lambda v: ensemble(Y0=v)),
     ("h", STEPS, lambda v: prepare(TOP, Y0, v)),
+    ("h_scaled", STEPS, lambda v: integrate(TOP, Y0, h_scaled=v, steps=10)),
     ("steps", COUNTS, lambda v: integrate(TOP, Y0, 0.1, v)),
     ("threads", [0], lambda v: ensemble(threads=v)),
     ("pin", [-1], lambda v: of("backlund", pin=v)),
@@ -111,6 +112,22 @@ def test_alpha_and_states_may_be_anything_like_numbers():
     assert len(integrate(TOP, Y0, 0.1, 0, every=7).y) == 1
 
 
+def test_a_step_in_the_time_scale_of_the_motion():
+    for problem, y0 in ((TOP, Y0), (TIDE, Y0), (BODY, BODY.state(rotation=np.eye(3), omega_body=(1.0, 0.2, 3.0)))):
+        h = 0.1 * problem.scales(y0)[2]
+        end = integrate(problem, y0, h, 10, "rk4").y[-1]
+        assert np.array_equal(integrate(problem, y0, h_scaled=0.1, steps=10, method="rk4").y[-1], end)
+        assert np.array_equal(prepare(problem, y0, method="rk4", h_scaled=0.1).advance(y0, 10), end)
+    states, tops = FIVE * np.linspace(1, 3, 5)[:, None], LagrangeTop(np.linspace(-1, 3, 5))
+    h = (
+        0.1
+        / (
+            np.linalg.norm(states[:, :3], axis=1) + np.sqrt(abs(tops.alpha) * np.linalg.norm(states[:, 3:], axis=1))
+        ).max()
+    )
+    assert integrate_ensemble(tops, states, h_scaled=0.1, steps=10).t[-1] == pytest.approx(10 * h, rel=1e-12)
+
+
 MESSAGES = [  # a call, words in the message
     (lambda: integrate(TOP, Y0, 0.1, 10, every=3), "every = 3 does not divide steps = 10"),
     *(
@@ -121,6 +138,9 @@ MESSAGES = [  # a call, words in the message
         (lambda w=w: integrate(TOP, Y0, t=[1.0], **{w: 1}), f"give either t or h and steps.* {w}")
         for w in ("h", "every")
     ),
+    (lambda: prepare(TOP, Y0, 0.1, h_scaled=0.1), "give h or h_scaled, not both"),
+    (lambda: integrate(TOP, Y0, t=[1.0], h_scaled=0.1), "give either t or h and steps"),
+    (lambda: integrate(LagrangeTop(0), (0, 0, 0, 0, 0, 1), h_scaled=0.1, steps=1), "h_scaled: .* at rest for ever"),
     (lambda: integrate(TOP, Y0, t=[1.0], method="implicit_midpoint"), "t: implicit_midpoint "),
     *((lambda v=v: ensemble(Y0=FIVE + np.array((0, 0, v, 0, 0))[:, None]), r"Y0\[2\]") for v in (NAN, INF)),
     (lambda: ensemble(Y0=FIVE * (1, 1, 1, 0, 0, 0)), r"Y0\[0\] .* x = 0.* 4 others"),
@@ -343,11 +363,11 @@ FAST = (0.0, 1.0, 300.0, 0.6, 0.0, 0.8)
 TOO_LONG = [  # a method, a state, a step, words of the StepError
     ("backlund", Y0, 1e17, "1e15"),
     ("theta_functions", Y0, 1e14, r"step \d: n .* phase"),
-    ("kahan", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 2.0, r"kahan at h = 2, step 0: .*pole"),
+    ("kahan", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 2.0, r"kahan at h = 2 \(own unit\), step 0: .*pole"),
     ("strang", FAST, 20.0, r"strang at h = 20.*256 radians in one part of the step"),
     ("strang", FAST, 1e300, "256 radians"),  # in the flow a run begins with
-    ("rkmk4", FAST, 20.0, r"rkmk4 at h = 20, step 0: .* more than 1024 rad"),
-    ("commutator_free4", FAST, 20.0, r"commutator_free4 at h = 20, step 0: .* more than 1024 rad"),
+    ("rkmk4", FAST, 20.0, r"rkmk4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
+    ("commutator_free4", FAST, 20.0, r"commutator_free4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
     ("force_gradient4", FAST, 1e300, "beyond the range of doubles"),
 ]
 

@@ -173,7 +173,7 @@ def test_scipy_says_what_went_wrong(name, monkeypatch):
     """y' = y² leaves for infinity: an error with SciPy's reason, and no warning (they are errors here)."""
     monkeypatch.setattr(scipy_ivp, "right_hand_side", lambda system: lambda c, t, y: y * y)
     y = np.ones(6)
-    with pytest.raises(StepError, match=rf"^{name} at h = 5, step \d+: (SciPy: |the state left)"):
+    with pytest.raises(StepError, match=rf"^{name} at h = 5 \(own unit\), step \d+: (SciPy: |the state left)"):
         prepare(GENERIC.top, y, 5.0, name, rtol=1e-8).advance(y, 1)
 
 

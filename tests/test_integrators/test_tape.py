@@ -119,7 +119,7 @@ def test_a_failure_says_where(stride, monkeypatch):
     monkeypatch.setattr(loops, "INTERRUPTIBLE", stride)
     stepper = counter(fails_at=13.0)
     for call in (lambda: stepper.advance(START, 40), lambda: stepper.record(START, 40, 5)):
-        with pytest.raises(StepError, match=r"count at h = 0.5, step 13: told to \(residual 1.2e-01\)"):
+        with pytest.raises(StepError, match=r"count at h = 0.5 \(own unit\), step 13: told to \(residual 1.2e-01\)"):
             call()
     assert stepper.work.steps == 0  # what was not returned is not counted
     assert counter(fails_at=13.0).advance(START, 13)[3] == 13

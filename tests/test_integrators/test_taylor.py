@@ -46,7 +46,7 @@ def test_heyoka_is_used_as_it_is(name):
     assert np.array_equal(stepper.advance(Y0, 500), ta.state)
     assert stepper.work == Work(steps=steps, rhs_evals=ta.order * steps, setup_seconds=stepper.work.setup_seconds)
     for call in (lambda y: stepper.advance(y, 1), lambda y: stepper.record(y, 4, 1)):
-        with pytest.raises(StepError, match=rf"^{name} at h = 0\.1, step 0: heyoka: err_nf_state"):
+        with pytest.raises(StepError, match=rf"^{name} at h = 0\.1 \(own unit\), step 0: heyoka: err_nf_state"):
             call(np.full(6, np.nan))
     assert np.all(np.isfinite(stepper.advance(Y0, 1)))  # and is none the worse for it
 

@@ -192,7 +192,7 @@ def test_bad_input(run, words, folder, monkeypatch):
 @pytest.mark.parametrize(
     ("error", "code", "line"),
     [
-        (integrators.StepError("backlund", "no λ", h=1e300), 1, "error: backlund at h = 1e\\+300: no λ"),
+        (integrators.StepError("backlund", "no λ", h=1e300), 1, "error: backlund at h = 1e\\+300 \\(own unit\\): no λ"),
         (registry.NotInstalled("taylor", "is not here"), 2, "error: taylor: is not here"),
         (MemoryError(), 1, "error: out of memory: record fewer states \\(--every\\), or take fewer times"),
         (OSError(28, "No space left", "run.csv"), 2, "error: run.csv: No space left"),

@@ -137,8 +137,8 @@ def test_check_a_method_that_does_not(run, monkeypatch):
     assert (passed["order 5"], passed["conserves J3"], passed["conserves C2"]) == (True, True, None)
     monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.order))
     out = run(*words)[1]
-    assert re.search(r"^fail +symmetric .* \w+, h = 3$", out, re.MULTILINE)  # in the table
-    assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h = 3$", out, re.MULTILINE)
+    assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", out, re.MULTILINE)  # in the table
+    assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h_scaled = 3$", out, re.MULTILINE)
     how = "one step against the exact solution"  # of a claim that is kept
     assert (how in out, how in run(*words, "--verbose")[1]) == (False, True)
 
@@ -163,7 +163,11 @@ def test_summary(run, answer):
     expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20)
     shown = next(line for line in out.splitlines() if line.startswith("end")).split()[1:]
     assert [float(word) for word in shown] == expected.y[-1].tolist()
+    unit = GENERIC.top.scales(GENERIC.state)[2]
+    scaled = run("integrate", "--h-scaled", repr(0.1 / unit), "--steps", "20")[1]
+    assert f"h = 0.1 (own unit), h_scaled = {0.1 / unit:g}, 20 steps, up to t = 2," in scaled
     data = answer(*SHORT)
+    assert data["h_scaled"] == 0.1 / unit
     assert (data["y_final"], data["t"], data["work"]["steps"]) == (expected.y[-1].tolist(), [0.0, 2.0], 20)
     # 4e-15 is the exact solution's own accuracy, the map makes about 1e-16 a step
     assert data["error"]["final"] < 2e-14

@@ -259,6 +259,8 @@ def test_stored_rows_are_frames_in_both_units(folder):
     Store(folder).append(make_record("driven", 1, 0, driven, rows=ROWS))
     frame = load(folder)["driven"]
     assert frame[["top", "h"]].to_numpy().tolist() == [["strong_tide", 0.1]]
+    Store(folder).append(make_record("nobody.knows", 1, 0, driven, rows=ROWS))
+    assert "h_scaled" not in load(folder)["nobody.knows"], "as stored"
     ax = Comparison(frame).plot()
     assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("strong_tide", True), "no top of the bench"
     own = stored["phase"]

@@ -210,7 +210,7 @@ FILES = {  # what is in it → exit code, what is said
     "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
     "t;x;y;z\n0,5;0;1;0": (0, "run.csv: 1 rows, t = 0.5 to 0.5"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
-    "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300"),
+    "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300 (own unit)"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (
         0,
         "1 of 2 rows have a number that is missing or not finite",

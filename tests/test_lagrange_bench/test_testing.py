@@ -15,7 +15,7 @@ MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
 
 
 def test_a_method_within_its_bounds():
-    assert_drift("backlund", tops=("generic", "fast"), h=(0.1, 2.0), steps=20_000, H=16, C1=16, C2=16)
+    assert_drift("backlund", tops=("generic", "fast"), h_scaled=(0.1, 2.0), steps=20_000, H=16, C1=16, C2=16)
     assert_drift(MINE, tops=["generic", "magnet"], steps=1000, C1=200)
     assert_drift(MINE, tops="generic", steps=1000, C1=200)
     assert_drift(MINE, tops=[(LagrangeTop(1.0), [0.0, 1, 2, 0.6, 0, 0.8])], steps=1000, J3=0)
@@ -24,18 +24,21 @@ def test_a_method_within_its_bounds():
 
 def test_a_bound_that_is_exceeded_names_top_step_and_value():
     with pytest.raises(AssertionError) as caught:
-        assert_drift(MINE, tops=("generic", "figure1"), h=(0.1, 0.2), steps=1000, H=16, J3=0)
+        assert_drift(MINE, tops=("generic", "figure1"), h_scaled=(0.1, 0.2), steps=1000, H=16, J3=0)
     lines = str(caught.value).splitlines()
     assert (len(lines), "mine" in METHODS) == (4, False), "J3 stays"
     assert lines[1].startswith("mine: H is off by ")
-    assert lines[1].endswith(" on generic, h = 0.2: 16 allowed")
+    assert lines[1].endswith(" on generic, h_scaled = 0.2: 16 allowed")
     assert " ulps at step " in lines[1]
 
 
 def test_drift_is_in_ulps_of_the_scale():
-    (run,) = testing.drifts(MINE, testing.find_all(["generic"]), 0.1, 64)
     top, y0 = check.find("generic")
-    y = METHODS["strang"].prepare_for(top)(top, y0, 0.1 * top.scales(y0)[2]).record(y0, 64, 1)
+    h = 0.1 * top.scales(y0)[2]
+    (run,) = testing.drifts(MINE, testing.find_all(["generic"]), None, 0.1, 64)
+    (same,) = testing.drifts(MINE, testing.find_all(["generic"]), h, None, 64)
+    assert (run.ulps == same.ulps).all(), "h is in the top's own unit"
+    y = METHODS["strang"].prepare_for(top)(top, y0, h).record(y0, 64, 1)
     scale = top.invariant_scales(y0)[0]
     expected = (top.invariants(y)[:, 0] - top.invariants(y0)[0]) / np.spacing(scale)
     assert run.ulps[:, 0] == pytest.approx(expected[run.counts], abs=4)  # H itself is rounded
@@ -52,7 +55,7 @@ def test_pytest_shows_the_test_and_not_the_bench():
 
 def test_growth():
     assert_drift("backlund_unpinned", growth="H", below=0.75, steps=20_000)
-    told = r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h = 0.1, 20000 steps: below 0.75"
+    told = r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h_scaled = 0.1, 20000 steps: below 0.75"
     with pytest.raises(AssertionError, match=told):
         assert_drift("rk4", growth="H", below=0.75, steps=20_000)
     with pytest.raises(AssertionError, match="in the last decade"):  # over both decades an oscillation makes it t^0.62
@@ -65,7 +68,7 @@ def test_growth():
 
 def test_growth_that_comes_late_or_is_not_finite():
     counts = list(range(1, 101))
-    runs = [testing.Run("generic", 0.1, counts, np.zeros((100, 1)), ("H",)) for _ in range(16)]
+    runs = [testing.Run("generic", "h = 0.1", counts, np.zeros((100, 1)), ("H",)) for _ in range(16)]
     assert list(testing._grows(MINE, runs, "H", 0.75)) == []
     for run in runs:
         run.ulps[-3:] = 1e6
@@ -77,14 +80,14 @@ def test_growth_that_comes_late_or_is_not_finite():
 
 
 def test_a_run_that_ends_early_or_is_not_finite():
-    told = "^rk4 on generic, h = 30, in 100 steps: the state left the range of .* or before it"
+    told = "^rk4 on generic, h_scaled = 30, in 100 steps: the state left the range of .* or before it"
     with pytest.raises(AssertionError, match=told):
-        assert_drift("rk4", tops=["generic"], h=30, steps=100, J3=0)
-    run = testing.Run("generic", 0.1, [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
+        assert_drift("rk4", tops=["generic"], h_scaled=30, steps=100, J3=0)
+    run = testing.Run("generic", "h = 0.1", [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
     worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
-    assert (worst.size, worst.at) == (np.inf, "b, h = 0.2")
+    assert (worst.size, worst.at) == (np.inf, "b, h_scaled = 0.2")
 
 
 NO_TEST = [
@@ -94,7 +97,8 @@ NO_TEST = [
     ({"growth": "H", "below": float("nan")}, "^below must be "),
     *(({"H": 16, "tops": tops}, "^tops") for tops in (5, ((1, 2),), (LagrangeTop(1.0),), [])),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
-    ({"H": 16, "h": None}, "^h must be a real number"),
+    ({"H": 16, "h": "1"}, "^h must be a real number"),
+    ({"H": 16, "h": 1.0, "h_scaled": 1.0}, "^give h or h_scaled, not both"),
     ({"H": 16, "options": 5}, "^options must be a dict"),
     ({"growth": "H"}, "go together"),
     ({"H": 16, "tops": ["generi"]}, "unknown top or problem 'generi'; did you mean 'generic'"),

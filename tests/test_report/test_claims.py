@@ -252,7 +252,7 @@ def test_the_cheapest_with_set_up_that_reaches_the_error_and_claims_to_conserve_
     best = answers.name.xs(chooser.NOTHING, level=1).to_dict()
     assert best == {"10⁻⁴": "rk4", **dict.fromkeys(("10⁻⁶", "10⁻⁸", "10⁻¹⁰", "10⁻¹²"), "backlund")}
     first = answers.loc[("10⁻⁶", chooser.NOTHING)]
-    assert first[["with", "cost"]].to_list() == ["h = 8", "4 ms"]
+    assert first[["with", "cost"]].to_list() == ["h_scaled = 8", "4 ms"]
     assert first["beside it"] == "best that is not exact: RK4, 1.2 times as long"
     assert answers.name["10⁻⁴", chooser.LENGTHS] == "strang"
     assert answers.name["10⁻⁴", chooser.ENERGY] == "backlund"
@@ -275,7 +275,7 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     rows = rows.assign(rotation=1e-9, ns_per_step=1e3, case="kovalevskaya", status="done")
     found = chooser.answers({"heavy_top": rows})
     found = found[found["must conserve"] == chooser.NOTHING].set_index("error at most")
-    assert (found["with"]["10⁻⁴"], found.cost["10⁻⁴"]) == ("h = 0.1", "0.1 ms")
+    assert (found["with"]["10⁻⁴"], found.cost["10⁻⁴"]) == ("h = 0.1 s", "0.1 ms")
     assert found["beside it"]["10⁻⁴"].endswith("2 times as long")
     assert found.name["10⁻⁸"] == "rkmk4"
 
