@@ -25,7 +25,8 @@ class Rows:
 
     def __init__(self, t: Array, R: Array, omega: Array | None, frame: str):
         good = np.isfinite(R).all((1, 2)) & (np.isfinite(omega).all(1) if omega is not None else True)
-        self.t, self.R, self.frame = t[good], R[good], frame
+        self.t, self.R, self.frame, self.places = t[good], R[good], frame, np.flatnonzero(good)
+        self.rows = len(t)
         self.omega = None if omega is None else omega[good]
         self.dt = np.diff(self.t)[:, None]
         turns = np.transpose(self.R[:-1], (0, 2, 1)) @ self.R[1:]
@@ -36,20 +37,36 @@ class Rows:
         assert self.omega is not None
         return self.omega if frame == "body" else np.einsum("nji,nj->ni", self.R, self.omega)
 
-    def off(self, frame: str) -> float:
-        """The median of |Θ/dt − ω|/|ω| if ω is in this frame; NaN where the rows do not tell."""
+    def kinematics(self, frame: str | None = None, part: str = "mean") -> Array:
+        """|Θ/dt − ω| between neighbouring rows, rad/s, (N − 1,), if ω is in this frame; q' = q ω/2 makes it vanish.
+
+        part : the ω that is meant: the mean of both rows, or that of the "first" or of the "second". The mean is of fourth
+        order in dt: ω with its slope, and ω × ω' of Magnus's series, whose sign is another one in the world.
+        """
+        assert self.omega is not None
+        body = (frame or self.frame) == "body"
+        turn = self.turn if body else np.einsum("nij,nj->ni", self.R[:-1], self.turn)
+        first, second = self.omega[:-1], self.omega[1:]
+        mean = {"first": first, "second": second}.get(part)
+        if mean is None:
+            change = np.diff(np.gradient(self.omega, self.t, axis=0, edge_order=2), axis=0) if len(self.t) > 2 else 0.0
+            twist = np.cross(first, second) * (1 if body else -1)
+            mean = (first + second) / 2 + self.dt / 12 * (twist - change)
+        return np.linalg.norm(turn / self.dt - mean, axis=1)
+
+    def errors(self) -> Array | None:
+        """`kinematics` of all rows (N,), that of the first and of turns that are not clear 0; None where few turns are clear."""
+        if self.omega is None or not len(self.clear) or 2 * np.count_nonzero(self.clear) < len(self.clear):
+            return None
+        found = np.zeros(self.rows)
+        found[self.places[1:]] = np.where(self.clear, self.kinematics(), 0.0)
+        return found
+
+    def off(self, frame: str | None = None, part: str = "mean") -> float:
+        """The median of `kinematics`; NaN where the rows do not tell."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST - 1:
             return np.nan
-        omega = self._in_body(frame)
-        half = Rotation.from_rotvec(self.turn / 2).as_matrix()
-        # ω of both rows in the body half way
-        if frame == "body":
-            mean = (omega[:-1] + omega[1:]) / 2
-        else:
-            mean = (np.einsum("nji,nj->ni", half, omega[:-1]) + np.einsum("nij,nj->ni", half, omega[1:])) / 2
-        size = np.median(np.linalg.norm(self.turn / self.dt, axis=1)[self.clear])
-        error = np.linalg.norm(self.turn / self.dt - mean, axis=1)[self.clear]
-        return float(np.median(error) / size) if size > 0 else np.nan
+        return float(np.median(self.kinematics(frame, part)[self.clear]))
 
     def other_frame(self) -> str | None:
         """The frame that ω is clearly in, if it is not the one named."""

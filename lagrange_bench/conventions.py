@@ -1,8 +1,13 @@
 """How a trajectory of a rigid body is written: frames, orders and units, and which of them was perhaps meant."""
 
+from __future__ import annotations
+
 import itertools
 import math
+import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from copy import copy
 from dataclasses import dataclass, replace
 from math import tau
 from typing import Any
@@ -12,13 +17,14 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.consistency import Rows
-from lagrange_bench.integrators import CASES, Case
+from lagrange_bench.integrators import CASES, Case, RigidBody
+from lagrange_bench.integrators.truth import truths
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
 UNITS = {  # what is judged → its unit, in the order in which it is reported
     **{"position": "m", "axis": "rad", "rotation": "rad", "spin": "rad", "length": "m", "orthogonality": "1"},
-    **{"omega": "rad/s", "spin_rate": "rad/s", "energy": "J", "momentum": "kg m²/s"},
+    **{"omega": "rad/s", "spin_rate": "rad/s", "kinematics": "rad/s", "energy": "J", "momentum": "kg m²/s"},
 }
 AXES = {
     sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
@@ -26,23 +32,26 @@ AXES = {
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 # what is judged by which columns
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+# units that numbers may have: what to say to --units, and the factor that leads to SI units
 LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}
-RATES = {"degrees per second": tau / 360, "revolutions per minute": tau / 60, "revolutions per second": tau}
-POSITIONS, SPEEDS = (
-    {f"in {unit}: SI units are judged": factor for unit, factor in units.items()} for units in (LENGTHS, RATES)
-)
-# what columns may be: the factor that makes them right
-SCALES = {"position": POSITIONS, "displacement": POSITIONS, "omega": {**SPEEDS, "of the other sign": -1.0}}
+SPEEDS = {"degrees per second": ("deg/s", tau / 360), "revolutions per minute": ("rpm", tau / 60)}
+SPEEDS |= {"revolutions per second": ("rev/s", tau)}
+CLOCKS = {
+    "milliseconds": ("ms", 1e-3),
+    "microseconds": ("us", 1e-6),
+    "nanoseconds": ("ns", 1e-9),
+    "minutes": ("min", 60.0),
+}
+LATE = {
+    "second": "ω is half a step late: it is what turned the row before into its own, as in leapfrog and semi-implicit Euler.",
+    "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
+}
+WITHOUT = "the program leaves out the gyroscopic torque ω × I ω: an option of many engines."
 HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
 BETTER = 10  # times less is the error with another convention than with this one, and with any other, for a hint
-PREFIXES = (
-    3,
-    5,
-    9,
-    17,
-    33,
-    65,
-)  # rows from the first on, where the whole run gives no hint: a poor one is right there only
+# rows from the first on, where the whole run gives no hint: a poor one is right there only
+PREFIXES = (3, 5, 9, 17, 33, 65)
+ENOUGH = 5  # rows that tell another body
 RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
 OFF = 1e-3  # RᵀR − 1 of a matrix that still counts as a rotation; more, where the digits of the file are fewer
 TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
@@ -52,16 +61,17 @@ SINGLE = 2e-7  # likewise, of a start in single precision
 
 @dataclass(frozen=True)
 class Convention:
-    """How rotations, angular velocities and frames are written: see `judge`. The last four are for hints."""
+    """How rotations, angular velocities and frames are written: see `judge`. From `transposed` on they are for hints."""
 
     quat: str = "wxyz"
     omega_frame: str = "body"
     up: str | None = None
     axis: str | None = None
+    angles: str = "xyz"
     transposed: bool = False
     degrees: bool = False
-    intrinsic: bool = False
     displaced: bool = False
+    mirror: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": (*AXES, None), "axis": (*AXES, None)}
@@ -71,53 +81,140 @@ class Convention:
 
 
 class Frames:
-    """A case, and the turns from the world and the body of the rows to its own. digit : what matrices are rounded by."""
+    """A body, and the turns from the world and the body of the rows to its own.
 
-    def __init__(self, case: Case, convention: Convention, digit: float = 0.0):
-        if convention.axis is not None and case.body.axis is None:
-            raise ValueError(f"case {case.name}: --axis is of no use, for the body has no axis of symmetry")
-        self.case, self.moving, self.axis = case, case.body, case.body.axis
-        self.convention, self.digit = convention, digit
-        self.world = _turn(convention.up, self.moving.up)
-        self.body = np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T
+    case : whose exact motion rows are compared with; without one they are compared with themselves. digit : what matrices are
+    rounded by.
+    """
+
+    def __init__(self, body: RigidBody, convention: Convention, digit: float = 0.0, case: Case | None = None):
+        self.moving, self.axis, self.digit, self.case, self.known = body, body.axis, digit, case, math.inf
+        self._convert(convention)
+        self.length = float(np.linalg.norm(body.com)) if body.fixed else 0.0
+        if case is None:
+            self.sizes = {"position": self.length or 1.0}
+            self.energy, self.momentum, self.spin_rate = np.array(np.nan), np.full(3, np.nan), np.nan
+            self.flown = np.full(3, np.nan), np.full(3, np.nan)
+            return
+        if not {"free", "symmetric"} & body.offers:
+            scale = float(body.scales(body.parted(case.state)[0])[2])
+            self.known = max(truths.LONGEST * scale, case.until)
         x, R, omega = self.exact([0.0, case.until])
-        self.length = float(np.linalg.norm(self.moving.com)) if self.moving.fixed else 0.0
         self.start = x[0]
         size = self.length or float(np.linalg.norm(x, axis=1).max()) or 1.0
         self.sizes = {"position": size, "rotation": 1.0, "omega": float(np.linalg.norm(omega, axis=1).max())}
-        self.spin_rate = None if self.axis is None else float(omega[0] @ self.axis)
-        self.energy, self.momentum = self.moving.energy_of(R, omega)[:1], self.moving.momentum_of(R, omega)[:1]
+        self._refer(R[0], omega[0])
+
+    def _convert(self, convention: Convention) -> None:
+        if convention.axis is not None and self.axis is None:
+            raise ValueError("--axis is of no use, for the body has no axis of symmetry")
+        mirror = np.eye(3) if convention.mirror is None else np.array([AXES[name] for name in convention.mirror])
+        self.convention, self.hand = convention, round(float(np.linalg.det(mirror)))
+        self.world = _turn(convention.up, self.moving.up) @ mirror
+        self.body = mirror.T @ (np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T)
+
+    def changed(self, **changes: Any) -> Frames:
+        """The same in another convention."""
+        other = copy(self)
+        other._convert(replace(self.convention, **changes))
+        return other
+
+    def _refer(self, R: Array, omega: Array) -> None:
+        """Take what the motion keeps from one attitude and angular velocity in the body."""
+        self.spin_rate = math.nan if self.axis is None else float(omega @ self.axis)
+        self.energy, self.momentum = self.moving.energy_of(R, omega), self.moving.momentum_of(R, omega)
+        kinetic = float(omega @ self.moving.momentum_of(np.eye(3), omega)) / 2
+        self.sizes |= {"energy": kinetic, "momentum": float(np.linalg.norm(self.momentum))}
+
+    def refer(self, given: Mapping[str, Array]) -> None:
+        """Take what the motion keeps from the first row that has it, and the flight that fits all positions best."""
+        R, omega = self.motion(given)
+        if omega is not None and len(good := np.flatnonzero(np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1))):
+            self._refer(R[good[0]], omega[good[0]])
+        self.start = R[0] @ self.moving.com if self.moving.fixed else np.zeros(3)
+        for x in [] if self.moving.fixed else self._positions(given):
+            some = np.isfinite(x).all(1)
+            t, span = given["time"][some], np.ptp(given["time"]) or 1.0
+            terms = np.column_stack((np.ones_like(t), t / span))
+            place, way = np.linalg.lstsq(terms, x[some] - self._fall(t), rcond=None)[0]
+            self.flown = place, way / span
+
+    def _fall(self, t: Array) -> Array:
+        return t**2 / 2 * self.moving.gravity  # type: ignore[no-any-return]
+
+    def flight(self, t: Array) -> Array:
+        """The parabola x₀ + v t + g t²/2, (N, 3), at times (N, 1)."""
+        return self.flown[0] + t * self.flown[1] + self._fall(t)  # type: ignore[no-any-return]
 
     def exact(self, t: ArrayLike) -> Exact:
-        """The motion of the case."""
-        motion = self.case.solution(t)
-        return motion.position, motion.rotation.as_matrix(), motion.omega_body
+        """The motion of the case, NaN where its series would take too long."""
+        assert self.case is not None
+        times = np.asarray(t, dtype=float)
+        known = np.abs(times) <= self.known
+        motion = self.case.solution(times[known])
+        parts = motion.position, motion.rotation.as_matrix(), motion.omega_body
+        if known.all():
+            return parts
+        whole = [np.full((len(times), *part.shape[1:]), np.nan) for part in parts]
+        for part, values in zip(whole, parts, strict=True):
+            part[known] = values
+        return whole[0], whole[1], whole[2]
 
-    def errors(self, given: Mapping[str, Array], exact: Exact) -> dict[str, Array]:
-        """What the rows are off by, (n,) for each quantity; of several groups that say the same thing, the larger error."""
+    def _positions(self, given: Mapping[str, Array]) -> Iterator[Array]:
+        for group in ("position", "displacement"):
+            if group in given:
+                x = given[group] @ self.world.T
+                yield x + self.start if self.convention.displaced or group == "displacement" else x
+
+    def attitudes(self, given: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
+        """Of each group that has them, as `attitude` gives them."""
+        return [self.attitude(group, given[group]) for group in ATTITUDES if group in given]
+
+    def motion(self, given: Mapping[str, Array]) -> tuple[Array, Array | None]:
+        """Attitudes, the identity without any, and ω in the body, if it can be told."""
+        group = next((name for name in ATTITUDES if name in given), None)
+        n, body = len(given["time"]), self.convention.omega_frame == "body"
+        R = np.broadcast_to(np.eye(3), (n, 3, 3)) if group is None else self.attitude(group, given[group])[0]
+        if "omega" not in given or (group is None and not body):
+            return R, None
+        omega = self.omega(given)
+        return R, omega if body else (omega[:, None, :] @ R)[:, 0]
+
+    def omega(self, given: Mapping[str, Array]) -> Array:
+        """The angular velocity in the frame that it is in."""
+        turn = self.body if self.convention.omega_frame == "body" else self.world.T
+        return self.hand * given["omega"] @ turn
+
+    def errors(self, given: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
+        """What the rows are off by, (n,) for each quantity; of several groups that say the same thing, the larger error.
+
+        Without an exact motion: what the motion keeps is off the first row, and positions are off where the rotations put them.
+        """
         found: dict[str, Array] = {}
 
         def add(**errors: Array) -> None:
             found.update({name: np.maximum(error, found.get(name, 0.0)) for name, error in errors.items()})
 
-        attitudes = [self.attitude(group, given[group]) for group in ATTITUDES if group in given]
+        attitudes = self.attitudes(given)
         for R, defect in attitudes:
-            add(**self._turned(exact[1].transpose(0, 2, 1) @ R), **defect)
-        for group in ("position", "displacement"):
-            if group in given:
-                x = given[group] @ self.world.T
-                x = x + self.start if self.convention.displaced or group == "displacement" else x
-                length = np.linalg.norm(x, axis=1)
+            add(**({} if exact is None else self._turned(exact[1].transpose(0, 2, 1) @ R)), **defect)
+        for x in self._positions(given):
+            length = np.linalg.norm(x, axis=1)
+            if exact is not None:
                 add(position=np.linalg.norm(x - exact[0], axis=1))
-                if self.length:
-                    add(length=np.abs(length - self.length))
-                if self.length and self.axis is not None and not attitudes:
-                    add(axis=_angle(x / length[:, None], exact[0]))
+            elif self.moving.fixed and attitudes:
+                add(position=np.linalg.norm(x - attitudes[0][0] @ self.moving.com, axis=1))
+            elif not self.moving.fixed:
+                add(position=np.linalg.norm(x - self.flight(given["time"]), axis=1))
+            if self.length:
+                add(length=np.abs(length - self.length))
+            if self.length and self.axis is not None and not attitudes and exact is not None:
+                add(axis=_angle(x / length[:, None], exact[0]))
         if "omega" in given:
-            body = self.convention.omega_frame == "body"
-            omega = given["omega"] @ (self.body if body else self.world.T)
-            right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
-            add(omega=np.linalg.norm(omega - right, axis=1))
+            body, omega = self.convention.omega_frame == "body", self.omega(given)
+            if exact is not None:
+                right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
+                add(omega=np.linalg.norm(omega - right, axis=1))
             if body and self.axis is not None:
                 add(spin_rate=np.abs(omega @ self.axis - self.spin_rate))
             for R, _ in attitudes:
@@ -126,16 +223,22 @@ class Frames:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
                 add(momentum=self.momentum_error(self.moving.momentum_of(R, in_body)))
+            if body and not attitudes and "free" in self.moving.offers:
+                length = np.linalg.norm(self.moving.momentum_of(np.eye(3), omega), axis=1)
+                add(energy=np.abs(self.moving.energy_of(np.eye(3), omega) - self.energy))
+                add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
+            rows = self.rows(given) if exact is None else None
+            if rows is not None and (off := rows.errors()) is not None:
+                add(kinematics=off)
         return {name: found[name] for name in UNITS if name in found}
 
-    def rows(self, given: Mapping[str, Array], t: Array) -> Rows | None:
+    def rows(self, given: Mapping[str, Array]) -> Rows | None:
         """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
         group = next((name for name in ATTITUDES if name in given), None)
         if group is None:
             return None
-        frame = self.convention.omega_frame
-        omega = given["omega"] @ (self.body if frame == "body" else self.world.T) if "omega" in given else None
-        return Rows(t, self.attitude(group, given[group])[0], omega, frame)
+        omega = self.omega(given) if "omega" in given else None
+        return Rows(given["time"][:, 0], self.attitude(group, given[group])[0], omega, self.convention.omega_frame)
 
     def momentum_error(self, momentum: Array) -> Array:
         """Of a body without torque that of the vector, else of its part about the vertical, (n,)."""
@@ -170,7 +273,7 @@ class Frames:
             elif group == "rotation vector":
                 turns = Rotation.from_rotvec(values)
             else:
-                turns = Rotation.from_euler("XYZ" if how.intrinsic else "xyz", values)
+                turns = Rotation.from_euler(how.angles, values)
             R = turns.as_matrix()
             R[bad] = np.nan
         return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
@@ -225,11 +328,10 @@ class Hints:
 
     def written(self) -> list[str]:
         """Frames, orders, units; a convention is tried only where something is wrong."""
-        hints = list(self._conventions())
-        hints = hints or list(self._axes())
+        hints = list(self._conventions()) or list(self._axes()) or list(self._mirrored())
         for each in (self._speeds, self._times, self._starts):
             hints += each()
-        return hints
+        return hints or [*self._late(), *self.bodies()]
 
     def turned(self) -> list[str]:
         """Other axes; positions of the fixed point."""
@@ -247,55 +349,61 @@ class Hints:
     def _limit(self, judged: str) -> float:
         return float(self.now[judged] / BETTER)
 
+    def _best(self, judged: str, errors: Mapping[str, float]) -> list[str]:
+        """What makes rows right, if it does so clearly better than all else."""
+        least, *others = sorted(errors.values()) or [math.inf]
+        right = least < min(self._limit(judged), RIGHT * self.sizes[judged])
+        clear = all(least * BETTER < error for error in others)
+        return [min(errors, key=errors.__getitem__)] if right and clear else []
+
     def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
-        frames = self.frames
-        if changes:
-            frames = Frames(frames.case, replace(frames.convention, **changes), frames.digit)
+        frames = self.frames.changed(**changes) if changes else self.frames
         return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:
         how = self.frames.convention
-        quat = "xyzw" if how.quat == "wxyz" else "wxyz"
-        frame = "world" if how.omega_frame == "body" else "body"
+        quat, frame = _others(how)
+        words = _words(how, self.way)
         best: dict[str, list[tuple[float, str]]] = {}
-        ordered = f"the quaternions are in the order {quat}: {self.way or f'--quat {quat}, or other names'}."
-        moving = "the angles are about axes that move with the body, not about fixed ones."
-        inverse = "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate."
-        both = f"the order is {quat}, and they are conjugate."
-        in_frame = f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame."
-        for judged, group, changes, words in (
-            ("rotation", "", {"transposed": True}, inverse),
-            ("rotation", "quaternion", {"quat": quat}, ordered),
-            ("rotation", "quaternion", {"quat": quat, "transposed": True}, both),
-            ("rotation", "angles", {"degrees": True}, "the angles are in degrees."),
-            ("rotation", "angles", {"intrinsic": True}, moving),
-            ("rotation", "angles", {"degrees": True, "intrinsic": True}, f"{moving[:-1]}, and in degrees."),
-            ("rotation", "rotation vector", {"degrees": True}, "the rotation vectors are in degrees."),
-            ("omega", "", {"omega_frame": frame}, in_frame),
+        axes = how.angles.swapcase()
+        moving = f"the angles are about axes that {'move' if axes.isupper() else 'do not move'} with the body: --angles {axes}"
+        degrees = "--units angle=deg."
+        for judged, group, changes, said in (
+            ("rotation", "", {"transposed": True}, words["transposed"]),
+            ("rotation", "quaternion", {"quat": quat}, words["quat"]),
+            ("rotation", "quaternion", {"quat": quat, "transposed": True}, words["both"]),
+            ("rotation", "angles", {"degrees": True}, f"the angles are in degrees: {degrees}"),
+            ("rotation", "angles", {"angles": axes}, f"{moving}."),
+            ("rotation", "angles", {"degrees": True, "angles": axes}, f"{moving}; and in degrees: {degrees}"),
+            ("rotation", "rotation vector", {"degrees": True}, f"the rotation vectors are in degrees: {degrees}"),
+            ("omega", "", {"omega_frame": frame}, words["frame"]),
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
-            tried = self._wrong(judged) and (not group or group in self.given)
-            if tried:
-                best.setdefault(judged, []).append((self._error(judged, **changes), words))
+            if self._wrong(judged) and (not group or group in self.given):
+                best.setdefault(judged, []).append((self._error(judged, **changes), said))
         for judged, found in best.items():
-            (least, words), *others = sorted(found)
+            (least, said), *others = sorted(found)
             if least < self._limit(judged) and all(least * BETTER < error for error, _ in others):
-                yield words
+                yield said
         if "rotation vector" in self.given and self._wrong("rotation"):
             rows = {**self.given, "angles": self.given["rotation vector"]}
             del rows["rotation vector"]
-            for degrees, intrinsic in itertools.product((True, False), repeat=2):
-                if self._error("rotation", rows=rows, degrees=degrees, intrinsic=intrinsic) < self._limit("rotation"):
-                    unit, kind = "degrees" if degrees else "rad", "moving" if intrinsic else "fixed"
-                    yield f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}."
+            for in_degrees, axes in itertools.product((True, False), ("XYZ", "xyz")):
+                if self._error("rotation", rows=rows, degrees=in_degrees, angles=axes) < self._limit("rotation"):
+                    kind, unit = "moving" if axes == "XYZ" else "fixed", "degrees" if in_degrees else "rad"
+                    way = f"--angles {axes}{' --units angle=deg' * in_degrees}"
+                    yield (
+                        f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}: "
+                        f"--columns angle1=…,angle2=…,angle3=… {way}."
+                    )
 
     def _axes(self) -> Iterator[str]:
         """Another unit of positions, another axis upwards, another axis of symmetry."""
         how, up = self.frames.convention, None
         group = next((name for name in GROUPS["position"] if name in self.given), "")
         if group and self._wrong("position"):
-            units = {"": 1.0, **SCALES[group]}
+            units = {"": 1.0, **LENGTHS}
             tried = {
                 (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
                 for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
@@ -303,7 +411,7 @@ class Hints:
             found, what = min(tried, key=lambda pair: tried[pair])
             if tried[found, what] < min(self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf):
                 up = found if found != how.up else None
-                yield from [f"{group} is {what}."] * bool(what)
+                yield from [f"{group} is in {what}: --units {group}={what}."] * bool(what)
         axis = None
         if self._wrong("rotation"):
             ups = [up or how.up] if group else [how.up, *AXES]
@@ -321,14 +429,32 @@ class Hints:
         if axis is not None:
             yield f"the axis of symmetry is {axis}: --axis={axis}."
 
+    def _mirrored(self) -> Iterator[str]:
+        """A world and a body with axes of the other hand."""
+        judged = next((name for name in ("rotation", "position") if name in self.now), None)
+        if judged is None or not self._wrong(judged):
+            return
+        signs = itertools.product(("", "-"), repeat=3)
+        names = [
+            tuple(map("".join, zip(*each, strict=True)))
+            for each in itertools.product(signs, itertools.permutations("xyz"))
+        ]
+        mirrors = [each for each in names if np.linalg.det([AXES[name] for name in each]) < 0]
+        for each in self._best(judged, {", ".join(each): self._error(judged, mirror=each) for each in mirrors}):
+            vector = f"the vector part of quaternions, rotation vectors and ω −({each})"
+            yield f"the world is left-handed: write ({each}) for positions (x, y, z), and for {vector}."
+
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""
         if self._wrong("omega"):
             omega, now = self.given["omega"], self.frames.convention.omega_frame
-            other = "world" if now == "body" else "body"
+            other = _others(self.frames.convention)[1]
+            units = {f"in {name}: --units omega={unit}": factor for name, (unit, factor) in SPEEDS.items()}
             scaled = {
                 (what, frame): self._error("omega", {**self.given, "omega": factor * omega}, omega_frame=frame)
-                for (what, factor), frame in itertools.product(SCALES["omega"].items(), (now, other))
+                for (what, factor), frame in itertools.product(
+                    {**units, "of the other sign": -1.0}.items(), (now, other)
+                )
             }
             best = min(scaled, key=lambda pair: scaled[pair])
             if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
@@ -339,13 +465,14 @@ class Hints:
         judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
         if not self._wrong(judged):
             return
-        least = min(
-            self._limit(judged),
-            RIGHT * self.sizes[judged],
-            self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER,
-        )
-        if self._error(judged, exact=self.frames.exact(1e-3 * self.t)) < least:
-            yield "the times are in milliseconds: SI units are judged."
+        still = self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER
+        least = min(self._limit(judged), RIGHT * self.sizes[judged], still)
+        scaled = {
+            f"the times are in {name}: --units t={unit}.": self._error(judged, exact=self.frames.exact(factor * self.t))
+            for name, (unit, factor) in CLOCKS.items()
+        }
+        for hint in self._best(judged, scaled):
+            yield from [hint] * (scaled[hint] < still)
         (given, exact), late = self.head, {0: math.inf}
         n = len(exact[0])
         for k in SHIFTS if n > BETTER else ():
@@ -358,6 +485,46 @@ class Hints:
         elif self.first and self.t[0] and self._error(judged, exact=self.frames.exact(self.t - self.t[0])) < least:
             yield f"the first row is the start of the case: subtract {self.t[0]:.9g} s from the times."
 
+    def _late(self) -> Iterator[str]:
+        """ω in the middle of a step, with rotations at its ends."""
+        t = self.head[0]["time"][:, 0]
+        if self._wrong("omega") and len(t) >= ENOUGH:
+            step, later = float(np.median(np.diff(t))), _rows(self.given, slice(1, None))
+            ends = {"second": -step / 2, "first": step / 2}
+            errors = {
+                LATE[part]: self._error("omega", later, self.frames.exact(self.t[1:] + by)) for part, by in ends.items()
+            }
+            yield from self._best("omega", errors)
+
+    def bodies(self) -> list[str]:
+        """Another body: gravity the other way, moments about another point, no gyroscopic torque."""
+        judged = next((name for name in ("rotation", "position", "omega") if self._wrong(name)), None)
+        case = self.frames.case
+        if judged is None or case is None or len(self.t) < ENOUGH:
+            return []
+        body, arm, others = case.body, case.body.com, {}
+        if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
+            others["gravity is reversed: it points up."] = {"gravity": -body.gravity}
+        if self.frames.length:
+            steiner = body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+            about = "were taken for those about the"
+            more, less = body.inertia_com + steiner, body.inertia_com - steiner
+            others[f"the moments of inertia about the fixed point {about} centre of mass."] = {"inertia_com": more}
+            others[f"the moments of inertia about the centre of mass {about} fixed point."] = {"inertia_com": less}
+        errors = {}
+        for words, change in others.items():
+            facts = {name: getattr(body, name) for name in ("mass", "com", "inertia_com", "gravity", "fixed")}
+            moved = copy(self.frames)
+            with warnings.catch_warnings(), suppress(ValueError):
+                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no body has
+                moved.case = replace(case, body=RigidBody(**{**facts, **change}), exact={})
+                errors[words] = self._error(judged, exact=moved.exact(self.t))
+        if "free" in body.offers:
+            x, R, omega = self.frames.exact([0.0])
+            turned = R[0] @ Rotation.from_rotvec(self.t[:, None] * omega).as_matrix()
+            errors[WITHOUT] = self._error(judged, exact=(self.exact[0], turned, np.repeat(omega, len(turned), axis=0)))
+        return self._best(judged, errors)
+
     def _starts(self) -> Iterator[str]:
         """The start of another case."""
         if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
@@ -365,7 +532,7 @@ class Hints:
             for case in CASES.values():
                 if case.body.axis is None and how.axis is not None:
                     continue
-                if self._starts_as(Frames(case, how)):
+                if self._starts_as(Frames(case.body, how, case=case)):
                     yield f"this is the start of the case {case.name}."
 
     def _starts_as(self, frames: Frames) -> bool:
@@ -419,13 +586,7 @@ class Hints:
 
 
 def find_hints(
-    frames: Frames,
-    given: Mapping[str, Array],
-    t: Array,
-    exact: Exact,
-    good: Array,
-    rows: Rows | None,
-    way: str = "",
+    frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, rows: Rows | None, way: str = ""
 ) -> list[str]:
     """Hints of the whole run; else of its first rows. `rows` themselves tell the frame of ω, and missing torques."""
     whole = Hints(frames, given, t, exact, good, way)
@@ -435,11 +596,50 @@ def find_hints(
         hints = next(filter(None, (each.written() for each in prefixes)), [])
     hints = hints or list(whole.points())
     if rows is not None:
-        if (other := rows.other_frame()) and not any("--omega" in hint for hint in hints):
-            hints.append(f"ω is in the {other} frame: --omega {other}, from Python omega_frame.")
-        elif rows.without_gyroscopic_torque(frames.moving):
-            hints.append("the program leaves out the gyroscopic torque ω × I ω: an option of many engines.")
+        if rows.other_frame() and not any("--omega" in hint for hint in hints):
+            hints.append(_words(frames.convention)["frame"])
+        elif rows.without_gyroscopic_torque(frames.moving) and WITHOUT not in hints:
+            hints.append(WITHOUT)
     return hints
+
+
+def own_hints(frames: Frames, given: Mapping[str, Array], rows: Rows | None, way: str = "") -> list[str]:
+    """The convention in which the rows agree with themselves, q' = q ω/2, if that is clearly another one."""
+    if rows is None or rows.omega is None:
+        return []
+    how, words, some = frames.convention, _words(frames.convention, way), _rows(given, slice(HEAD))
+    quat, frame = _others(how)
+    ways: dict[tuple[str, ...], float] = {}
+    attitudes: list[tuple[dict[str, Any], str]] = [({}, ""), ({"transposed": True}, words["transposed"])]
+    if "quaternion" in given:
+        attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
+    for (changes, said), (in_frame, also) in itertools.product(
+        attitudes, ((how.omega_frame, ""), (frame, words["frame"]))
+    ):
+        tried = frames.changed(**changes, omega_frame=in_frame).rows(some)
+        assert tried is not None
+        for part in ("mean", *LATE):
+            ways[said, also, LATE.get(part, "")] = tried.off(part=part)
+    least, *others = sorted(ways.values())
+    clear = all(least * BETTER < error for error in others)
+    hints = [hint for hint in min(ways, key=ways.__getitem__) if hint] if clear else []
+    return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.moving)
+
+
+def _others(how: Convention) -> tuple[str, str]:
+    """The other order of quaternions, the other frame of ω."""
+    return "xyzw" if how.quat == "wxyz" else "wxyz", "world" if how.omega_frame == "body" else "body"
+
+
+def _words(how: Convention, way: str = "") -> dict[str, str]:
+    """What is said of another convention; `way` to have quaternions in another order, if not by --quat."""
+    quat, frame = _others(how)
+    return {
+        "transposed": "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate.",
+        "quat": f"the quaternions are in the order {quat}: {way or f'--quat {quat}, or other names'}.",
+        "both": f"the order is {quat}, and they are conjugate.",
+        "frame": f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame.",
+    }
 
 
 def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:

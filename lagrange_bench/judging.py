@@ -14,8 +14,21 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import reading
 from lagrange_bench.arguments import own
 from lagrange_bench.consistency import Rows, rate_note
-from lagrange_bench.conventions import ATTITUDES, GROUPS, SINGLE, START, UNITS, Convention, Exact, Frames, find_hints
-from lagrange_bench.integrators import CASES, Case, StepError
+from lagrange_bench.conventions import (
+    ATTITUDES,
+    GROUPS,
+    SINGLE,
+    START,
+    UNITS,
+    Convention,
+    Exact,
+    Frames,
+    Hints,
+    find_hints,
+    own_hints,
+)
+from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
 
 Array = np.ndarray
@@ -24,6 +37,8 @@ Array = np.ndarray
 DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
 SOME_ROWS = 8  # from which the growth of an error is told
+KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
+ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not grow
 
 
 class Error(NamedTuple):
@@ -38,9 +53,9 @@ class Judgement:
     """What `judge` finds: `errors` of those `UNITS` that the trajectory has columns for, each also an attribute.
 
     span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case, in doubles
-    (`right`) and in single precision (`single`); None where that time is not 0. floor : errors below it are lost in the printed
-    digits. hints : conventions that the rows perhaps have. curves : times and errors, (2, M), to be drawn. columns : of a file,
-    how they were read. turns : of the exact motion. size : what positions are compared with, m.
+    (`right`) and in single precision (`single`); None where that time is not 0; empty where no start is known. floor : errors
+    below it are lost in the printed digits. hints : conventions that the rows perhaps have. curves : times and errors, (2, M), to
+    be drawn. columns : of a file, how they were read. turns : of the motion. sizes : what some errors are compared with.
     """
 
     case: str
@@ -55,7 +70,7 @@ class Judgement:
     file: str | None = None
     columns: str = ""
     turns: float = 0.0
-    size: float = 1.0
+    sizes: dict[str, float] = field(default_factory=dict)
 
     @property
     def step(self) -> float:
@@ -68,12 +83,19 @@ class Judgement:
 
     def summary(self) -> list[str]:
         """How wrong it is, in a sentence; and until when it is near."""
-        name = next((name for name in ("axis", "rotation", "position", "omega") if name in self.errors), None)
+        name = next((name for name in ("axis", "rotation", "omega", "position", "energy") if name in self.errors), None)
         if name is None or self.rows < 2 or not math.isfinite(self.errors[name].end):
             return []
-        off, span = f"{self.errors[name].end:.1e} {UNITS[name]}", self.span[1] - self.span[0]
-        lines = [f"After {span:.4g} s, {self.turns:.3g} turns: {name} off by {off}{self._growth(name)}."]
-        near, bound = ("position", 0.1 * self.size) if "position" in self.errors else ("rotation", 0.1)
+        if "omega" not in self.errors and "energy" in self.errors:  # without a start
+            names = [name for name in ("energy", "momentum") if self.sizes.get(name)]
+            off = [
+                f"{name} off by {self.errors[name].end / self.sizes[name]:.1e} of its size{self._growing(name)}"
+                for name in names
+            ]
+        else:
+            off = [f"{name} off by {self.errors[name].end:.1e} {UNITS[name]}{self._growing(name)}"]
+        lines = [f"After {self.span[1] - self.span[0]:.4g} s, {self.turns:.3g} turns: {'; '.join(off)}."] if off else []
+        near, bound = ("position", 0.1 * self.sizes["position"]) if "position" in self.errors else ("rotation", 0.1)
         if near in self.errors and self.errors[near].max > bound:
             t, error = self.curves[near]
             first = int(np.argmax(~(error <= bound)))
@@ -81,19 +103,29 @@ class Judgement:
             lines.append(f"The {near} is within {bound:.2g} {UNITS[near]} {until}.")
         return lines
 
-    def _growth(self, name: str) -> str:
-        """How the largest error so far grows with time, if the rows tell."""
+    def growth(self, name: str) -> float:
+        """The exponent p of an error that grows like t^p; NaN where the rows do not tell."""
         t, error = self.curves[name]
-        worst = np.maximum.accumulate(error)
-        use = (t > t[-1] / 8) & (worst > max(self.floor.get(name, 0.0), 1e-15))
-        if np.count_nonzero(use) < SOME_ROWS or not np.isfinite(worst[-1]):
+        floor = max(self.floor.get(name, 0.0), ROUND_OFF * self.sizes.get(name, 1.0))
+        if np.count_nonzero(error > floor) < SOME_ROWS:
+            return math.nan
+        return metrics.growth_exponent(t - t[0], error, floor=floor).p
+
+    def grows(self, name: str) -> str:
+        """The same in words, as `assert_drift` means them."""
+        power = self.growth(name)
+        if math.isnan(power):
             return ""
-        power = float(np.polyfit(np.log(t[use]), np.log(worst[use]), 1)[0])
         if power < 0.25:
-            return ", not growing"
+            return "bounded"
         nearest = round(power)
         law = "t" if nearest == 1 else f"t^{nearest}"
-        return f", growing like {law if abs(power - nearest) < 0.25 else f't^{power:.1f}'}"
+        law = law if abs(power - nearest) < 0.25 else f"t^{power:.1f}"
+        return f"{law}, a random walk" if power < 0.75 and name in KEPT else law
+
+    def _growing(self, name: str) -> str:
+        grows = self.grows(name)
+        return f", {grows}" if grows == "bounded" else f", growing like {grows}" if grows else ""
 
     def __getattr__(self, name: str) -> Error:
         if name in UNITS and name in self.errors:
@@ -107,8 +139,16 @@ class Judgement:
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
-        facts = {"rows": self.rows, "step": self.step, **{name: error._asdict() for name, error in self.errors.items()}}
+        errors = {name: {**error._asdict(), "growth": self.growth(name)} for name, error in self.errors.items()}
+        facts = {"rows": self.rows, "step": self.step, **errors}
         return {**facts, "start": self.start, "floor": self.floor, "hints": self.hints, "notes": self.notes}
+
+
+class Asked(NamedTuple):
+    """What rows are compared with. start : "case"; "first-row"; None if only the body counts."""
+
+    case: Case
+    start: str | None
 
 
 def judge(
@@ -117,7 +157,9 @@ def judge(
     rotation: ArrayLike | Rotation | None = None,
     omega: ArrayLike | None = None,
     *,
-    case: str | Case,
+    case: str | Case | None = None,
+    body: str | Case | RigidBody | None = None,
+    start: str = "case",
     quat: str = "wxyz",
     omega_frame: str = "body",
     up: str | None = None,
@@ -139,6 +181,10 @@ def judge(
         In rad/s.
     case : str or Case
         A name, see `CASES`, or a case of your own.
+    body : str, Case or RigidBody
+        In place of a case: nothing is known of the start. The rows are compared with what the motion keeps, and with themselves.
+    start : {"case", "first-row"}
+        Where the exact motion starts: as the case does, or as the first row does, which then needs a rotation and omega.
     quat : {"wxyz", "xyzw"}
         The order of the quaternions.
     omega_frame : {"body", "world"}
@@ -176,18 +222,19 @@ def judge(
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
             given[kind] = values.reshape(n, -1)
-    return _judged(find(case), Convention(quat, omega_frame, up, axis), given, {})
+    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), given, {}, {})
 
 
-def judge_file(path: Path, case: Case, convention: Convention, how: reading.Options) -> Judgement:
+def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
     """As `judge`, what a file holds; `how` it is written."""
     layout = reading.survey(path, how)
     given, way = reading.read(layout), ""
+    convention = replace(convention, angles=how.angles or convention.angles)
     if layout.named:  # --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
         convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
     try:
-        found = _judged(case, convention, given, layout.floor, way)
+        found = _judged(what, convention, given, layout.floor, layout.first_floor, way)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
     return replace(found, file=str(path), notes=[*layout.notes, *found.notes], columns=layout.columns)
@@ -215,10 +262,24 @@ def converges_elsewhere(orders: Sequence[float]) -> bool:
     return len(known) > 1 and known[-1] < 0.3 < max(known)
 
 
-def find(case: str | Case) -> Case:
-    """The case of this name, or one's own: as it is, as module:NAME, or in a TOML file."""
+def asked(case: str | Case | None, body: str | Case | RigidBody | None = None, start: str = "case") -> Asked:
+    """A case, or the body of one; ValueError unless it is one of the two."""
+    if (case is None) == (body is None):
+        raise ValueError("give a case, or a body without a start; one of the two")
+    if start not in ("case", "first-row"):
+        raise ValueError(f"start must be case or first-row; got {start!r}")
+    if body is not None and start != "case":
+        raise ValueError("a body without a start is not followed: for --start first-row give a case")
+    if isinstance(body, RigidBody):
+        return Asked(Case("body", body, np.eye(3), np.zeros(3)), None)
+    known = case is not None and start == "case"
+    return Asked(find(case if body is None else body, known), start if body is None else None)  # type: ignore[arg-type]
+
+
+def find(case: str | Case, start: bool = True) -> Case:
+    """The case of this name, or one's own: as it is, as module:NAME, or in a TOML file, which may lack its start."""
     if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
-        return read_case(Path(case))
+        return read_case(Path(case), start)
     if isinstance(case, str) and ":" in case:
         case = own(case, "case")
     if not isinstance(case, str | Case):
@@ -229,39 +290,97 @@ def find(case: str | Case) -> Case:
         raise ValueError(error.args[0]) from None
 
 
+def _from_first_row(case: Case, frames: Frames, given: Mapping[str, Array]) -> Case:
+    """The case with the start that the first row has; a flying body gets the velocity that fits all positions best."""
+    R, omega = frames.motion({name: rows[:1] for name, rows in given.items()})
+    if omega is None or not frames.attitudes(given) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
+        raise ValueError("--start first-row: the first row needs a rotation and an angular velocity")
+    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.flown), strict=True))
+    return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
+
+
 def _judged(
-    case: Case, convention: Convention, given: Mapping[str, Array], floor: Mapping[str, float], way: str = ""
+    what: Asked,
+    convention: Convention,
+    given: Mapping[str, Array],
+    floor: Mapping[str, float],
+    first_floor: Mapping[str, float],
+    way: str = "",
 ) -> Judgement:
-    """All that is found in rows; `floor` of each group of columns; `way` to have quaternions in another order."""
-    frames, t = Frames(case, convention, floor.get("matrix", 0.0)), _times(given["time"][:, 0])
+    """All that is found in rows.
+
+    floor, first_floor : of each group of columns, what the digits of the file and those of its first row hide. way : to have
+    quaternions in another order.
+    """
+    case, own_start = what.case, what.start != "case"
+    t = _times(given["time"][:, 0])
+    given = {**given, "time": (t - t[0] if own_start else t)[:, None]}
+    digit = floor.get("matrix", 0.0)
     with np.errstate(all="ignore"):
-        exact = frames.exact(t)
+        frames = Frames(case.body, convention, digit, None if own_start else case)
+        if own_start:
+            frames.refer(given)
+        if what.start == "first-row":
+            case = _from_first_row(case, frames, given)
+            frames = Frames(case.body, convention, digit, case)
+        exact = None if what.start is None else frames.exact(given["time"][:, 0])
         found = frames.errors(given, exact)
-        good = np.flatnonzero(np.isfinite(np.stack([found[name] for name in GROUPS if name in found])).all(0))
-        rows = frames.rows(given, t)
-        hints = find_hints(frames, given, t, exact, good, rows, way) if len(good) else []
+        if not found:
+            raise ValueError(
+                "a body without a start is judged by ω with rotations, or by positions; the file has neither"
+            )
+        compared = [found[name] for name in GROUPS if name in found]
+        good = np.flatnonzero(np.isfinite(np.stack(compared)).all(0)) if compared else np.empty(0, dtype=int)
+        rows = frames.rows(given)
+        if own_start:
+            hints = own_hints(frames, given, rows, way)
+            if exact is not None and len(good) and not hints:
+                hints = Hints(frames, given, given["time"][:, 0], exact, good, way).bodies()
+        else:
+            assert exact is not None
+            hints = find_hints(frames, given, t, exact, good, rows, way) if len(good) else []
         if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
-    floors = {name: 2 * max(floor.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found}
-    floors = {name: value for name, value in floors.items() if value > 0}
-    blur = floor.get("time", 0.0)
-    blurred = {name: value for name, value in _blurred(frames, t, exact, blur).items() if value > floors.get(name, 0.0)}
-    first = {name: float(found[name][0]) for name in frames.sizes if name in found}
-    start: dict[str, Any] = {"t": float(t[0]), **first}
-    for word, least in (("right", START), ("single", SINGLE)):
-        start[word] = frames.starts(first, least, floors) if t[0] == 0 else None
+
+    def floors_of(known: Mapping[str, float]) -> dict[str, float]:
+        worst = {
+            name: 2 * max(known.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found
+        }
+        return {name: value for name, value in worst.items() if value > 0}
+
+    floors = floors_of(floor)
+    known = np.abs(given["time"][:, 0]) <= frames.known
+    notes = [*_notes(t[known], {name: error[known] for name, error in found.items()}), *_own_notes(frames, rows, hints)]
+    if not known.all():
+        notes.append(f"No closed form is known of this motion: rows after t = {t[known][-1]:.6g} s are not compared.")
+    if what.start == "first-row":
+        notes.append(f"The motion starts as the first row does, at t = {t[0]:.9g} s.")
+    if exact is not None and (blur := floor.get("time", 0.0)):
+        for name, value in _blurred(frames, given["time"][:, 0], exact, blur).items():
+            if name in found and value > floors.get(name, 0.0):
+                floors[name] = value
+                hidden = f"this hides errors of {name} below {value:.1e} {UNITS[name]}."
+                notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
+    start: dict[str, Any] = {}
+    if not own_start:
+        first = {name: float(found[name][0]) for name in frames.sizes if name in GROUPS and name in found}
+        start = {"t": float(t[0]), **first}
+        for word, least in (("right", START), ("single", SINGLE)):
+            start[word] = frames.starts(first, least, floors_of(first_floor)) if t[0] == 0 else None
     marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
     curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
     errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
     span = (float(t[0]), float(t[-1]))
-    notes = [*_notes(t, found), *_own_notes(frames, rows, hints)]
-    for name in (name for name in blurred if name in found):
-        floors[name] = blurred[name]
-        hidden = f"this hides errors of {name} below {floors[name]:.1e} {UNITS[name]}."
-        notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
-    size, speed = frames.sizes["position"], np.mean(np.linalg.norm(exact[2], axis=1))
-    turns = float(speed * (t[-1] - t[0]) / (2 * math.pi))
-    judged = Judgement(case.name, len(t), span, errors, start, floors, hints, notes, curves, turns=turns, size=size)
+    omega = given.get("omega") if exact is None else exact[2]
+    omega = rows.turn / rows.dt if omega is None and rows is not None else omega
+    turns = (
+        math.nan if omega is None else float(np.nanmean(np.linalg.norm(omega, axis=1)) * (span[1] - span[0]) / math.tau)
+    )
+    judged = Judgement(
+        case.name, len(t), span, errors, start, floors, hints, notes, curves, turns=turns, sizes=frames.sizes
+    )
+    if own_start:
+        return judged
     if t[-1] > 10 * case.until:
         judged.notes.insert(
             0, f"The times go to {t[-1]:.9g}, the case to {case.until:g} s: perhaps they are no seconds."

@@ -189,11 +189,14 @@ NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; tho
 }
 DEFAULTS: dict[str, Any] = {"com": ["0", "0", "0"], "gravity": ["0", "0", "-9.81"], "quaternion": ["1", "0", "0", "0"]}
 DEFAULTS |= {"until": "1", "every": "0.1"}
+STILL = {"omega_body": ["0", "0", "0"]}  # of a body without a start
 TEXTS = ("title", "source", "remarks")
 
 
-def read_case(path: Path) -> Case:
+def read_case(path: Path, start: bool = True) -> Case:
     """The case in a TOML file, in the form of the named ones: numbers may be decimals in quotes, whose digits count.
+
+    start : whether it must have one; else a body is enough.
 
     Raises
     ------
@@ -202,7 +205,7 @@ def read_case(path: Path) -> Case:
     OSError
         There is no such file.
     """
-    return _case(path.stem, read_toml(path), str(path))
+    return _case(path.stem, {**({} if start else STILL), **read_toml(path)}, str(path))
 
 
 def _case(name: str, content: Mapping[str, Any], where: str) -> Case:

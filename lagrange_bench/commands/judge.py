@@ -24,13 +24,17 @@ with the option that decides. A program that has the axis of symmetry elsewhere,
 Times that are next to decimals of nine digits (to 1e-10 of the last one, with fewer than 100 rows 5e-13) are taken as these,
 for sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
 displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
-With --bounds a file violates them if one number in it is not finite, or if it ends before the case does (--until).
+Without a start, --body judges what the motion keeps, by the first row, and whether ω fits the rotations (kinematics, of fourth
+order in the distance of the rows). With --bounds a file violates them if one number in it is not finite, or if it ends before
+the case does (--until).
 
 examples:
   lagrange-bench judge run.csv --case bruels
   lagrange-bench judge coarse.csv fine.csv --case bruels                 with the observed orders
   lagrange-bench judge run.txt --case bruels --columns t=0,x=1,y=2,z=3   without a header
   lagrange-bench judge a.csv --case bruels --where body=top --units omega=deg/s --angles ZXZ
+  lagrange-bench judge run.csv --body mine.toml                          any run of any length: drifts, and how they grow
+  lagrange-bench judge run.csv --case mine.toml --start first-row        the motion starts as the file does
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
 exit codes: 0 done · 1 a bound is violated, or the run ends early · 2 a file that cannot be judged
@@ -52,7 +56,14 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; or "
     )
     text += "module:CASE, a Case of your own in ./module.py"
-    command.add_argument("--case", required=True, metavar="NAME", help=text)
+    what = command.add_mutually_exclusive_group(required=True)
+    what.add_argument("--case", metavar="NAME", help=text)
+    text = (
+        "a body without a start, as a file or as --case: judges what the motion keeps, and whether ω fits the rotations"
+    )
+    what.add_argument("--body", metavar="NAME", help=text)
+    text = "the motion of --case starts as the case says (default), or as the first row does"
+    command.add_argument("--start", default="case", choices=("case", "first-row"), help=text)
     how = command.add_argument_group("how the files are written")
     text = "the columns of these names: words of the header, or indices from 0"
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
@@ -94,16 +105,18 @@ def run(options: argparse.Namespace) -> Answer:
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     check_target("--draw", options.draw, PICTURES)
-    case = judging.find(options.case)
+    asked = judging.asked(options.case, options.body, options.start)
+    body, known = options.case or options.body, asked.start == "case"
     convention = conventions.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat")
     written = reading.Options(**{name: getattr(options, name) for name in names})
-    with progress.waiting(f"comparing with the exact motion of {options.case}", not (options.quiet or options.json)):
-        judged = [judging.judge_file(path, case, convention, written) for path in options.files]
+    with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
+        judged = [judging.judge_file(path, asked, convention, written) for path in options.files]
     orders = judging.orders(judged, options.steps or [each.step for each in judged])
-    until = case.until if options.until is None else options.until
-    asked = bool(bounds) or options.until is not None
-    violated = [line for each in judged if asked for line in _violated(each, bounds, until)]
+    until = asked.case.until if known else -math.inf
+    until = until if options.until is None else options.until
+    bounded = bool(bounds) or options.until is not None
+    violated = [line for each in judged if bounded for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, conventions.UNITS), ""]]
     for name, found in orders.items():
         if not all(map(math.isnan, found)):
@@ -116,8 +129,8 @@ def run(options: argparse.Namespace) -> Answer:
         lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
-    data = {"case": options.case, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
-    data |= {"violated": violated} if asked else {}
+    data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
+    data |= {"violated": violated} if bounded else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 
 
@@ -141,15 +154,15 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
 
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
     """What is to be said of one file."""
-    rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit")]
+    rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit", "grows like")]
     rows += [
-        (name.replace("_", " "), f"{error.max:.2e}", f"{error.end:.2e}", units[name])
+        (name.replace("_", " "), f"{error.max:.2e}", f"{error.end:.2e}", units[name], judged.grows(name))
         for name, error in judged.errors.items()
     ]
     first, last = judged.span
     lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", f"read as {judged.columns}"]
     lines += table(rows)
-    lines.append(_start(judged.start, units))
+    lines += [_start(judged.start, units)] if judged.start else []
     for name, floor in judged.floor.items():
         if judged.errors[name].max > HIDDEN * floor:
             continue

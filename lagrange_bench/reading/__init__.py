@@ -81,7 +81,8 @@ class Layout:
     """How a file is written.
 
     groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar. floor : half a unit
-    of the last printed digit. columns : the groups and their names, and what is not used, to be read.
+    of the last printed digit; first_floor : of numbers as large as those of the first row. columns : the groups and their names,
+    and what is not used, to be read.
     """
 
     path: Path
@@ -90,6 +91,7 @@ class Layout:
     groups: dict[str, list[int]]
     named: bool
     floor: dict[str, float]
+    first_floor: dict[str, float]
     notes: list[str]
     columns: str
     factors: dict[int, float]
@@ -150,10 +152,13 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     ]
     if unused := [name for i, name in enumerate(header) if i not in used and i not in rows and name]:
         words.append(f"not used: {' '.join(unused)[:200]}")
-    floor = {
-        kind: max(_floor([row[i] for row in sample if i < len(row)]) * factors[i] for i in group.places)
-        for kind, group in chosen.items()
-    }
+    floor: dict[str, float] = {}
+    first_floor: dict[str, float] = {}
+    for kind, group in chosen.items():
+        words_of = {i: [row[i] for row in sample if i < len(row)] for i in group.places}
+        start = [words[0] for words in words_of.values()]
+        floor[kind] = max(_floor(words) * factors[i] for i, words in words_of.items())
+        first_floor[kind] = max(_floor(words, start) * factors[i] for i, words in words_of.items())
     if "time" in chosen:
         i = chosen["time"].places[0]
         floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
@@ -161,7 +166,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
             raise ValueError(f"{path}: {_several(header, table, i)}")
     places = {kind: group.places for kind, group in chosen.items()}
-    return Layout(path, table, how, places, named, floor, notes, "; ".join(words), factors, rows, labels)
+    return Layout(path, table, how, places, named, floor, first_floor, notes, "; ".join(words), factors, rows, labels)
 
 
 def _names(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
@@ -367,15 +372,25 @@ def _nothing(path: Path, names: Mapping[int, Name], notes: list[str], header: li
     return f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,…"
 
 
-def _floor(words: list[str]) -> float:
-    """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few."""
-    plain = {re.sub(r"[dDqQ]", "e", word).replace(",", ".") for word in words}
-    known = {word for word in plain if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", word, re.IGNORECASE)}
-    numbers = [Decimal(word).as_tuple() for word in known]
-    most = max((len(number.digits) for number in numbers), default=15)
+def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:
+    """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few.
+
+    like : of numbers only that are no larger than these.
+    """
+    numbers = _decimals(words)
+    most = max((len(number.as_tuple().digits) for number in numbers), default=15)
     if most >= 15 or len(numbers) < 10:
         return 0.0
-    return float(10.0 ** max(int(number.exponent) for number in numbers if len(number.digits) == most) / 2)
+    top = max((number.adjusted() for number in _decimals(like or ())), default=math.inf)
+    long = [number.as_tuple() for number in numbers if number.adjusted() <= top]
+    exponents = [int(number.exponent) for number in long if len(number.digits) == most]
+    return float(10.0 ** max(exponents, default=-math.inf) / 2)
+
+
+def _decimals(words: Sequence[str]) -> set[Decimal]:
+    plain = {re.sub(r"[dDqQ]", "e", word).replace(",", ".") for word in words}
+    known = {word for word in plain if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", word, re.IGNORECASE)}
+    return set(map(Decimal, known))
 
 
 def _time_floor(words: list[str]) -> float:
@@ -391,8 +406,7 @@ def _time_floor(words: list[str]) -> float:
 def read(layout: Layout) -> dict[str, Array]:
     """The rows: group → numbers (n, columns) in SI units; what is missing is NaN.
 
-    Other forms of rotations than quaternion, matrix, rotation vector and roll, pitch, yaw become rotation vectors. Equal rows
-    count once; the layout gets a note of it.
+    Rodrigues parameters, axis and angle become rotation vectors. Equal rows count once; the layout gets a note of it.
 
     Raises
     ------
@@ -443,20 +457,17 @@ def _once(layout: Layout, given: dict[str, Array]) -> None:
 
 
 def _turned(layout: Layout, given: dict[str, Array]) -> None:
-    """Write angles about any axes, Rodrigues parameters, axis and angle as rotation vectors."""
+    """Write Rodrigues parameters, axis and angle as rotation vectors."""
     from scipy.spatial.transform import Rotation
 
-    how = layout.how
-    for kind in ("mrp", "axis and angle", "angles"):
-        if kind not in given or (kind == "angles" and how.angles is None):
+    for kind in ("mrp", "axis and angle"):
+        if kind not in given:
             continue
         values = given.pop(kind)
         bad = ~np.isfinite(values).all(axis=1)
         values = np.where(bad[:, None], 1.0, values)
         if kind == "mrp":
             turns = Rotation.from_mrp(values)
-        elif kind == "angles":
-            turns = Rotation.from_euler(str(how.angles), values)
         else:
             lengths = np.linalg.norm(values[:, :3], axis=1, keepdims=True)
             turns = Rotation.from_rotvec(values[:, :3] / np.where(lengths > 0, lengths, 1.0) * values[:, 3:])

@@ -153,7 +153,7 @@ def test_spin_at_half_a_turn():
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         (
             {"omega": np.rad2deg(R.apply(OMEGA))},
-            "per second: SI units are judged. It is in the world frame, too: --omega world",
+            "per second: --units omega=deg/s. It is in the world frame, too: --omega world",
         ),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
@@ -179,10 +179,17 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     assert judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels", up="y", axis="z").rotation.max < 1e-12
     file = write(tmp_path / "run.csv", "t rx ry rz", T, R.as_euler("XYZ", degrees=True))
     (found,) = answer("judge", file, "--case", "bruels")["files"]
-    assert found["hints"] == ["rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees."]
+    assert found["hints"] == [
+        "rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees: "
+        "--columns angle1=…,angle2=…,angle3=… --angles XYZ --units angle=deg."
+    ]
     file = write(tmp_path / "rpy.csv", "t roll pitch yaw", T, R.as_euler("XYZ", degrees=True))
     (hint,) = answer("judge", file, "--case", "bruels")["files"][0]["hints"]
-    assert hint == "the angles are about axes that move with the body, not about fixed ones, and in degrees."
+    assert hint == "the angles are about axes that move with the body: --angles XYZ; and in degrees: --units angle=deg."
+    (found,) = answer("judge", file, "--case", "bruels", "--angles", "XYZ")["files"]
+    assert found["hints"] == ["the angles are in degrees: --units angle=deg."]
+    (found,) = answer("judge", file, "--case", "bruels", "--angles", "XYZ", "--units", "angle=deg")["files"]
+    assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True)
     assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
     assert judge(T + 5, X, case="bruels").hints == [
         "the first row is the start of the case: subtract 5 s from the times."
@@ -279,7 +286,7 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
         words = run("judge", file, "--case", "bruels", "--bounds", "position=9", "--until", until)
         assert (words[0], said in words[1]) == (code, True), words
     assert run("judge", early, "--case", "bruels", "--bounds", "position=9")[0] == 1
-    assert answer("judge", gap, "--case", "bruels")["files"][0]["position"] == {"max": None, "end": None}
+    assert answer("judge", gap, "--case", "bruels")["files"][0]["position"] == dict.fromkeys(("max", "end", "growth"))
     end, start = os.pipe()
     os.write(start, b"t,x,y,z\n0,0,1,0\n")
     os.close(start)
@@ -417,3 +424,125 @@ def test_what_engines_do_to_a_spin_is_named():
     assert any("equal" in note for note in judge(t, rotation=still, omega=lost, case=slow).notes)
     assert "After 2 s, 3.59 turns: axis off by" in judged.summary()[0]
     assert "within 0.1 m until t =" in judged.summary()[1]
+
+
+BOX = CASES["box"].solution(np.arange(0, 5, 1 / 240))
+SPIN = BOX.rotation.apply(BOX.omega_body)
+
+
+@pytest.mark.parametrize(
+    ("given", "hint"),
+    [
+        ({}, ""),
+        ({"omega": SPIN}, "--omega world"),
+        ({"omega": SPIN, "omega_frame": "world"}, ""),
+        ({"rotation": BOX.rotation.as_quat(), "omega": SPIN, "omega_frame": "world"}, "--quat xyzw"),
+        ({"rotation": BOX.rotation.inv()}, "transposed"),
+        ({"omega": CASES["box"].solution(BOX.t - 1 / 480).omega_body}, "half a step late"),
+        ({"omega": CASES["box"].solution(BOX.t + 1 / 480).omega_body}, "half a step early"),
+    ],
+)
+def test_a_body_without_a_start_is_judged_by_itself(given, hint):
+    """By what its motion keeps, and by q' = q ω/2; `first-row` adds the exact motion."""
+    rows = {"rotation": BOX.rotation, "omega": BOX.omega_body, **given}
+    judged = judge(BOX.t, **rows, body="box")
+    assert hint in (judged.hints or [""])[0]
+    assert len(judged.hints) == bool(hint)
+    assert (judged.start, "rotation" in judged.errors) == ({}, False)
+    if not hint:
+        assert (judged.kinematics.max < 1e-5, judged.energy.max < 1e-15, judged.momentum.max < 1e-15) == (True,) * 3
+        assert judge(BOX.t + 7, **rows, case="box", start="first-row").rotation.max < 1e-13
+    else:
+        assert judged.kinematics.max > 1e-3
+
+
+def test_drifts_of_a_body_without_a_start():
+    """Their size, what they grow like, and the flight."""
+    t = np.arange(1, 2001) / 100
+    box, flying = CASES["box"].solution(t), CASES["flying_box"].solution(t)
+    for power, words in ((1, "t"), (0, "bounded"), (2, "t^2"), (0.5, "t^0.5, a random walk")):
+        judged = judge(t, omega=box.omega_body * (1 + 1e-6 * t[:, None] ** power * np.cos(50 * t[:, None])), body="box")
+        assert judged.grows("energy") == words
+        assert judged.growth("energy") == pytest.approx(power, abs=0.1)
+        assert (
+            f"momentum off by {judged.momentum.end / judged.sizes['momentum']:.1e} of its size" in judged.summary()[0]
+        )
+    for start in ({"body": "flying_box"}, {"case": "flying_box", "start": "first-row"}):
+        for offset in (0.0, 1e-3):
+            x = flying.position + offset * np.cos(t)[:, None]
+            judged = judge(t, x, flying.rotation, flying.omega_body, **start)
+            assert judged.position.max == pytest.approx(1.7 * offset, rel=0.3, abs=1e-11)
+    off = RigidBody(1, (0, 1.5, 0), (1, 2, 2))
+    leans = judge(t[:9], box.rotation.apply([0, 1, 0])[:9], box.rotation[:9], box.omega_body[:9], body=off)
+    assert leans.position.max == pytest.approx(0.5)
+
+
+def test_what_starts_and_bodies_need(tmp_path, run):
+    (tmp_path / "mine.toml").write_text("mass = 1\ninertia_com = [1, 2, 2.5]\ngravity = [0, 0, 0]\n")
+    file = write(tmp_path / "run.csv", "t qw qx qy qz wx wy wz", [3, 4], [[1, 0, 0, 0]] * 2, [[0, 0, 2.0]] * 2)
+    bare = write(tmp_path / "bare.csv", "t qw qx qy qz", [3, 4], [[1, 0, 0, 0]] * 2)
+    mine = tmp_path / "mine.toml"
+    for words, code, said in (
+        (("run.csv", "--body", mine, "--bounds", "energy=1e-12"), 0, "All errors are within the bounds."),
+        (("run.csv", "--case", mine), 2, "omega_body is missing"),
+        (("run.csv", "--case", mine, "--start", "first-row"), 0, "starts as the first row does, at t = 3 s"),
+        (
+            ("bare.csv", "--case", mine, "--start", "first-row"),
+            2,
+            "the first row needs a rotation and an angular velocity",
+        ),
+        (("run.csv", "--body", mine, "--start", "first-row"), 2, "for --start first-row give a case"),
+        (("run.csv",), 2, "one of the arguments --case --body is required"),
+    ):
+        found = run("judge", tmp_path / words[0], *words[1:])
+        assert (found[0], said in found[1] + found[2]) == (code, True), found
+    with pytest.raises(ValueError, match="one of the two"):
+        judge([0], omega=[[1, 2, 3]])
+    with pytest.raises(ValueError, match="start must be case or first-row"):
+        judge([0], omega=[[1, 2, 3]], case="box", start="last-row")
+    assert file != bare
+
+
+MIRROR = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, as in Unity
+
+
+@pytest.mark.parametrize("name", ["slow", "bruels"])
+def test_another_body_another_clock_and_another_hand_are_named(name):
+    case, t = CASES[name], np.arange(0, 2, 1 / 240)
+    body, right = case.body, case.solution(np.arange(0, 2, 1 / 240))
+    arm = body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+    for change, hint in (
+        ({"gravity": -body.gravity}, "gravity is reversed"),
+        (
+            {"inertia_com": body.inertia_com + arm},
+            "about the fixed point were taken for those about the centre of mass",
+        ),
+    ):
+        other = RigidBody(**{"mass": body.mass, "com": body.com, "inertia_com": body.inertia_com, **change})
+        run = type(case)(name, other, case.rotation, case.omega_body).solution(t)
+        for rows in ({"position": run.position}, {"rotation": run.rotation, "omega": run.omega_body}):
+            (found,) = judge(t, **rows, case=name).hints
+            assert hint in found
+    M, mirrored = right.rotation.as_matrix(), {"position": right.position @ MIRROR, "omega": -right.omega_body @ MIRROR}
+    for given, hint in (
+        ({"t": 1e6 * t}, "microseconds: --units t=us"),
+        ({"t": t / 60}, "minutes: --units t=min"),
+        ({"position": 1e3 * right.position}, "mm: --units position=mm"),
+        ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
+        ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
+    ):
+        rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}
+        (found,) = judge(**rows, case=name).hints
+        assert hint in found
+    still = np.repeat(BOX.omega_body[:1], len(BOX.t), axis=0)
+    assert "leaves out the gyroscopic torque" in judge(BOX.t, omega=still, case="box").hints[0]
+    k = CASES["kovalevskaya"].solution(np.linspace(0, 10, 9))
+    assert any("No closed form" in note for note in judge(1e6 * k.t, rotation=k.rotation, case="kovalevskaya").notes)
+
+
+def test_a_start_is_judged_by_the_digits_of_its_own_row(tmp_path, answer):
+    """Of a run that blows up the last numbers have no digits after the point."""
+    omega = np.array([[0, 13, -4.61537981033], *(np.array([[1.23456789123, 9.9, 3]]) * 50.0 ** np.arange(12)[:, None])])
+    file = write(tmp_path / "run.csv", "t wx wy wz", np.arange(13) / 60, omega, digits=12)
+    start = answer("judge", file, "--case", "slow")["files"][0]["start"]
+    assert (start["right"], start["omega"]) == (False, pytest.approx(3.0))

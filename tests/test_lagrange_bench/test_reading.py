@@ -31,6 +31,8 @@ def table(header, *parts, separator=",", number="{:.17g}", end="\n"):
 def check(path, how=None, groups=("position",)):
     layout = survey(path, how)
     rows = read(layout)
+    if "angles" in rows:
+        rows["rotation vector"] = Rotation.from_euler(how.angles, rows.pop("angles")).as_rotvec()
     assert set(rows) == {"time", *groups}, layout.columns
     for kind, values in rows.items():
         assert values == pytest.approx(RIGHT[kind], abs=2e-9), kind
