@@ -4,7 +4,7 @@ BIN := .venv/bin
 # byte code is kept: without it every process compiles the bench anew, and pytest all assertions, for ten seconds
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs paper clean
+.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs print clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
@@ -18,7 +18,7 @@ help:
 	@echo "make full    set up, run the full profile (about an hour), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
-	@echo "make paper   docs/exact-step.md as LaTeX and PDF in build/paper; needs pandoc and xelatex"
+	@echo "make print   docs/exact-step.md as LaTeX and PDF in build/exact-step; needs pandoc and xelatex"
 	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
@@ -86,8 +86,8 @@ dist:
 docs: .venv/ready
 	$(BIN)/python docs/reference.py
 
-paper: .venv/ready
-	$(BIN)/python docs/paper.py
+print: .venv/ready
+	$(BIN)/python docs/print_exact_step.py
 
 lint: .venv/ready
 	$(BIN)/ruff check .

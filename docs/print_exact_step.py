@@ -1,4 +1,4 @@
-"""docs/exact-step.md as LaTeX and PDF, with its figures drawn from the stored rows: `make paper`.
+"""docs/exact-step.md as LaTeX and PDF, with its figures drawn from the stored rows: `make print`.
 
 Needs pandoc and a TeX with xelatex, from the system. The figures are those of paragraphs that begin with
 **Figure** (`lagrange-bench figure NAME`): the rest of the paragraph is the caption.
@@ -15,7 +15,7 @@ from lagrange_bench.experiments.drawing.tables import TEX_MATH
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "exact-step.md"
-OUTPUT = ROOT / "build" / "paper"
+OUTPUT = ROOT / "build" / "exact-step"
 NEEDED = {"pandoc": "pandoc", "xelatex": "texlive-xetex texlive-latex-recommended texlive-fonts-recommended lmodern"}
 FIGURE = re.compile(r"^\*\*Figure\*\* \(`lagrange-bench figure (\w+)`\): (.*)$", re.MULTILINE)
 LETTERS = {**TEX_MATH, "Σ": r"\Sigma", "∎": r"\blacksquare"}  # outside of formulas, where the text font lacks them
@@ -70,7 +70,7 @@ def greek(text: str) -> str:
 def pandoc(*words: str, text: str) -> str:
     done = subprocess.run(["pandoc", *words], input=text, capture_output=True, text=True, encoding="utf-8", check=False)
     if done.returncode:
-        raise SystemExit(f"make paper: pandoc failed: {done.stderr.strip()}")
+        raise SystemExit(f"make print: pandoc failed: {done.stderr.strip()}")
     return done.stdout
 
 
@@ -95,16 +95,16 @@ def write() -> list[Path]:
         done = subprocess.run(words, cwd=OUTPUT, capture_output=True, text=True, errors="replace", check=False)
         if done.returncode:
             wrong = [line for line in done.stdout.splitlines() if line.startswith("!")]
-            raise SystemExit(f"make paper: xelatex failed: {' '.join(wrong)} (see {tex.with_suffix('.log')})")
+            raise SystemExit(f"make print: xelatex failed: {' '.join(wrong)} (see {tex.with_suffix('.log')})")
     log = tex.with_suffix(".log").read_text(encoding="utf-8", errors="replace")
     if lost := sorted(set(re.findall(r"Missing character: There is no (\S+)", log))):
-        raise SystemExit(f"make paper: the font lacks {' '.join(lost)}: add them to LETTERS in docs/paper.py")
+        raise SystemExit(f"make print: the font lacks {' '.join(lost)}: add them to LETTERS in docs/print_exact_step.py")
     return [tex, tex.with_suffix(".pdf")]
 
 
 def main() -> None:
     if missing := [packages for program, packages in NEEDED.items() if shutil.which(program) is None]:
-        raise SystemExit(f"make paper: not installed: apt-get install {' '.join(missing)}")
+        raise SystemExit(f"make print: not installed: apt-get install {' '.join(missing)}")
     print(*write(), sep="\n")
 
 
