@@ -6,15 +6,14 @@ import random
 import numpy as np
 import pytest
 
-from lagrange_bench import TOPS, FixedStepper, LagrangeTop, exact, integrate, prepare, two_point
+from lagrange_bench import TOPS, LagrangeTop, exact, integrate, prepare, two_point
 from lagrange_bench.experiments import phase
 from lagrange_bench.experiments.drift import FRACTIONS
 from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
-from tests.reference import drift, turned
+from tests.reference import drift
 
 GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
@@ -109,14 +108,6 @@ def test_without_pins_the_invariants_drift():
     assert np.max(drift(named.top, named.state, y)) > 16 * EPS
 
 
-@jit
-def turned_in_the_loop(s, c, tally):
-    """`real_map.step`, then the turn about e3 by a rounded cosine and sine, the last two constants."""
-    J1, J2, J3, x1, x2, x3 = real_map.step(s, c, tally)
-    a, b = c[-2], c[-1]
-    return a * J1 - b * J2, b * J1 + a * J2, J3, a * x1 - b * x2, b * x1 + a * x2, x3
-
-
 @pytest.mark.parametrize("fraction", [*FRACTIONS, 0.55, -1.48])
 def test_long_steps_do_not_drift_unpinned(fraction):
     """A million steps of any length, on tops of every kind, in ten pieces; measured: up to 1.6e-12."""
@@ -139,18 +130,6 @@ def test_steps_that_come_back_drift_unpinned(top, y0, periods):
     pinned, unpinned = (prepare(top, y0, h, name).advance(y0, 10**6) for name in ("backlund", "backlund_unpinned"))
     assert 1e-11 < np.max(drift(top, y0, unpinned)) < 1e-10
     assert np.max(drift(top, y0, pinned)) < 4 * EPS
-
-
-def test_a_turn_in_the_loop_would_drift():
-    """Negative control for the test above."""
-    top, y0 = find("generic")
-    stepper = prepare(top, y0, 1.3 * exact.nutation_period(top, y0), "backlund_unpinned")
-    (cos, _), (sin, _) = stepper.turn
-    bad = FixedStepper("bad", stepper.h, np.append(stepper.constants, (cos, sin)), turned_in_the_loop)
-    y = stepper.units.enter(y0)
-    once, reference = stepper.units.leave(bad.advance(y, 10)), stepper.advance(y0, 10)
-    assert np.max(np.abs(once - reference)) < 1e-14  # the same map
-    assert np.max(drift(top, y, bad.advance(y, 10**6))) > 1e-11
 
 
 @pytest.mark.parametrize(
@@ -184,15 +163,3 @@ def test_extreme_steps(h):
     y = prepare(named.top, named.state, h).advance(named.state, 3)
     jump = integrate(named.top, named.state, t=[3 * h]).y[0]
     assert np.max(np.abs(y - jump)) < 1e-14 + 1e-15 * min(abs(h), 1e3) + 1e-16 * abs(h)
-
-
-def test_lambda_meets_a_real_double_root_only_where_the_flow_is_the_identity():
-    """A regular precession that goes round in 2π, well before half a nutation period: λ(2π) is the double root 1."""
-    top, s = LagrangeTop(1.0), math.sqrt(1 - 0.95**2)
-    y = np.array([-s, 0.0, -1.95, s, 0.0, 0.95])
-    assert exact.nutation_period(top, y) > 4 * math.pi
-    for h in (6.0, 2 * math.pi, 6.5):
-        (re, im), _, _ = ts.time_step(*ts.torus(top.alpha, tuple(y), h), h)
-        assert (abs(complex(re[0], im[0]) - 1) < 1e-12) == (h == 2 * math.pi)
-        turned_back = turned(math.cos(h), -math.sin(h), y)
-        assert np.max(np.abs(prepare(top, y, h).advance(y, 1) - turned_back)) < 1e-14

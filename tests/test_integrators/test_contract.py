@@ -10,8 +10,8 @@ from tests.installed import FOR_TOPS, installed
 LONG = ("gauss8", "gauss12")  # 40 s; `test_problem` measures their orders, too
 NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in METHODS]
 ELSEWHERE = {  # judged in fields with test-all; in `make test` by other tests
-    *("backlund_splitting", *LONG),  # `test_backlund_splitting`, `test_problem`
-    *("gauss6", "blanes_moan6", "kahan_li6", "kahan_li8"),  # the code of gauss4 and of strang; `test_problem`
+    *("backlund_splitting", "taylor_fixed", *LONG),  # `test_backlund_splitting`, `test_problem`
+    *("gauss4", "gauss6", "blanes_moan6", "kahan_li6", "kahan_li8"),  # the code of others; `test_gauss`, `test_problem`
     *("sofroniou_spaletta10", "taylor_accurate", "taylor_compact"),  # of strang and of taylor; `test_problem`
 }
 IN_FIELDS = [
@@ -45,7 +45,7 @@ def test_claims_in_a_field(name, monkeypatch):
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize("name", ["strang", "implicit_midpoint"])
+@pytest.mark.parametrize("name", ["strang", pytest.param("implicit_midpoint", marks=pytest.mark.slow)])
 def test_claims_on_a_body(name, monkeypatch):
     monkeypatch.setattr(check, "FIELD_STEPS", 100)
     with np.errstate(all="ignore"):

@@ -124,15 +124,6 @@ def errors(alphas, states, got, expected):
     )
 
 
-@pytest.mark.parametrize("h", [0.1, -2.5])
-def test_long_runs_have_the_bits_of_one_top_alone_short_ones_its_accuracy(h):
-    for steps in (SHORT, SHORT + 1):
-        got, expected = integrate_ensemble(TOP, Y0, h, steps), one_by_one(TOP, Y0, h, steps, steps)[-1]
-        same = (got == expected).all(axis=1)
-        assert np.max(errors(ALPHAS, Y0, got, expected)) < 5e-14 * max(1.0, abs(h))
-        assert same.all() == (steps > SHORT)
-
-
 def draw_upright(n, seed):
     """Tops whose spin passes the vertical, where half a revolution hangs on the last digits; also released from rest."""
     rng = np.random.default_rng(seed)
@@ -205,29 +196,10 @@ def test_failures_among_others(name):
             errors[i] = error
             assert np.isnan(got[i]).all()
     first = min(errors)
-    with pytest.raises(StepError, match=f"top {first}: ") as caught:
+    with pytest.raises(StepError, match=f"top {first}: .*; {len(errors)} of 64 tops fail$") as caught:
         integrate_ensemble(top, states, 0.1, 20, name)
     assert (caught.value.step, caught.value.h) == (errors[first].step, 0.1)
     assert errors[first].reason in caught.value.reason
-
-
-def test_a_failure_names_the_first_top_and_counts(monkeypatch):
-    """Top 3 and top 7 are too quick for their phase to be known; the others are ordinary."""
-    monkeypatch.setattr(ensemble, "CHUNK", 2)
-    top, states = LagrangeTop(ALPHAS[:10]), Y0[:10].copy()
-    states[3, :3] *= 1e20
-    states[7, :3] *= 1e30
-    with pytest.raises(
-        StepError, match=r"^backlund at h = 0\.1 \(own unit\): top 3: \|h\| is over 1e15 .*; 2 of 10 tops fail$"
-    ):
-        integrate_ensemble(top, states, 0.1, 10, threads=3)
-    with pytest.raises(StepError, match="top 3"):
-        integrate_ensemble(top, states, t=[0.1], threads=1)
-    good = [i for i in range(10) if i not in (3, 7)]
-    rows = integrate_ensemble(top, states, 0.1, 10, every=5, on_failure="nan")
-    assert np.isnan(rows[:, [3, 7]]).all()
-    whole = integrate_ensemble(LagrangeTop(ALPHAS[good]), Y0[good], 0.1, 10, every=5)
-    assert np.array_equal(rows[:, good], whole)
 
 
 def test_control_c():

@@ -5,11 +5,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, StepError, in_any_field, metrics, prepare, states
-from lagrange_bench.integrators.methods import collective_midpoint, gauss, gauss_coefficients
+from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, StepError, metrics, prepare, states
+from lagrange_bench.integrators.methods import collective_midpoint, gauss_coefficients
 from lagrange_bench.integrators.problem.potentials import CHARGE
 from tests.reference import drift, largest
-from tests.test_integrators.paper.test_interpolating_flow import product
 
 pytestmark = [
     pytest.mark.interpreted,
@@ -86,19 +85,6 @@ def test_step_is_what_the_tableau_says(name):
             assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h, solver)
 
 
-@pytest.mark.parametrize("name", STAGES)
-def test_starting_values_change_no_more_than_rounding(name):
-    """A new call starts from the state, not from the last step: other iterates, the same step."""
-    for top, bound in ((TOP, 1e-14), (CHARGED, 1e-13)):
-        stepper, first = prepare(top, Y0, 0.2, name), prepare(top, Y0, 0.2, name)
-        once, twice = stepper.advance(Y0, 50), stepper.advance(stepper.advance(Y0, 25), 25)
-        assert metrics.scaled_error(top, Y0, once, twice) < bound
-        first.advance(Y0, 1)
-        if name in GAUSS and top is TOP:
-            assert stepper.work.iterations / stepper.work.steps < first.work.iterations  # and they pay
-        assert stepper.work.rhs_evals == STAGES[name] * stepper.work.iterations
-
-
 def test_a_residual_that_rises_once_is_not_yet_round_off():
     """Far from convergence a slow fixed point is no step: it goes on to what Newton finds."""
     y = np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
@@ -135,7 +121,7 @@ def test_solutions_beyond_a_fold_are_refused(name):
     """A step that is taken has det(1 − h A f') > 0; of random long steps some lie beyond."""
     top, folded = CHARGED, 0
     for k, y in enumerate(starts(400)):
-        if folded and k > 100:
+        if folded and k > 20:
             break
         try:
             z = prepare(top, y, 8.0, name, solver="newton").advance(y, 1)
@@ -147,62 +133,6 @@ def test_solutions_beyond_a_fold_are_refused(name):
             if expected is not None and metrics.scaled_error(top, y, z, expected) < 1e-9:
                 assert det > 0
     assert folded > 0
-
-
-def solutions(kappa, angle, spin, tries=60):
-    """Steps of two stages that Newton's iteration finds for a planar pendulum, h = |x| = 1, alpha = kappa, from random starts."""
-    draw = np.random.default_rng(3)
-    y = np.array((0.0, spin, 0.0, np.sin(angle), 0.0, np.cos(angle)))
-    found = []
-    for _ in range(tries):
-        a = draw.uniform(-2.5, 2.5, size=2)
-        start = np.tile(y, (2, 1))
-        start[:, 3], start[:, 5] = np.sin(a), np.cos(a)
-        z, _ = newton_reference(LagrangeTop(kappa), y, 1.0, 2, start)
-        if z is not None and all(np.max(np.abs(z - other)) > 1e-6 for other in found):
-            found.append(z)
-    return found
-
-
-def test_uniqueness_ends_where_it_is_said_to():
-    """Near the first fold of two stages (a planar pendulum, nearly upright): one solution below the bound, three above."""
-    assert 11.5 < gauss.UNIQUE[2] < 12.0
-    assert len(solutions(11.5, 0.25, -7 / 30)) == 1
-    assert len(solutions(12.0, 0.25, -7 / 30)) == 3
-
-
-def lifted_step(top, y, h, angle=0.0, shift=0.0, force=2.0):
-    """A midpoint step of q' = ½Jq, p' = ½Jp + 2 g q k with x = q k q̄, J = ½ Im(p q̄), from any lift of y."""
-    k, conjugate = np.array((0.0, 0, 0, 1)), np.array((1.0, -1, -1, -1))
-
-    def state(q, p):
-        J, x = product(p, q * conjugate)[1:] / 2, product(product(q, k), q * conjugate)[1:]
-        return np.concatenate((J, x))
-
-    def rates(q, p):
-        y = state(q, p)
-        J, g = np.concatenate(((0.0,), y[:3])), np.concatenate(((0.0,), top.gradient(*y[3:])))
-        return np.concatenate((product(J, q) / 2, product(J, p) / 2 + force * product(product(g, q), k)))
-
-    length = np.sqrt(y[3:] @ y[3:])
-    half = np.array((length + y[5], -y[4], y[3], 0.0))  # from e3 to x, then along the fibre
-    q = product(half / np.sqrt(half @ half) * np.sqrt(length), np.array((np.cos(angle), 0, 0, np.sin(angle))))
-    start = middle = np.concatenate((q, product(np.concatenate(((shift,), 2 * y[:3])), q) / length))
-    for _ in range(80):
-        middle = start + h / 2 * rates(middle[:4], middle[4:])
-    assert metrics.scaled_error(top, y, state(start[:4], start[4:]), y) < 8 * EPS
-    new = 2 * middle - start
-    return state(new[:4], new[4:])
-
-
-def test_collective_midpoint_is_the_midpoint_rule_of_any_lift():
-    for top, y, h, _ in steps_to_take():
-        if 0.05 < abs(h) * top.scales(y)[0] < 0.7:
-            for solver in ("auto", "newton", "fixed_point"):
-                z = prepare(top, y, h, "collective_midpoint", solver=solver).advance(y, 1)
-                for lift in ((0.0, 0.0), (0.8, 0.0), (-2.0, 1.5)):
-                    assert metrics.scaled_error(top, y, lifted_step(in_any_field(top), y, h, *lift), z) < 64 * EPS
-            assert metrics.scaled_error(top, y, lifted_step(in_any_field(top), y, h, force=1.99), z) > 1e-6
 
 
 def test_collective_midpoint_solves_its_equation_wherever_it_is_unique():

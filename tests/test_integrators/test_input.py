@@ -62,7 +62,7 @@ def of(method, **options):
 
 CHECKS = [  # of each check what does not pass, and one caller
     ("y0", STATES, lambda v: integrate(TOP, v, 0.1, 10)),
-    ("Y0", [Y0, FIVE[:, :5], FIVE + 0j, FIVE.astype(str), [[1.0], [1.0, 2.0]]], lambda v: ensemble(Y0=v)),
+    ("Y0", [Y0, FIVE[:, :5], FIVE + 0j], lambda v: ensemble(Y0=v)),
     ("h", STEPS, lambda v: prepare(TOP, Y0, v)),
     ("h_scaled", STEPS, lambda v: integrate(TOP, Y0, h_scaled=v, steps=10)),
     ("steps", COUNTS, lambda v: integrate(TOP, Y0, 0.1, v)),
@@ -142,20 +142,14 @@ MESSAGES = [  # a call, words in the message
     (lambda: integrate(TOP, Y0, t=[1.0], h_scaled=0.1), "give either t or h and steps"),
     (lambda: integrate(LagrangeTop(0), (0, 0, 0, 0, 0, 1), h_scaled=0.1, steps=1), "h_scaled: .* at rest for ever"),
     (lambda: integrate(TOP, Y0, t=[1.0], method="implicit_midpoint"), "t: implicit_midpoint "),
-    *((lambda v=v: ensemble(Y0=FIVE + np.array((0, 0, v, 0, 0))[:, None]), r"Y0\[2\]") for v in (NAN, INF)),
     (lambda: ensemble(Y0=FIVE * (1, 1, 1, 0, 0, 0)), r"Y0\[0\] .* x = 0.* 4 others"),
-    (lambda: ensemble(Y0=FIVE[1:]), "top holds 5 values of alpha, Y0 4"),
     (lambda: prepare(TOP, Y0, 0.1, "baklund"), "unknown method 'baklund'.*did you mean 'backlund'?"),
-    (lambda: integrate(TOP, Y0, 0.1, 10, "qqqq"), "unknown method 'qqqq'.*Known: backlund, "),
-    (lambda: ensemble(method=3), "method"),
     (lambda: integrate(TOP, Y0, dt=0.1, steps=4), "unknown option 'dt' of backlund; did you mean 'h'"),
     (lambda: prepare(TOP, Y0, 0.1, "rk45", rtoll=1), "unknown option 'rtoll' of rk45.* 'rtol'?.*rtol, atol"),
-    (lambda: prepare(TOP, Y0, 0.1, "backlund_unpinned", tol=1), "unknown option 'tol' of backlund_unpinned.*none"),
 ]
 
 
 MAGNET, SPINS = lb.GaudinMagnet((0, -1, -3), 0.5), np.eye(3)
-SPINNING = MAGNET.problem()
 BODY = RigidBody(1.3, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0))
 
 
@@ -168,10 +162,8 @@ def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **wor
 
 
 FLUID = posed(lambda t, y, p: turning(t, y, p) + 0.25 * y[0] * y[4])
-DRIVEN = posed(lambda t, y, p: turning(t, y, p) + (1 + t) * y[5])
-EMPTY = [*Y0[:3], 0, 0, 0]
 HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
-RUN, SPUN = integrate(TOP, Y0, 0.1, 1, "strang"), integrate(SPINNING, SPINS, 0.1, 1, "rk4")
+RUN = integrate(TOP, Y0, 0.1, 1, "strang")
 
 
 def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
@@ -181,43 +173,26 @@ def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
 OTHERS = [  # a call, words in the message
     (lambda: posed(lambda t, y, p: y[0] if y[1] > 0 else y[2]), "hamiltonian.* cannot branch"),
     (lambda: posed(lambda t, y, p: y[6]), "hamiltonian asks for more than 6 numbers of y and 0 parameters"),
-    (lambda: posed(lambda t, y, p: y[:3]), "hamiltonian.* returns 3 numbers, not one"),
-    (
-        lambda: posed(invariants={"I": lambda t, y, p: y[1]}),
-        r"invariants\['I'\] is not conserved, as far as the formulas show",
-    ),
-    (lambda: posed(parts=[turning, lambda t, y, p: (1 + 1e-11) * y[5]]), "parts do not add up to the hamiltonian"),
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: posed(space="e4"), "space must be 'e3', 'so3', 'so3\\*\\*n', 'body' or a number of spins; got 'e4'"),
     (lambda: posed(parameters=[NAN]), r"parameters\[0\] must be finite"),
-    (lambda: integrate(FLUID, Y0, 0.1, 1), "no exact one is known here; name one, such as taylor"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
     (lambda: integrate(BODY, np.ones(7), 0.1, 1, "rattle"), ".*the quaternion must be a unit one"),
-    *(
-        (lambda w=w: posed(turning, "so3", invariants={w: turning}), f".*'{w}'.* taken")
-        for w in ("H", "C", "t", "h", "J1")
-    ),
-    (lambda: integrate(TOP, Y0, 0.1, 4, pin=1).sol([1.0]), "unknown option 'pin' of backlund at given times"),
+    *((lambda w=w: posed(turning, "so3", invariants={w: turning}), f".*'{w}'.* taken") for w in ("H", "t")),
     (lambda: prepare(BODY, np.eye(7)[0], 0.1, "generalized_alpha", rho=2), "rho must be from 0 to 1"),
-    *((lambda y=y: integrate(SPINNING, y, 0.1, 1, "rk4"), "y0") for y in (SPINS[:2], SPINS * NAN, SPINS * 1j)),
     (lambda: integrate(MAGNET, SPINS, 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),
     (lambda: lb.GaudinMagnet((0, 1j, -1j, 2), 0.5), "sites"),
     (lambda: ensemble().motion(slice(2)), r"place must be a whole number, .*; got slice"),
-    (lambda: integrate_ensemble(SPINNING, SPINS[None, :2], 0.1, 20, "rk4"), r"Y0\[0\]"),
-    *((lambda v=v: lb.predicted_phase(v, Y0, 0.1), "top") for v in (1.0, TIDE)),
     (lambda: lb.predicted_phase(TOP, Y0, 0.1, "backlund", -1j), ".*lam"),
-    (lambda: lb.predicted_phase(TOP, Y0, 0.1, "strang", 1j), ".*lam"),
     (lambda: disk(inertia_com=[[1, 1, 0], [0, 1, 0], [0, 0, 1]]), "inertia_com must be a symmetric"),
     (lambda: disk().state(rotation=np.eye(3)), "give either omega_body or omega_world"),
     (lambda: exact.solution(TOP, Y0, 2e14), r".*2\^45 periods"),
     (lambda: exact.solution(*HUGE), ".*overflows"),
-    *((lambda f=f: f(TOP, EMPTY), ".*x = 0") for f in (exact.nutation_period, exact.precession_per_nutation)),
     *((lambda n=n: exact.after_steps(TOP, Y0, 0.1, n), ".*whole numbers") for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
     (lambda: far(y0=Y0 * np.repeat((1e200, 1), 3), t=[1e-200]), ".*less extreme units"),
     (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
     (lambda: of(SPLIT, scheme="aba864", corrector=True), "corrector belongs to scheme='strang' or 'processed6'"),
     (lambda: PerturbedTop(TIDE, POTENTIALS["tide"], (0.1, 1, 0, 0)), ".*top of a PerturbedTop"),
-    (lambda: PerturbedTop(TOP, POTENTIALS["tide"], (0.1,)), r"parameters .*: 4 numbers \(k, n1, n2, n3\); got 1"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
     (lambda: lb.kirchhoff_body((1.0, 2.0), (0.1, 0.1, -0.2), (0.6, 0.6, 0.9)), ".*three numbers each"),
     (
@@ -226,17 +201,9 @@ OTHERS = [  # a call, words in the message
     ),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
     (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),
-    (
-        lambda: integrate(TIDE, Y0, 0.1, 4, "backlund_splitting", tol=1e-9),
-        ".*'tol' .* belongs to runs to given times t",
-    ),
     (lambda: integrate(TIDE, Y0, t=[1.0], method="backlund_splitting", scheme="strang"), ".*runs by h and steps"),
     (lambda: PerturbedTop(TOP, "tide", (1.0,)), r"potential must be a Potential, such as POTENTIALS\['tide'\]"),
-    (lambda: integrate(TIDE, Y0, 0.1, 4), ".*or backlund_splitting"),
-    (lambda: lb.exact.solution(TIDE, Y0, 1.0), r"top must be a LagrangeTop.*got a PerturbedTop: a run's .error\(\)"),
     (lambda: RUN.plot("axis", ax=Figure().subplots()), ".*projection='3d'"),
-    (lambda: SPUN.plot("axis"), ".*no axis x"),
-    (lambda: RUN.save("run.txt"), r"the ending of the file's name must be one of '\.csv'"),
 ]
 
 
@@ -315,9 +282,7 @@ def reusing(stepper, y, rows):
 
 FAULTS = {
     "a row too few": (lambda s, y, rows: rows[:-1], "record must return .* shape .*; got float64"),
-    "complex": (lambda s, y, rows: rows + 0j, r"must return an array of floats .*; got complex128"),
     "single precision": (lambda s, y, rows: rows.astype("f4"), r"must return an array of floats .*; got float32"),
-    "a list": (lambda s, y, rows: rows.tolist(), "must return .*; got list"),
     "another start": (lambda s, y, rows: rows + 1e-15, "row 0 of record must be the input"),
     "the input": (scribbling, "wrote to its input"),
 }
@@ -365,7 +330,6 @@ TOO_LONG = [  # a method, a state, a step, words of the StepError
     ("theta_functions", Y0, 1e14, r"step \d: n .* phase"),
     ("kahan", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 2.0, r"kahan at h = 2 \(own unit\), step 0: .*pole"),
     ("strang", FAST, 20.0, r"strang at h = 20.*256 radians in one part of the step"),
-    ("strang", FAST, 1e300, "256 radians"),  # in the flow a run begins with
     ("rkmk4", FAST, 20.0, r"rkmk4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
     ("commutator_free4", FAST, 20.0, r"commutator_free4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
     ("force_gradient4", FAST, 1e300, "beyond the range of doubles"),
@@ -386,9 +350,3 @@ def test_times_that_no_steps_reach(name, t):
     for times in ({"t": [0.0, t]}, {"h": t / 4, "steps": 4}):
         with pytest.raises(StepError, match=r"over 1e\+12 times the shortest time scale of the motion, 0\.43"):
             integrate(generic.top, generic.state, method=name, **times)
-
-
-@pytest.mark.parametrize("name", ["dop853", "rk45"])
-def test_an_equilibrium_can_be_followed_for_ever(name):
-    resting = TOPS["sleeping_stable"]
-    assert np.array_equal(integrate(resting.top, resting.state, t=[1e16], method=name).y[0], resting.state)

@@ -98,8 +98,14 @@ def wanted(name, problem):
     return method.needs in ("rhs", "smooth", "parts", "body") and method.takes(PROBLEMS[problem]) is None
 
 
+# seconds each: implicit stages of many spins, and what heyoka compiles anew for each Hamiltonian
+LONG = {*((name, "spins") for name in ("gauss6", "gauss8", "gauss12")), ("gauss12", "whole"), ("gauss12", "heavy")}
+LONG |= {(name, problem) for name in ("taylor_accurate", "taylor_compact") for problem in PROBLEMS if problem != "free"}
 PAIRS = [
-    (name, problem) for problem in PROBLEMS for name in METHODS if available(METHODS[name]) and wanted(name, problem)
+    pytest.param(name, problem, marks=[pytest.mark.slow] * ((name, problem) in LONG))
+    for problem in PROBLEMS
+    for name in METHODS
+    if available(METHODS[name]) and wanted(name, problem)
 ]
 
 

@@ -99,14 +99,6 @@ def test_the_closed_form_of_the_top(engine, name):
     assert found.states[2].tolist() == named.state.tolist()
 
 
-def test_a_dipole_is_another_vertical(engine):
-    """alpha e3 + b = e1·5/4: the top of before with its axes renamed, exactly."""
-    problem, renamed, t = top("dipole", 1.0, (1.25, 0.0, -1.0)), Y0[[1, 2, 0, 4, 5, 3]], (4.0, -2.0)
-    found = reference.solution(problem, Y0, t, engine)
-    wanted = exact.solution(LagrangeTop(1.25), renamed, t, digits=36)[:, [2, 0, 1, 5, 3, 4]]
-    assert largest(distance(problem, found, wanted)) < 1e-29
-
-
 def invariants(problem, found):
     """H, C1, C2 to 40 digits."""
     values = invariants_of(problem.formulas, ("H", "C1", "C2"), ())

@@ -97,20 +97,6 @@ def test_numbers_that_are_nearly_right_are_not():
     assert "J3" not in tide.conserved
 
 
-@pytest.mark.interpreted
-def test_a_bump_on_the_path_turns_the_top():
-    """Right by an integer Taylor series, which knows nothing of this repository."""
-    a = (0.6, 0.48, 0.64)
-    top = field(
-        lambda x, y, z, p: 0.1 * z * z
-        + 0.1 * exp(-((x - a[0]) ** 2 + (y - a[1]) ** 2 + (z - a[2]) ** 2) / (2 * p[0] ** 2)), 0.05
-    )  # fmt: skip
-    J = -1.11273056202275168, -0.24881707107037238, 1.18268960620803513
-    x = -0.20371229547222950, -0.96347405972519788, 0.17383623589482394
-    run = integrate(top, TOPS["generic"].state, h=0.01, steps=2000, method="verner9_fixed")
-    assert np.max(np.abs(run.y[-1] - (*J, *x))) < 1e-12
-
-
 def turning(t, y, p):
     return y[:3] @ y[:3] / 2
 
@@ -152,14 +138,6 @@ def field_with_gradient(gradient):
 def test_what_the_formulas_refute_is_refused(call, reason):
     with pytest.raises(ValueError, match=reason):
         call()
-
-
-@pytest.mark.interpreted
-def test_where_the_refused_component_goes():
-    """Right by mpmath's odefun."""
-    end = integrate(posed(far), (0.1, 0.2, 0.3, 5.0, 1.0, 0.5), h=0.005, steps=100, method="verner9_fixed").y[-1]
-    right = -0.588115869894151, 0.429339334898319, -2.97604463477945
-    np.testing.assert_allclose(end[[0, 2, 5]], right, rtol=0, atol=1e-13)
 
 
 def test_only_what_the_formulas_show_is_held_fixed():

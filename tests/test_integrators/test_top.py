@@ -8,33 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
 
-from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, RigidBody, integrate
+from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, integrate
 from lagrange_bench.integrators import sqrt
 
-DRAW = np.random.default_rng(1)
-STATES = [DRAW.normal(size=6) for _ in range(5)]
 EPS = np.finfo(float).eps
-
-
-@pytest.fixture(params=[1.0, -2.5, 0.0, 3.345])
-def top(request):
-    return LagrangeTop(request.param)
 
 
 def differences(function, y, step=1e-6):
     return np.stack([(function(y + d) - function(y - d)) / (2 * step) for d in step * np.eye(6)], axis=-1)
-
-
-@pytest.mark.parametrize(("function", "derivative"), [("rhs", "jacobian"), ("invariants", "gradients")])
-def test_derivatives(top, function, derivative):
-    """Of quadratic functions: central differences have no truncation error, only rounding over their step of 1."""
-    f = getattr(top, function)
-    assert np.array_equal(f(np.array(STATES)), [f(y) for y in STATES])
-    for y in STATES:
-        D = differences(f, y, 1.0)
-        assert np.allclose(getattr(top, derivative)(y), D, rtol=0, atol=32 * EPS * (1 + y @ y + abs(top.alpha)))
 
 
 def test_scales_have_the_right_units():
@@ -52,35 +34,13 @@ def test_scales_have_the_right_units():
     assert scales == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
 
 
-def test_real_top_against_a_hand_calculation():
-    """Tilted by 30° towards +x1 (phi = 0), turning at known rates: every number by trigonometry on paper.
-
-    axis = (½, 0, √3/2). ω = theta' (0,1,0) + phi' (0,0,1) + psi' axis = (1, 0.5, 3 + √3) for theta' = 0.5, phi' = 3, psi' = 2.
-    Its part along the axis is psi' + phi' cos 30° = 2 + 3√3/2, and M = A ω + (C − A)(ω·axis) axis.
-    """
-    m, l, g, A, C = 2.0, 0.25, 10.0, 0.5, 0.25
-    body = RigidBody(m, (0, 0, l), (A - m * l * l, A - m * l * l, C), (0, 0, -g))
-    assert body.top.alpha == m * g * l / A == 10.0
-    axis = np.array((0.5, 0.0, math.sqrt(3) / 2))
-    omega = np.array((1.0, 0.5, 3 + math.sqrt(3)))
-    y = body.reduced(body.state(rotation=Rotation.from_euler("ZYZ", (0.0, math.pi / 6, 1.0)), omega_world=omega))
-    spin = 2 + 1.5 * math.sqrt(3)
-    M = A * omega + (C - A) * spin * axis
-    assert np.allclose(y, np.concatenate((M / A, axis)), rtol=0, atol=8 * EPS)
-
-
-def test_a_name_that_is_none_is_told():
-    with pytest.raises(KeyError, match="unknown top 'genric'; did you mean 'generic'"):
-        TOPS["genric"]
-    assert TOPS.get("genric") is None
-
-
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 TOP = LagrangeTop(1.0)
 HOMEMADE = Potential(
     "homemade", lambda x1, x2, x3, p: p[0] * x1**2 * x3 / 2 + p[1] * sqrt(2.0 + x2 * x3) - x1 / (3 + x3)
 )
 FIELDS = {
+    "uniform": LagrangeTop(-2.5),
     "homemade": PerturbedTop(TOP, HOMEMADE, (0.3, -0.2)),
     **{name: named.top for name, named in PERTURBED_TOPS.items()},
 }
@@ -94,6 +54,8 @@ def test_derivatives_are_those_of_the_value(name):
     # f' = {f, H}, and every Casimir stays
     assert np.allclose(top.poisson(Y) @ top.gradients(Y)[0], top.rhs(Y), atol=1e-14)
     assert np.allclose(top.gradients(Y)[2:] @ top.rhs(Y), 0.0, atol=1e-14)
+    several = np.array((Y, 2 * Y, -Y))
+    assert np.array_equal(top.invariants(several), [top.invariants(y) for y in several])
 
 
 def edge(w):
@@ -112,10 +74,8 @@ QUADRATIC = SMOOTH | {"quadratic"}
 KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it keeps J3
     ("tide", (0.1, 1.0, 0.0, 0.0), QUADRATIC, False),
     ("tide", (0.1, 0.0, 0.0, 1.0), QUADRATIC, True),
-    ("tide", (0.0, 1.0, 0.0, 0.0), QUADRATIC, True),
     ("dipole", (0.1, 0.2, 0.3), QUADRATIC, False),
     ("quadratic", (0.1, 0.1, 0.3, 0.0, 0.0, 0.0), QUADRATIC, True),
-    ("quadratic", (0.1, 0.1 + 1e-15, 0.3, 0.0, 0.0, 0.0), QUADRATIC, False),
     ("charge", (0.1, 2.0, 0.0, 0.0), SMOOTH, False),
     ("charge", (0.1, 0.0, 0.0, 2.0), SMOOTH, True),
     # V = 0 on one side of a plane: only the other sign of a root, or of all eight, shows that it is not 0 everywhere
@@ -125,12 +85,9 @@ KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it k
     (walls, (0.9,), set(), False),
     # √(w²) is |w|, on which no Taylor series goes on where w changes its sign; it is no quadratic field either
     (lambda x1, x2, x3, p: sqrt(x1 * x1), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt((-x1) * (-x1) * 2 / 3), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt(x1**6), (), set(), False),
     (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), (0.3,), set(), False),
     (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), (), set(), False),
     (lambda x1, x2, x3, p: sqrt(x1**4), (), SMOOTH, False),
-    (lambda x1, x2, x3, p: sqrt((x1 * x1 + 2 * x2 * x2) ** 2), (), SMOOTH, False),
     (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), (0.3,), SMOOTH, False),
     (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, (), SMOOTH, False),
 ]
@@ -165,13 +122,9 @@ def test_a_top_in_a_potential_is_a_value():
         (lambda x1, x2, x3, p: math.sqrt(x1), "log of lagrange_bench"),
         (lambda x1, x2, x3, p: x1 if x1 > 0 else x2, "cannot branch"),
         (lambda x1, x2, x3: 0.0, "takes 3 positional arguments"),
-        (lambda x1, x2, x3, p: p[1] * x1, "asks for more than 1 parameters"),
-        (lambda x1, x2, x3, p: "much", "got 'much'"),
         (lambda x1, x2, x3, p: np.tan(x1), "got numpy's tan"),
         (lambda x1, x2, x3, p: x1**0.3, "got the power 0.3"),
-        (lambda x1, x2, x3, p: 1 / 0, "division by zero"),
-        *((lambda x1, x2, x3, p, text=text: x1 * text, f"got {text!r}") for text in ("2", b"2", bytearray(b"2"))),
-        (lambda x1, x2, x3, p: "2", "got '2'"),
+        (lambda x1, x2, x3, p: x1 * "2", "got '2'"),
         (lambda x1, x2, x3, p: sys.exit(3), "it calls sys.exit(3)"),
     ],
 )
@@ -185,12 +138,11 @@ def test_what_is_no_formula_is_refused(value, reason):
     ("value", "wrong", "parameters"),
     [
         (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (np.array([0.0, 0.3]),)),
-        (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (0.0,)),
         (lambda x, y, z, p: x * x, lambda x, y, z, p: ((2 + 1e-6) * x, 0, 0), ()),
         (lambda x, y, z, p: edge(x - 0.95) ** 2, lambda x, y, z, p: (8 * edge(x - 0.95), 0, 0), ()),
         (lambda x, y, z, p: sqrt(z - 2) ** 3, lambda x, y, z, p: (0, 0, -7 * sqrt(z - 2)), ()),
     ],
-    ids=["a scan from 0", "a parameter 0", "by a millionth", "a wall", "nothing in the unit cube"],
+    ids=["a scan from 0", "by a millionth", "a wall", "nothing in the unit cube"],
 )
 def test_a_wrong_gradient_is_found(value, wrong, parameters):
     with pytest.raises(ValueError, match="gradient is not the derivative of value"):

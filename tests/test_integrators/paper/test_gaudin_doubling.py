@@ -1,6 +1,5 @@
 """The exact step of the magnet: which flow a map is, order of the Padé steps, the exact step against integration, its sites."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import reduce
 
@@ -97,13 +96,3 @@ def test_only_differences_of_sites_count():
     apart, spins = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, site=2), magnet(4)[1]
     image = apart.exact_step(spins, 5.0)
     assert np.max(np.abs(image - flow(apart, spins, np.eye(4)[2], 5.0))) < 1e-11
-
-
-def test_steps_at_once_have_the_bits_of_steps_alone():
-    """mpmath's precision is that of the process."""
-    (m, spins), precision = magnet(2), mp.dps
-    alone = [m.exact_step(spins, h) for h in (2.0, 3.0)]
-    with ThreadPoolExecutor(2) as pool:
-        together = list(pool.map(lambda h: m.exact_step(spins, h), (2.0, 3.0)))
-    assert np.array_equal(together, alone)
-    assert mp.dps == precision

@@ -183,23 +183,6 @@ def test_stable_q():
     assert largest(np.array(invariants(top, op.one_point(top, tilted, 0.7j))) - top.invariants(tilted)) <= 1e-12
 
 
-def test_balanced_iteration_keeps_the_invariants():
-    """Relative to the size of the orbit nothing is lost beyond one round-off a step. The plain iteration is lost."""
-    top, y, steps = TOPS["generic"].top, TOPS["generic"].state, 500
-    states, exponents = op.orbit(top, y, 3.0, steps)
-    start, values = np.array(invariants(top, y)), np.array(invariants(top, states)).T
-    sizes = np.maximum(top.invariant_scales(y), largest(states) ** 2)
-    assert largest((values - start) / sizes) <= steps * np.finfo(float).eps
-    assert largest(states) < 100 * largest(y)
-    assert abs(exponents[-1]) > 50
-    plain = [y]
-    for _ in range(60):
-        plain.append(op.one_point(top, plain[-1], 3.0))
-    assert abs(invariants(top, plain[-1])[2] - start[2]) > 0.1
-    for n in range(6):
-        assert largest(op.gauge(states[n], 2.0 ** -exponents[n]) - plain[n]) <= 1e-12 * largest(plain[n])
-
-
 # -------------------------------------------------------------------------------------------- two-point, section 5.5
 
 

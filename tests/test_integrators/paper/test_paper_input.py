@@ -13,8 +13,8 @@ from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.contraction import to_magnet
-from lagrange_bench.integrators.paper.euler_angles import Weierstrass, angles, from_angles, states, to_angles
-from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, two_point_textbook
+from lagrange_bench.integrators.paper.euler_angles import Weierstrass, angles, states, to_angles
+from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 
 STATE, UPRIGHT, FLAT = TOPS["generic"].state, (0.0, 0.0, 3.0, 0.0, 0.0, 1.0), (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
@@ -24,18 +24,11 @@ ON_CURVE = tp.point(TOP, STATE, 0.5)
 ROOT = next(u for u in np.roots(lax.spectral_polynomial(TOP, STATE)[::-1]) if u.imag > 0)
 
 MAPS = [
-    *(
-        ("alpha = 0: the one-point map", lambda f=f: f(FREE, STATE, 0.3))
-        for f in (op.one_point, op.inverse, op.k_value)
-    ),
-    *(("C1 = 0", lambda f=f: f(TOP, FLAT, 0.3j)) for f in (op.one_point, tp.real_form)),
-    *(("sheet must be 1 or -1", lambda s=s: tp.real_form(TOP, STATE, 0.3j, s)) for s in (0, "1")),
-    ("sheet must be 1 or -1", lambda: op.one_point(TOP, STATE, 0.3, 0)),
+    ("alpha = 0: the one-point map", lambda: op.one_point(FREE, STATE, 0.3)),
+    ("C1 = 0", lambda: tp.real_form(TOP, FLAT, 0.3j)),
+    ("sheet must be 1 or -1", lambda: tp.real_form(TOP, STATE, 0.3j, 0)),
     ("to infinity", lambda: op.one_point(TOP, UPRIGHT, 0.7, -1)),
-    *(
-        ("lam must be finite with a positive imaginary part", lambda lam=lam: tp.real_form(TOP, STATE, lam))
-        for lam in (1.0, -1j, complex("nan"), complex(0, np.inf))
-    ),
+    ("lam must be finite with a positive imaginary part", lambda: tp.real_form(TOP, STATE, -1j)),
     ("lam must be a complex number", lambda: tp.real_form(TOP, STATE, "x")),
     ("λ = 0 is the pole of μ", lambda: tp.point(TOP, STATE, 0)),
     ("X = ∞", lambda: tp.explicit(TOP, STATE, ON_CURVE, (ON_CURVE[0], -ON_CURVE[1]))),
@@ -45,11 +38,7 @@ MAPS = [
     ("pole at u = 0", lambda: lax.lax_matrix(TOP, STATE, 0.0)),
     ("on a site", lambda: lax.gaudin_matrix(1.0, (0.0, 0.5), np.ones((2, 3)), 0.5)),
     (r"B\(λ2\) = 0", lambda: flow.limit_parameters(TOP, (0.0, 0.0, 1.0, 0.0, 0.0, 1.0), (0.5j, 1.0))),
-    ("sheet must be 1 or -1", lambda: flow.time_and_turn(TOP, STATE, 0.3j, sheet=2)),
     ("positive imaginary part", lambda: flow.time_and_turn(TOP, STATE, 0.1 - 0.3j)),
-    ("positive imaginary part", lambda: flow.attitude_angle(TOP, STATE, 0.1 - 0.3j)),
-    ("λ = 0 is the pole", lambda: flow.hamiltonian(TOP, STATE, 0, 0.3j)),
-    ("C1 = 0", lambda: flow.moments(TOP, FLAT, 0.3j)),
     ("root of Q lies on the segment", lambda: flow.moments(TOP, STATE, 2 * ROOT)),
 ]
 
@@ -61,20 +50,14 @@ def chart(side, alpha, lam, c1, first, second):
 
 
 CHARTS = [
-    *((gf, v) for v in ((1, 0, 1, 1, 1), (1, 1, 1, 0, 1), (1, 1, 1, 1, 0), (0, 1, 1, 1, 1), (1, 1, -1, 1, 1))),
-    *((eulerian, v) for v in ((1, 0, 1, 1, 1), (1, 0.5, 1, 0, 1), (1, -1 / np.sin(1) ** 2, 1, 1, 1))),
+    *((gf, v) for v in ((1, 0, 1, 1, 1), (1, 1, 1, 0, 1), (0, 1, 1, 1, 1), (1, 1, -1, 1, 1))),
+    *((eulerian, v) for v in ((1, 0, 1, 1, 1), (1, -1 / np.sin(1) ** 2, 1, 1, 1))),
 ]
 ANGLES = [
-    *(
-        (r"exact\.solution", lambda name=name: states(TOPS[name].top, TOPS[name].state, 1.0))
-        for name in ("weightless", "homoclinic", "regular", "sleeping_stable", "hanging")
-    ),
+    (r"exact\.solution", lambda: states(TOPS["homoclinic"].top, TOPS["homoclinic"].state, 1.0)),
     ("pole", lambda: angles(TOPS["planar"].top, TOPS["planar"].state, 0.5)),
     ("poles", lambda: to_angles((0.1, 0.2, 0.3, 0.0, 0.0, 1.0))),
-    ("poles", lambda: from_angles((0.0, 0.2, 0.3, 0.1))),
     ("digits", lambda: states(TOP, STATE, 1.0, digits=0)),
-    ("t must be", lambda: angles(TOP, STATE, "now")),
-    ("y0", lambda: states(TOP, STATE[:5], 1.0)),
     ("distinct", lambda: Weierstrass(mpf(12), mpf(8))),
     ("pole", lambda: Weierstrass(mpf(4), mpf(0)).zeta(mpc(0))),
     *(
@@ -87,26 +70,15 @@ MAGNET = GaudinMagnet((0.0, 1.0), 1.0)
 SPINS = np.array(((0.0, 0.6, 0.8), (1.0, 0.0, 0.5)))
 STILL = np.array(((0,), (1,)))  # the first spin is zero
 MAGNETS = [
-    *(
-        ("sites", lambda a=a: GaudinMagnet(a))
-        for a in ((1.0, 2.0, 1.0), (), (1.0, np.nan), ("a", 1.0), ((1, 2), (3, 4)), (0.0, 1j))
-    ),
-    *(("alpha", lambda alpha=alpha: GaudinMagnet((1.0,), alpha)) for alpha in (np.inf, 1j, mpc(1, 1))),
-    ("spins", lambda: MAGNET.check_spins(np.zeros(5))),
-    *(
-        ("spins", lambda s=s: two_point(MAGNET, s, 1j + 1))
-        for s in (SPINS[:1], SPINS * np.nan, SPINS * (1 + 1j), SPINS * STILL)
-    ),
-    *(("lam", lambda lam=lam: two_point(MAGNET, SPINS, lam)) for lam in (1.5, 1.5 - 1j, np.nan, [1j, 2j])),
+    *(("sites", lambda a=a: GaudinMagnet(a)) for a in ((1.0, 2.0, 1.0), (), ("a", 1.0), (0.0, 1j))),
+    ("alpha", lambda: GaudinMagnet((1.0,), 1j)),
+    *(("spins", lambda s=s: two_point(MAGNET, s, 1j + 1)) for s in (SPINS[:1], SPINS * np.nan, SPINS * STILL)),
+    *(("lam", lambda lam=lam: two_point(MAGNET, SPINS, lam)) for lam in (1.5 - 1j, [1j, 2j])),
     ("site", lambda: two_point(MAGNET, SPINS, 1j, site=2)),
     ("sheet", lambda: two_point(MAGNET, SPINS, 1j, sheet=0)),
     ("lam", lambda: one_point(MAGNET, SPINS, 1.0)),
     ("alpha", lambda: one_point(GaudinMagnet((0.0, 1.0), 0.0), SPINS, 2j)),
-    ("lam1", lambda: two_point_textbook(MAGNET, SPINS, 1.0, 1.0, 2j, 1.0)),
-    ("lam2", lambda: two_point_textbook(MAGNET, SPINS, 1j, 1.0, 0.0, 1.0)),
-    ("lam", lambda: MAGNET.vector(SPINS, 1.0)),
     ("h must", lambda: MAGNET.exact_step(SPINS, np.inf)),
-    ("spins", lambda: MAGNET.exact_step(SPINS * 1j, 1.0)),
     ("site", lambda: replace(MAGNET, site=4)),
 ]
 
