@@ -35,26 +35,18 @@ tops.heavy = { alpha = 1.5, J = [0.3, -0.4, 2.0], x = [0.48, 0.6, 0.64], potenti
 sweep = [{ part = "order", methods = "rk4", tops = "heavy", h_scaled = [0.5, 0.25] }]
 """
 BAD = [  # what to replace in GOOD, by what, and what the message must say
-    ('experiment = "drift"\n', "", "experiment must be given"),
     ('"drift"', '"drfit"', "unknown experiment 'drfit'; did you mean 'drift'?"),
-    ("[tops.heavy]", "[top.heavy]", "unknown key 'top'; did you mean 'tops'?"),
     ("[0.48, 0.6, 0.64]", "[0, 0, 0]", "[tops.heavy], J and x has x = 0"),
     ("tops.heavy", "tops.generic", "[tops.generic], the bench has a top of this name"),
     ("alpha = 1.5", "alfa = 1.5", "[tops.heavy], unknown key 'alfa'; did you mean 'alpha'?"),
-    ("alpha = 1.5", 'alpha = 1.5\npotential = "tide"', "[tops.heavy], parameters of the potential tide: 4 numbers"),
-    ("alpha = 1.5", "alpha = 1.5\nparameters = [1]", "parameters: of which potential?"),
     ('part = "h"', 'part = "H"', "[[sweep]] 1, part: unknown 'H'"),
-    ('"backlund"', '"backlnd"', "[[sweep]] 1, methods: "),
     ('methods = ["strang", "backlund"]\n', "", "methods must be given, a list of names"),
     ('"generic"]', '"magnet"]', "methods: backlund does not take the potential charge"),
-    ('"generic"]', '"generi"]', "tops: unknown top or problem 'generi'; did you mean 'generic'?"),
-    ("h_scaled = [0.5, 0.25]", "h_scaled = [0.5, 0]", "h_scaled must not be 0"),
     ("h_scaled = [", "h = [", "[[sweep]] 1, h: write h_scaled = …, in the time scale of each top"),
     ("span_scaled = 50", "span = 50", "[[sweep]] 1, span: write span_scaled"),
     ("span_scaled = 50", 'span_scaled = "long"', "span_scaled must be a real number; got 'long'"),
     ("span_scaled = 50", "steps = 50", "unknown key 'steps'"),
     ("[[sweep]]", "[sweep]", "add a table [[sweep]], with two brackets"),
-    ("[[sweep]]", "sweep = [5]\n[other]", "unknown key 'other'"),
 ]
 
 

@@ -8,7 +8,6 @@ import json
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -17,7 +16,7 @@ import pytest
 from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
 from test_cli import STUDY
 
-from lagrange_bench.results.store import Store, make_record
+from lagrange_bench.results.store import Store
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
 pytestmark = [linux, pytest.mark.processes]
@@ -112,64 +111,6 @@ def test_interrupt(tmp_path, whom):
     assert (code, out, "Traceback" in err, err.count("interrupted")) == (130, "", False, 1)
     assert err.endswith(f"6 of 7 cells are stored in {tmp_path}; run the same command again to resume\n")
     assert nobody_left(run.pid)
-
-
-@pytest.mark.slow
-def test_interrupt_while_workers_start(tmp_path):
-    for attempt in range(3):
-        run = start(squares(*range(50), seconds=0.1), tmp_path / str(attempt))
-        while len(session(run.pid)) < 2:
-            assert run.poll() is None
-            time.sleep(0.001)
-        time.sleep(0.02 * attempt)
-        os.killpg(run.pid, signal.SIGINT)
-        code, _, err = finish(run)
-        assert (code, "Traceback" in err, "of 50 cells are stored" in err) == (130, False, True), err
-        assert nobody_left(run.pid)
-
-
-SLOW = f"""{STUDY}
-import os, time
-def draw(rows):
-    open("drawing", "a").write("drawn")
-    time.sleep(60)
-"""
-
-
-@pytest.mark.slow
-def test_a_page_in_the_making_is_given_up_at_once(tmp_path):
-    """Each of four experiments takes a minute to draw; Ctrl-C ends the drawing processes too."""
-    (tmp_path / "slow").mkdir()
-    words = ["report", "--results", str(tmp_path), "--output", "page"]
-    for name in ("one", "two", "three", "four"):
-        (tmp_path / "slow" / f"{name}.py").write_text(SLOW)
-        Store(tmp_path).append(make_record(f"slow.{name}", 1, 0, {"i": 0}, rows=[{"x": 1.0}]))
-        words += ["--module", f"slow.{name}"]
-    command = [sys.executable, "-m", "lagrange_bench", *words]
-    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    while not (tmp_path / "drawing").exists():
-        assert run.poll() is None
-        time.sleep(0.05)
-    before = time.monotonic()
-    os.killpg(run.pid, signal.SIGINT)
-    err = run.communicate(timeout=60)[1]
-    assert time.monotonic() - before < 30, "it waited for the drawings"
-    assert (run.returncode, "Traceback" in err) == (130, False), err
-    assert not (tmp_path / "page" / "index.html").exists()
-    assert nobody_left(run.pid)
-
-
-def test_a_damaged_journal_is_mended_by_the_next_run(toy, in_process):
-    toy(squares(*range(6)))
-    path, clean = toy.store.path(TOY), comparable(toy.store.folder)
-    lines = path.read_bytes().replace(b'"square":4.0', b'"square":5.0').splitlines(keepends=True)
-    damaged = b"".join([*lines[:3], bytes(range(256)) * 30 + b"\n", *lines[3:], lines[3]])[:-40]
-    path.write_bytes(damaged)  # a row changed, binary between the lines, a line twice and torn
-    found = toy(squares(*range(6))).experiments[TOY]
-    assert (found.computed, found.stored) == (1, 5)
-    assert len(toy.store.read(TOY)[1]) >= 3
-    assert comparable(toy.store.folder) == clean
-    assert path.read_bytes().startswith(damaged)  # nothing is rewritten
 
 
 def test_two_runs_into_one_store_at_once(toy, in_process, tmp_path):

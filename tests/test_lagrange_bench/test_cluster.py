@@ -94,17 +94,6 @@ def test_workers_and_a_scheduler_that_are_killed(scheduler, toy, tmp_path):
     assert comparable(tmp_path / "there") == comparable(toy.store.folder)
 
 
-@pytest.mark.slow
-def test_a_worker_that_joins_late_and_lacks_the_experiment_is_refused(toy, scheduler, monkeypatch):
-    """A run asks the workers at its start; this one is not there yet. What it lacks is no result: nothing is stored."""
-    enter = cluster.Cluster.__enter__
-    monkeypatch.setattr(cluster.Cluster, "__enter__", lambda self: (enter(self), scheduler.worker(PYTHONPATH=""))[0])
-    message = r"a Dask worker lacks something: No module named .toys.; install the same"
-    with pytest.raises(cluster.ClusterError, match=message):
-        toy(squares(1, 2), scheduler=scheduler.address)
-    assert keys(toy.store.folder) == []
-
-
 def test_workers_with_other_versions_are_refused():
     """What a worker sends with its rows is compared, whenever it joined."""
 

@@ -13,13 +13,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import pandas as pd
 import pytest
 from faults import python
 from test_cli import SHORT, examples
 
 import lagrange_bench
-from lagrange_bench import LagrangeTop, PerturbedTop, integrate, output
+from lagrange_bench import LagrangeTop, PerturbedTop, integrate
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.measuring import check
@@ -28,15 +27,6 @@ from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
 from tests.reference import free_body
 from tests.test_docs import ROOT
-
-
-def test_tables_fit_a_terminal(run, monkeypatch):
-    wide = run("tops", "--verbose")[1]
-    assert max(map(len, wide.splitlines())) > 80
-    monkeypatch.setattr(output, "terminal_width", lambda: 80)
-    narrow = run("tops", "--verbose")[1]
-    assert max(map(len, narrow.splitlines())) <= 80
-    assert sorted("".join(narrow.split())) == sorted("".join(wide.split())), "wrapped, and nothing is lost"
 
 
 @pytest.mark.parametrize(
@@ -105,12 +95,9 @@ def test_methods_of_a_top(run, answer):
 def test_a_file_of_doubles(run, tmp_path):
     path = tmp_path / "ref.csv"
     assert run("case", "bruels", "--until", "2", "--every", "0.1", "--output", str(path))[0] == 0
-    table = np.loadtxt(path, delimiter=",", skiprows=6)  # before version 3.1 pandas loses an ulp
-    assert table[:, 0].tolist() == pd.read_csv(path, comment="#")["t"].tolist() == [k / 10 for k in range(21)]
+    table = np.loadtxt(path, delimiter=",", skiprows=6)
+    assert table[:, 0].tolist() == [k / 10 for k in range(21)]
     assert np.array_equal(table, CASES["bruels"].doubles(table[:, 0]))
-    header = path.read_text("utf-8").splitlines()[:6]
-    assert all(line.startswith("# ") for line in header[:5])
-    assert header[5].startswith("t,x,y,z,qw,qx,qy,qz,r11,")
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -135,12 +122,8 @@ def test_check_a_method_that_does_not(run, monkeypatch):
     assert {claim for claim, kept in passed.items() if kept is False} == false
     # what is true of it is not refuted, and what it does not claim is not judged
     assert (passed["order 5"], passed["conserves J3"], passed["conserves C2"]) == (True, True, None)
-    monkeypatch.setattr(check, "CHECKS", (check.symmetric, check.order))
-    out = run(*words)[1]
-    assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", out, re.MULTILINE)  # in the table
-    assert re.search(r"^fail: symmetric: a step and its inverse, .*; largest on \w+, h_scaled = 3$", out, re.MULTILINE)
-    how = "one step against the exact solution"  # of a claim that is kept
-    assert (how in out, how in run(*words, "--verbose")[1]) == (False, True)
+    monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
+    assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", run(*words)[1], re.MULTILINE)  # in the table
 
 
 IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
@@ -230,16 +213,6 @@ def test_a_run_without_a_truth_is_not_judged(run, answer, monkeypatch, words):
     assert (error["final"], error["largest"], NOT_JUDGED[words] in error["note"]) == (None, None, True)
     out = run("integrate", *words.split())[1]
     assert not re.search("against the (exact|reference) solution", out)
-
-
-def test_what_is_no_double_is_a_dash(run, answer, tmp_path):
-    words = ("--steps", "10", "--state", "1,2,3,0,0,1e-200", "--h", "0.1")  # |x|² = 0 has no relative drift
-    code, out, err = run("integrate", *words, "--draw", tmp_path / "axis.svg")
-    assert (code, err) == (0, f"written: {tmp_path / 'axis.svg'}\n")
-    table = out.split("largest recorded\n")[1].split("\n\n")[0].splitlines()
-    assert {line.split()[0]: line.split().count("–") for line in table if "–" in line} == {"C1": 2}
-    found = answer("integrate", *words)["invariants"]
-    assert [name for name, v in found.items() if None in v.values()] == ["C1"]
 
 
 def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):

@@ -46,13 +46,6 @@ def test_drift_is_in_ulps_of_the_scale():
     assert run.largest("H") == (pytest.approx(abs(expected[run.counts[at]]), abs=4), run.counts[at])
 
 
-def test_pytest_shows_the_test_and_not_the_bench():
-    with pytest.raises(AssertionError) as caught:
-        assert_drift(MINE, steps=10, H=0)
-    assert {entry.path.name for entry in caught.traceback.filter(caught)} == {"test_testing.py"}
-    assert len({entry.path.name for entry in caught.traceback}) > 1
-
-
 def test_growth():
     assert_drift("backlund_unpinned", growth="H", below=0.75, steps=20_000)
     told = r"rk4: H grows like t\^\d\.\d\d .* 16 tops, h_scaled = 0.1, 20000 steps: below 0.75"
@@ -94,16 +87,11 @@ NO_TEST = [
     ({}, "give a bound"),
     ({"C3": 16}, "unknown invariant 'C3'"),
     *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), "1", None, True)),
-    ({"growth": "H", "below": float("nan")}, "^below must be "),
     *(({"H": 16, "tops": tops}, "^tops") for tops in (5, ((1, 2),), (LagrangeTop(1.0),), [])),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
-    ({"H": 16, "h": "1"}, "^h must be a real number"),
     ({"H": 16, "h": 1.0, "h_scaled": 1.0}, "^give h or h_scaled, not both"),
-    ({"H": 16, "options": 5}, "^options must be a dict"),
     ({"growth": "H"}, "go together"),
     ({"H": 16, "tops": ["generi"]}, "unknown top or problem 'generi'; did you mean 'generic'"),
-    ({"H": 16, "h": 0.0}, "h must not be 0"),
-    ({"H": 16, "steps": 0}, "steps must be at least 1"),
     ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
 ]
 

@@ -20,7 +20,7 @@ from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.results import provenance, store
 from lagrange_bench.results.choice import Choice
-from lagrange_bench.results.store import Journal, Store, StoreError, make_record
+from lagrange_bench.results.store import Store, StoreError, make_record
 
 
 def record(attempt, status="done", version=1, position=None, **cell):
@@ -135,14 +135,13 @@ def test_lines_that_are_no_record_are_skipped(filled):
 GONE = "(no such entry)"  # a text: its id is the same in all processes
 WRONG_SHAPES = [
     *((name, GONE) for name in record(1) if name != "sources"),
-    *((name, wrong) for name in ("schema", "version", "position", "seconds") for wrong in ("x", None, [1], True)),
-    *((name, wrong) for name in ("key", "status", "experiment") for wrong in (5, None, ["x"])),
-    *(("cell", wrong) for wrong in (None, [1], "x", {"i": {"float": "x"}}, {"i": [{"float": 1}]}, {"i": "\ud800"})),
-    *(("rows", wrong) for wrong in (None, {}, "x", [None], [[1]], [{"square": [1]}], [{"square": {"a": 1}}])),
-    *(("rows", wrong) for wrong in ([{"square": {"float": []}}], [{"key": 1}], [{"i": 2}], [{"square": 10**20}])),
-    *(("error", wrong) for wrong in ({}, "x", [], {"type": "A", "message": "b"})),  # of a cell that is done
-    *(("warnings", wrong) for wrong in (None, [5], "x")),
-    *(("provenance", wrong) for wrong in (None, [], {"cpu": ["x"]})),
+    *((name, "x") for name in ("schema", "version", "position", "seconds")),
+    *((name, 5) for name in ("key", "status", "experiment")),
+    *(("cell", wrong) for wrong in ("x", {"i": {"float": "x"}}, {"i": "\ud800"})),
+    *(("rows", wrong) for wrong in ({}, [None], [{"square": [1]}], [{"key": 1}], [{"i": 2}], [{"square": 10**20}])),
+    ("error", {"type": "A", "message": "b"}),  # of a cell that is done
+    ("warnings", [5]),
+    ("provenance", {"cpu": ["x"]}),
     ("status", "failed"),
     ("sources", 5),
 ]
@@ -320,24 +319,6 @@ def test_provenance_is_flat_and_discreet_and_never_fails(monkeypatch):
     assert provenance.version("no-such-package") is None
 
 
-def test_default_results(monkeypatch, tmp_path):
-    root = Path(store.__file__).resolve().parent.parent
-    assert store.default_results("quick") == root / "results" / "local" / "quick"
-    assert store.default_results() == root / "results" / "reference"
-    monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
-    monkeypatch.chdir(tmp_path)
-    assert store.default_results("quick") == Path("results/quick")
-    assert store.default_results() == store.REFERENCE == root / "results" / "reference"
-    (tmp_path / "results" / "quick").mkdir(parents=True)
-    assert store.default_results() == Path("results/quick")
-    (tmp_path / "results" / "full").mkdir()
-    assert store.default_results() == Path("results/full")
-    with pytest.raises(FileNotFoundError, match="nothing is stored in results/full"):
-        store.find_results(None)
-    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
-        store.find_results(Path("nowhere"))
-
-
 @pytest.mark.parametrize("clone", [True, False])
 def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, clone):
     """A folder of the same name here is a path, ./quick; the error of an absent run says where it would be."""
@@ -352,10 +333,6 @@ def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, c
         FileNotFoundError, match=f"no quick run yet in {tmp_path / local / 'quick'}: .* --profile quick"
     ):
         store.find_results("quick")
-    with pytest.raises(
-        FileNotFoundError, match=f"no such folder of results: results/local/full; .* means .*{local}/full"
-    ):
-        store.find_results("results/local/full")
     (tmp_path / local / "quick").mkdir(parents=True)
     (tmp_path / local / "quick" / "drift.jsonl").write_text("{}\n")
     if clone:
@@ -413,25 +390,19 @@ def test_what_is_chosen_is_shown(tmp_path, names, taken, leaves_out):
     choice.check(CELLS)
 
 
-@pytest.mark.parametrize("words", [("phase_h",), ("--all", "--format", "svg")])
-def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch, words):
+def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypatch):
     cell = {"part": "h", "state": "generic", "span": 64, "h": 0.25}
     for module, method in ((phase, "rk4"), (drift, "strang")):
         name = module.__name__.split(".")[-1]
         Store(tmp_path).append(make_record(name, module.VERSION, 0, {**cell, "method": method}, rows=ROWS))
         monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
-    read, rows = [], Journal.rows
-    monkeypatch.setattr(
-        Journal, "rows", lambda self: read.extend(r["experiment"] for r in self.latest[:1]) or rows(self)
-    )
     drawn = tmp_path / "drawn"
-    code, out, err = run("figure", *words, "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
+    words = ("--all", "--format", "svg", "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
+    code, out, err = run("figure", *words)
     assert (code, out[: len(str(drawn))]) == (1, str(drawn)), err
     assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
-    assert sorted(read) == (["phase"] if words == ("phase_h",) else ["drift", "phase"])
     files = {f"{name}_h-{width}.svg" for name in ("drift", "phase") for width in style.WIDTHS}
-    assert words == ("phase_h",) or files == {path.name for path in drawn.iterdir()}
-    assert "did you mean 'phase_h'" in run("figure", "phase_hh", "--results", tmp_path)[2]
+    assert files == {path.name for path in drawn.iterdir()}
     code, out, err = run("figure", "phase_h", "--methods", "strang", "--results", tmp_path)
     assert (code, out) == (2, "")
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
@@ -445,13 +416,6 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
     ):
         with pytest.raises(ValueError, match=said):
             Choice(("backlund",)).check(cells)
-
-
-def test_a_choice_may_leave_nothing_of_one_of_several_experiments(run, in_process, tmp_path):
-    words = ("--methods", "backlund", "--tops", "figure2", "--quiet", "--results", tmp_path)
-    code, out, err = run("run", "ensemble", "paper", *words)
-    assert (code, err) == (0, "")
-    assert [line.split()[:2] for line in out.splitlines()[1:3]] == [["ensemble", "0"], ["paper", "2"]]
 
 
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
