@@ -98,7 +98,7 @@ def write() -> list[Path]:
             raise SystemExit(f"make print: xelatex failed: {' '.join(wrong)} (see {tex.with_suffix('.log')})")
     log = tex.with_suffix(".log").read_text(encoding="utf-8", errors="replace")
     if lost := sorted(set(re.findall(r"Missing character: There is no (\S+)", log))):
-        raise SystemExit(f"make print: the font lacks {' '.join(lost)}: add them to LETTERS in docs/print_exact_step.py")
+        raise SystemExit(f"make print: the font lacks {' '.join(lost)}: add them to LETTERS here")
     return [tex, tex.with_suffix(".pdf")]
 
 
