@@ -4,6 +4,8 @@ List the named cases, or write the exact motion of one: centre of mass, quaterni
 equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
 oneself.
 
+With --code a case is one file of C or Python, without dependencies, that gives the same motion at any time: for your own tests.
+
 Up to 17 digits are doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
 in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
 pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
@@ -12,6 +14,7 @@ examples:
   lagrange-bench case --verbose
   lagrange-bench case bruels --until 2 --every 0.1 --output ref.csv
   lagrange-bench case metis --digits 25
+  lagrange-bench case box --code c --output box.c
 """
 
 import argparse
@@ -32,15 +35,19 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.support.files import replace_file
 
     if options.name is None:
-        if given := [word for word in ("until", "every", "output") if getattr(options, word) is not None]:
+        if given := [
+            word for word in ("until", "every", "digits", "code", "output") if getattr(options, word) is not None
+        ]:
             raise ValueError(f"--{given[0]} belongs to the NAME of a case: {', '.join(CASES)}")
         lines = table([("name", "title", "until"), *((c.name, c.title, f"{c.until:g} s") for c in CASES.values())])
         for case in CASES.values() if options.verbose else ():
             lines += ["", f"{case.name}: {case.source}", "", case.remarks]
-        facts = ("name", "title", "until", "source", "remarks")
-        return Answer("\n".join(lines), [{fact: getattr(case, fact) for fact in facts} for case in CASES.values()])
+        words = ("name", "title", "until", "source", "remarks")
+        return Answer("\n".join(lines), [{word: getattr(case, word) for word in words} for case in CASES.values()])
     case = find(options.name)
-    rows = rows_of(case, options.until, options.every, options.digits)
+    if options.code is not None:
+        return code(case, options)
+    rows = rows_of(case, options.until, options.every, options.digits or DOUBLE)
     if options.output is None:
         data = {"case": case.name, "columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
         return Answer("\n".join((*head(case), *rows)), data)
@@ -48,21 +55,38 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": str(options.output)})
 
 
-def head(case: Any) -> list[str]:
-    """Lines above the rows: what they are, and the names of the columns."""
+def code(case: Any, options: argparse.Namespace) -> Answer:
+    """The file that follows the case by itself."""
+    from lagrange_bench.integrators.cases.standalone import standalone
+    from lagrange_bench.support.files import replace_file
+
+    if given := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
+        raise ValueError(f"--{given[0]} is for rows; --code gives the motion at any time: take one of the two")
+    text = standalone(case, options.code, facts(case))
+    data = {"case": case.name, "language": options.code}
+    if options.output is None:
+        return Answer(text.rstrip("\n"), {**data, "text": text})
+    return Answer(replace_file(options.output, text), {**data, "file": str(options.output)})
+
+
+def facts(case: Any) -> list[str]:
+    """Two lines: the case, its body and start."""
     import numpy as np
 
-    from lagrange_bench.integrators.cases import COLUMNS, CONVENTIONS
-
     top, start = case.body, f"start: omega {np.asarray(case.omega_body, dtype=float).tolist()} rad/s"
-    facts = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
-    conventions = CONVENTIONS
+    body = f"mass {top.mass} kg, com {top.com.tolist()} m, gravity {top.gravity.tolist()} m/s^2, inertia about the com"
     if not top.fixed:
         start += f", position {case.state[7:10].tolist()} m, velocity {case.state[10:].tolist()} m/s"
-        conventions = conventions.replace(", from the fixed point", "")
     title = f"{case.name}: {case.title}" if case.title else case.name
-    words = [f"{title}; lagrange-bench", f"{facts} {top.inertia_com.tolist()} kg m^2, {start}"]
-    return [f"# {line}" for line in (*words, *conventions.splitlines())] + [COLUMNS]
+    return [f"{title}; lagrange-bench", f"{body} {top.inertia_com.tolist()} kg m^2, {start}"]
+
+
+def head(case: Any) -> list[str]:
+    """Lines above the rows: what they are, and the names of the columns."""
+    from lagrange_bench.integrators.cases import COLUMNS, CONVENTIONS
+
+    conventions = CONVENTIONS if case.body.fixed else CONVENTIONS.replace(", from the fixed point", "")
+    return [f"# {line}" for line in (*facts(case), *conventions.splitlines())] + [COLUMNS]
 
 
 def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: int) -> list[str]:
@@ -87,5 +111,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
     command.add_argument("--until", help="last time (default: that of the case)", **settings)
     command.add_argument("--every", help="between two rows (default: that of the case)", **settings)
-    command.add_argument("--digits", type=positive, default=DOUBLE, metavar="N", help="of each number (default: 17)")
+    command.add_argument("--digits", type=positive, metavar="N", help="of each number (default: 17)")
+    command.add_argument(
+        "--code", choices=("c", "python"), help="one file that gives the motion at any time, in this language"
+    )
     command.add_argument("--output", type=location, metavar="FILE", help="write here (default: stdout)")

@@ -1,0 +1,196 @@
+"""A case as one file of C or Python without dependencies, for tests of other programs; the templates are in `code`.
+
+Of a free body the file has the closed form of `methods.free_body`, in principal axes i, ±j, k ordered so that one formula serves
+all bodies. Of a symmetric heavy one it has the exact step, with which it goes from the start to the time in a few equal steps.
+Their λ, m and χ are power series of the step h: with C1 = 1, λ = ih/2 + …, m = 1 + …,
+
+    2η dλ/dh = −m λ̄        m² = Q(λ)        dχ/dh = −2R/|λ|²,  χ(0) = π
+
+Whole periods are taken off the time first. Their length, and the turns that belong to them, come from `truth`.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from functools import cache
+from importlib.metadata import version
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from mpmath import mp, mpf
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.integrators.cases import Case
+from lagrange_bench.integrators.problem.free_motion import free_motion
+from lagrange_bench.integrators.truth import free_body, symmetric_body
+from lagrange_bench.integrators.truth.exact import DIGITS
+from lagrange_bench.support.precision import workdps
+
+LANGUAGES = {"c": ("exact.c.j2", "//"), "python": ("exact.py.j2", "#")}  # template, mark of a comment
+TERMS = 10  # of each power series
+LEFT_OUT = 2.0**-55  # size of the first term left out, at the longest step
+
+
+def standalone(case: Case, language: str, facts: list[str]) -> str:
+    """The text of the file. `facts` are lines about the body, for its head.
+
+    Raises
+    ------
+    ValueError
+        The motion has no closed form.
+    """
+    body = case.body
+    y, _ = body.parted(case.state)
+    if "free" in body.offers:
+        constants = free_constants(body, y)
+    elif "symmetric" in body.offers:
+        constants = heavy_constants(body, y)
+    else:
+        raise ValueError(
+            f"{case.name}: a heavy body that is not symmetric has no closed form; leave out --code for its rows"
+        )
+    check = case.solution([case.until])
+    constants |= {
+        **{
+            "language": language,
+            "name": case.name,
+            "facts": [line for v in facts for line in wrap(v.replace("\\", "/"), 118)],
+        },
+        **{"version": version("lagrange-bench"), "fixed": body.fixed, "com": body.com, "gravity": body.gravity},
+        **{"place": case.state[7:10], "velocity": case.state[10:], "turning": constants["kind"] in ("heavy", "steady")},
+        **{"until": case.until, "q": check.rotation.as_quat(canonical=True, scalar_first=True)[0]},
+        **{"omega": check.omega_body[0], "x": check.position[0]},
+    }
+    template, mark = LANGUAGES[language]
+    head = templates().get_template("head.j2").render(constants).splitlines()
+    constants["head"] = "\n".join(f"{mark} {line}".rstrip() for line in head)
+    return templates().get_template(template).render(constants)
+
+
+@cache
+def templates() -> Any:
+    """The files in `code`."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    found = Environment(
+        loader=PackageLoader("lagrange_bench.integrators.cases", "code"), undefined=StrictUndefined,
+        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
+    )  # fmt: skip
+    found.filters |= {"number": number, "numbers": numbers, "decimal": decimal}
+    return found
+
+
+def number(v: Any) -> str:
+    """A double, in the shortest decimal that makes it again."""
+    return repr(float(v) + 0.0)
+
+
+def numbers(values: Any) -> str:
+    return ", ".join(map(number, values))
+
+
+def decimal(v: Any) -> str:
+    return str(mp.nstr(v, DIGITS - 5))
+
+
+def parts(word: str, v: Any) -> dict[str, Any]:
+    """A number of mpmath, and what rounding it to a double leaves out."""
+    return {word: v, f"{word}_lo": v - mpf(float(v))}
+
+
+def free_constants(body: Any, y: Any) -> dict[str, Any]:
+    """What the templates take of a free body."""
+    motion, start = free_motion(body.inertia, y[4:]), body.rotations(y)
+    exact: Any = free_body.find_motion(
+        tuple(map(Fraction, body.inertia.tolist())), tuple(map(Fraction, y.tolist())), DIGITS
+    )
+    if motion is None:
+        rate = body.angular_velocity(y)
+        with workdps(DIGITS):
+            turn = parts("turn", exact.turn / (2 * mp.pi))
+        axis = rate / (np.linalg.norm(rate) or 1.0)
+        return {"kind": "spin", "rate": rate, "axis": axis, "start": start.as_quat(scalar_first=True), **turn}
+    order, size = list(motion.axes), np.abs(motion.amplitudes)
+    frame = np.copysign(1.0, (motion.amplitudes[0], 1.0, motion.amplitudes[2]))[:, None] * body.axes[order]
+    side = np.sign(np.linalg.det(frame))  # of axis j
+    frame[1] *= side
+    slow, fast, whole = motion.momentum * motion.last, motion.momentum * motion.across / motion.rate, {}
+    with workdps(DIGITS):
+        (s, c), m1, ratio = map(mpf, motion.start), mpf(motion.complement), mpf(motion.ratio)
+        u = s * mp.elliprf(c * c, c * c + m1 * s * s, 1)
+        if m1:
+            third = ratio * s**3 / 3 * mp.elliprj(c * c, c * c + m1 * s * s, 1, 1 + ratio * s * s)
+            turn = exact.turn * exact.half_period / (2 * mp.pi) + 0.5
+            whole = parts("half", exact.half_period) | parts("turn", turn)
+        else:
+            third = (ratio * u - mp.sqrt(ratio) * mp.atan(mp.sqrt(ratio) * s)) / (1 + ratio)
+    L = frame @ body.axes.T @ y[4:]
+    to_frame = Rotation.from_matrix(frame)
+    turned = Rotation.from_euler(
+        "ZYZ", (float(-fast * third), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0]))
+    )
+    return {
+        **{"kind": "free", "inertia": body.inertia[order], "alpha": size[0], "beta": side * motion.amplitudes[1]},
+        **{"gamma": size[2], "rate": motion.rate, "complement": motion.complement, "ratio": motion.ratio},
+        **{"slow": slow, "fast": fast, "phase": u, "frame": to_frame.as_quat(scalar_first=True), **whole},
+        **{"left": (start * (turned * to_frame).inv()).as_quat(scalar_first=True)},
+    }
+
+
+def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
+    """What the templates take of a symmetric heavy body."""
+    start, alpha, world = body.reduced(y), body.top.alpha, Rotation.from_matrix(body.world)
+    J, x = start[:3], start[3:]
+    motion, period, _ = symmetric_body.find_motion(symmetric_body.facts_of(body, y), DIGITS)
+    steady, whole = motion.orbit is None, {}
+    with workdps(DIGITS):
+        period = mpf(1) if steady else mp.ldexp(period, -motion.rate)
+        if mp.isfinite(period):
+            whole = parts("period", period)
+            # where the motion is steady, that of the top is about the other end of the axis
+            side = np.sign(body.axis @ body.axes[body.symmetry]) if steady else 1
+            for word, rate in ("up", motion.turn), ("spin", -2 * side * motion.spin):
+                whole |= parts(word, mp.ldexp(rate, motion.rate) * period / (2 * mp.pi))
+    unit = 1.0 / (float(np.linalg.norm(J)) + math.sqrt(alpha))
+    Q = (
+        2.0 * (J @ x) * unit,
+        (J @ J + 2.0 * alpha * x[2]) * unit**2,
+        2.0 * alpha * J[2] * unit**3,
+        (alpha * unit**2) ** 2,
+    )
+    rows = series(Q)
+    last = np.max(np.abs(rows[TERMS:]), axis=1)  # some series have every other term
+    reach = 1.0 / np.max((last / LEFT_OUT) ** (0.5 / np.array((TERMS, TERMS + 1))))  # the longest step, in units
+    scales = np.array((unit * reach**2, unit * reach, 1.0, reach, reach)) * reach ** (2.0 * np.arange(TERMS)[:, None])
+    own = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)
+    return {
+        **{"kind": "steady" if steady else "heavy", "alpha": alpha, "J": J, "x0": x, "axis": body.axis, "own": own},
+        **{"left": world.inv().as_quat(scalar_first=True), "longest": unit * reach, "rows": rows[:TERMS] * scales},
+        **{"right": (world * body.rotations(y)).as_quat(scalar_first=True), **whole},
+    }
+
+
+def series(Q: tuple[float, ...]) -> Any:
+    """Coefficients (TERMS + 2, 5) of R/h², η/h, Re m, Im m/h, (χ − π)/h in powers of h²; Q(λ) = 1 + Q1 λ + … + Q4 λ⁴."""
+    size = 2 * TERMS + 5
+    lam, m = np.zeros(size, complex), np.zeros(size, complex)
+    lam[1], m[0] = 0.5j, 1.0
+    for n in range(1, size):
+        if n > 1:  # the terms of order n in the equation for λ, with λ_n on the left
+            j = np.arange(2, n)
+            rest = -m[1:n] @ lam[n - 1 : 0 : -1].conj() - np.sum(2.0 * lam[j].imag * (n + 1 - j) * lam[n + 1 - j])
+            lam[n] = complex(rest.real / (n + 1), rest.imag / n)
+        square, power = 0j, lam
+        for factor in Q:
+            square += factor * power[n]
+            power = np.convolve(power, lam)[:size]
+        m[n] = (square - m[1:n] @ m[n - 1 : 0 : -1]) / 2.0
+    norm = np.convolve(lam, lam.conj()).real[2:size]  # |λ|²/h²
+    slope = np.zeros(size - 2)  # dχ/dh
+    for n in range(size - 2):
+        slope[n] = (-2.0 * lam[n + 2].real - norm[1 : n + 1] @ slope[:n][::-1]) / norm[0]
+    k = np.arange(TERMS + 2)
+    columns = lam[2 * k + 2].real, lam[2 * k + 1].imag, m[2 * k].real, m[2 * k + 1].imag, slope[2 * k] / (2 * k + 1)
+    return np.stack(columns, axis=1)

@@ -1,0 +1,192 @@
+"""Files of C and Python that follow a case by themselves: against digits of the named cases, and closed forms of the bench."""
+
+import ctypes
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench import CASES, Case, RigidBody
+from lagrange_bench.integrators.cases.standalone import standalone
+
+COMPILE = ("cc", "-std=c99", "-Wall", "-Werror")
+WITHOUT = "no C compiler (cc) is here: the files of lagrange-bench case --code c are not tested"
+COMPILED = pytest.param("c", marks=pytest.mark.skipif(shutil.which(COMPILE[0]) is None, reason=WITHOUT))
+both = pytest.mark.parametrize("language", [COMPILED, "python"])
+TURNED = Rotation.from_quat((1, 1, 1, 1))  # exact, as e3 → e1
+
+
+def random_case(seed):
+    """Free or heavy, of any size, axes and gravity, for some 30 rad."""
+    rng = np.random.default_rng(seed)
+    axes, start = Rotation.random(2, random_state=rng)
+    rate, mass, com, gravity = 10 ** rng.uniform(-2, 3), 10 ** rng.uniform(-2, 2), np.zeros(3), rng.normal(size=3)
+    omega, squares = rate * rng.normal(size=3), rng.uniform(0.1, 1, 3)
+    if seed % 2:
+        squares[1], com = squares[0], axes.apply((0, 0, rng.uniform(-1, 1)))
+        gravity *= rate**2 * 10 ** rng.uniform(-1, 0.5)
+    inertia = mass * axes.as_matrix() @ np.diag(squares.sum() - squares) @ axes.as_matrix().T
+    flight = {"position": rng.normal(size=3), "velocity": rng.normal(size=3)} if seed % 4 == 0 else {}
+    body = RigidBody(mass, com, (inertia + inertia.T) / 2, gravity, fixed=not flight)
+    return Case(f"random {seed}", body, start, omega, until=15 / rate, **flight)
+
+
+def special(name, inertia, omega, com=(0, 0, 0), rotation=TURNED, gravity=-8.0, until=10.0):
+    return Case(name, RigidBody(1.0, com, inertia, (0, 0, gravity)), rotation, omega, until=until)
+
+
+SPECIAL = [
+    special("at rest", (1, 2, 2.5), (0, 0, 0)),
+    special("about an axis", (1, 2, 2.5), (0, -3, 0)),
+    special("a ball", (2, 2, 2), (1, 2, -3)),
+    special("nearly a ball", (1, 1, 1 + 1e-12), (1, 2, -3)),
+    *(special(f"two equal moments, {n}", np.roll((1, 1, 1.5), n), (1, 2, -3)) for n in range(3)),
+    special("on the separatrix", (3, 4, 6), (-1 / 3, 0.5, 1 / 6)),
+    special("on the separatrix, at its middle", (3, 4, 6), (1 / 3, 0, -1 / 6)),
+    *(special(f"next to the middle axis, {n}", (3, 5, 7), (10.0**-n, 1, 10.0**-n), until=40.0) for n in (3, 6, 9, 12)),
+    special("precessing steadily", (0.75, 0.75, 1), (0, 1, 4), com=(0, 0, 0.5)),
+    special("precessing steadily, upside down", (0.75, 0.75, 1), (0, 1, 4), com=(0, 0, -0.5), gravity=8.0),
+    special("sleeping", (0.75, 0.75, 1), (0, 0, 20), com=(0, 0, 0.5), rotation=Rotation.identity()),
+    special("hanging", (0.75, 0.75, 1), (0, 0, 3), com=(0, 0, -0.5), rotation=Rotation.identity()),
+    special(
+        "almost upright and slow",
+        (0.75, 0.75, 1),
+        (1e-6, 0, 1),
+        com=(0, 0, 0.5),
+        rotation=Rotation.identity(),
+        until=4.0,
+    ),
+    special("a pendulum", (0.75, 0.75, 1), (0, 0, 0), com=(0, 0, 0.5)),
+    special("fast and light", (0.75, 0.75, 1), (0, 30, 300), com=(0, 0, 1e-3), until=0.1),
+]
+
+
+@pytest.fixture
+def followed(tmp_path):
+    """(case, language, times) → q (N, 4), omega (N, 3) and positions (N, 3) from the file."""
+
+    def by_python(text, times):
+        names = {"__name__": "a_case"}
+        exec(compile(text, "a_case.py", "exec"), names)
+        return [(*names["exact"](t), names["position"](t)) for t in times]
+
+    def by_c(text, times):
+        (tmp_path / "a_case.c").write_text(text, encoding="utf-8")
+        words = (*COMPILE, "-shared", "-fPIC", "-o", "a_case.so", "a_case.c", "-lm")
+        subprocess.run(words, cwd=tmp_path, check=True)
+        library, rows = ctypes.CDLL(str(tmp_path / "a_case.so")), []
+        for t in map(ctypes.c_double, times):
+            q, omega, x = ((ctypes.c_double * n)() for n in (4, 3, 3))
+            library.exact(t, q, omega)
+            library.position(t, x)
+            rows.append((list(q), list(omega), list(x)))
+        return rows
+
+    def follow(case, language, times):
+        text = standalone(case, language, ["a body"])
+        assert len(text.splitlines()) <= 200
+        rows = {"c": by_c, "python": by_python}[language](text, np.asarray(times).tolist())
+        return [np.array(column) for column in zip(*rows, strict=True)]
+
+    return follow
+
+
+def assert_near(found, q, omega, x):
+    q = q * np.sign(np.sum(q * found[0], axis=1))[:, None]
+    for numbers, right in zip(found, (q, omega, x), strict=True):
+        size = np.max(np.linalg.norm(right, axis=1)) or 1.0
+        np.testing.assert_allclose(numbers, right, rtol=0, atol=1e-13 * size)
+
+
+@both
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if {"free", "symmetric"} & case.body.offers])
+def test_the_named_cases(name, language, followed):
+    path = Path(__file__).parents[2] / "docs" / "cases" / f"{name}.csv"
+    rows = np.loadtxt(path, delimiter=",", skiprows=6)
+    assert_near(followed(CASES[name], language, rows[:, 0]), rows[:, 4:8], rows[:, 17:], rows[:, 1:4])
+
+
+@both
+@pytest.mark.parametrize("case", [*SPECIAL, *map(random_case, range(50))], ids=lambda case: case.name)
+def test_any_body(case, language, followed):
+    times = np.linspace(-case.until, case.until, 21)
+    run = case.solution(times)
+    q = run.rotation.as_quat(scalar_first=True)
+    assert_near(followed(case, language, times), q, run.omega_body, run.position)
+
+
+MINE = """
+title = 'no end \\'
+mass = 2
+inertia_com = [[2, 0.1, 0], [0.1, 3, 0.2], [0, 0.2, 4]]
+gravity = [0, 0, 0]
+omega_body = [1, 5, -1]
+"""
+
+
+@both
+@pytest.mark.parametrize("case", ["slow", "flying_box", "mine.toml"])
+def test_a_file_prints_what_its_head_says(case, language, run, folder):
+    Path("mine.toml").write_text(MINE, encoding="utf-8")
+    assert run("case", case, "--code", language, "--output", "it")[0] == 0
+    lines = Path("it").read_text("utf-8").splitlines()
+    if language == "c":
+        subprocess.run((*COMPILE, "-DCHECK", "-x", "c", "it", "-o", "program", "-lm"), check=True)
+    program = "./program" if language == "c" else (sys.executable, "it")
+    out = subprocess.run(program, check=True, capture_output=True, text=True).stdout
+    said = [line[2:].strip(" /#") for line in lines if line.startswith(("//   ", "#   ")) and " = " in line]
+    for words, found in zip(said[-3:], out.splitlines(), strict=True):
+        name, numbers = words.split(" = ")
+        assert found.startswith(f"{name} = ")
+        right, near = (np.fromstring(part.strip("()"), sep=",") for part in (numbers, found.split(" = ")[1]))
+        if name == "q":
+            near *= np.sign(near @ right)
+        np.testing.assert_allclose(near, right, rtol=0, atol=1e-12 * np.linalg.norm(right))
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (("kovalevskaya",), "a heavy body that is not symmetric has no closed form"),
+        (("box", "--digits", "25"), "--digits is for rows"),
+        ((), "--code belongs to the NAME of a case"),
+    ],
+)
+def test_refusals(words, reason, run):
+    code, _, said = run("case", *words, "--code", "c")
+    assert code == 2
+    assert reason in said
+    assert said.count("\n") == 1
+
+
+ENGINE = """
+void exact(double t, double q[4], double omega[3]);
+void my_step(double h, double q[4], double omega[3])
+{
+    static double t, last;
+    t = h == last ? t + h : h;
+    last = h;
+    exact(t, q, omega);
+    q[0] += ERROR * h * h;
+}
+"""
+
+
+@pytest.mark.skipif(shutil.which(COMPILE[0]) is None, reason=WITHOUT)
+@pytest.mark.parametrize(("error", "passes"), [("0.01", True), ("0.0001 / h", False)])
+def test_the_test_of_the_tutorial(error, passes, run, folder):
+    """An engine of second order passes, one of first order fails."""
+    page = Path(__file__).parents[2] / "docs" / "tutorials" / "a-test-for-your-engine.md"
+    (block,) = re.findall(r"^```c\n(.*?)^```$", page.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    assert run("case", "box", "--code", "c", "--output", "box.c")[0] == 0
+    Path("test.c").write_text(block, encoding="utf-8")
+    Path("engine.c").write_text(ENGINE, encoding="utf-8")
+    subprocess.run((*COMPILE, f"-DERROR={error}", "box.c", "test.c", "engine.c", "-o", "program", "-lm"), check=True)
+    done = subprocess.run("./program", capture_output=True, text=True)
+    assert (done.returncode == 0) == passes
+    assert ("Assertion" in done.stderr) == (not passes)
