@@ -101,19 +101,6 @@ def test_measured_stored_and_drawn(name):
         assert not {letter for letter in text if letter > "ÿ"}, "LaTeX does not know these letters"
 
 
-@pytest.mark.parametrize(
-    ("name", "part", "figure", "words"),
-    [("drift", "time", "time", "over 1 tops"), ("drift", "h", "h", "“fast”"), ("phase", "h", "families", "“fast”")],
-)
-def test_a_figure_is_of_the_tops_that_are_chosen(name, part, figure, words):
-    rows = rows_of(name)
-    rows = rows[rows.part == part].dropna(subset="method")
-    with style.apply():
-        usual, other = (load(name).draw(some)[figure].caption for some in (rows, rows.assign(state="fast")))
-    assert words.replace("fast", TOPS["fast"].label) in other
-    assert usual != other
-
-
 @each
 def test_no_number_is_made_up_where_one_is_missing(name):
     """A table of rows in which every measured number is NaN has no finite error."""
@@ -149,15 +136,6 @@ def test_the_quick_profile_is_a_part_of_the_full_one(name):
     assert keys(quick, lengths) <= keys(full, lengths)
     shared = keys(quick) & keys(full)
     assert shared or name == "work_precision", "what was computed for one profile serves the other"
-
-
-@pytest.mark.slow
-def test_what_a_fresh_process_needs():
-    rows = cost.measure({"part": "start", "method": "rk45_fixed"})
-    assert [row["cached"] for row in rows] == [False, True]
-    for row in rows:
-        assert 0 < row["second_s"] <= row["first_s"]
-    assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"
 
 
 def test_an_exact_step_that_is_off_shows_in_the_rows(monkeypatch):
@@ -217,3 +195,12 @@ def test_implicit_methods_in_the_interpreter_take_a_tenth_of_the_steps():
     steps = [states.affordable(method, 10**7, full) for method in (METHODS["rk45"], implicit) for full in (False, True)]
     assert steps == [2000, 20_000, 200, 2000]
     assert states.affordable(METHODS["gauss4"], 10**7, False) == 10**7
+
+
+@pytest.mark.slow
+def test_what_a_fresh_process_needs():
+    rows = cost.measure({"part": "start", "method": "rk45_fixed"})
+    assert [row["cached"] for row in rows] == [False, True]
+    for row in rows:
+        assert 0 < row["second_s"] <= row["first_s"]
+    assert rows[1]["first_s"] < rows[0]["first_s"], "nothing was kept for the second process"

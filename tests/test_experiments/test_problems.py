@@ -15,7 +15,6 @@ from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integra
 from lagrange_bench.results.store import Store, StoreError, make_record
 from lagrange_bench.runner import verify
 from lagrange_bench.runner.engine import run
-from tests.reference import free_body
 
 SPINS = {"method": "rk4", "state": "central_spin"}
 
@@ -70,15 +69,6 @@ def lost_way(problem, y0, h, **options):
     advance = stepper.advance
     stepper.advance = lambda y, n: advance(y, n) + 3.0
     return stepper
-
-
-def test_an_equilibrium_tells_no_order():
-    top = free_body(1.0, 2.0, 3.0)
-    still, moving = (top, np.array((1.0, 0.0, 0.0))), (top, np.array((1.0, 0.3, 0.1)))
-    (verdict,) = check.order(METHODS["rk4"], True, (still, moving))
-    assert verdict.passed is True
-    (verdict,) = check.order(METHODS["rk4"], True, (still, still))
-    assert verdict.word == "not judged"
 
 
 ABSENT = {"timing": True, "case": "slow", "engine": "absent", "integrator": "none", "setting": "", "h": 0.25}
@@ -172,12 +162,6 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
     assert run(["engines"], "full", tmp_path, show=False).experiments["engines"].stored == 1
     with pytest.raises(StoreError, match="not computed: no-such-engine: not available here"):
         verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
-
-
-def test_rows_of_an_engine_that_is_no_longer_listed_are_drawn():
-    row = {**ABSENT, "setting": engines.BEST, "position": 1.0, "ns_per_step": 1.0, "status": "done"}
-    figure = engines.draw(pd.DataFrame([row]))["steps"]
-    assert {line.get_color() for line in figure.axes[0].get_lines()} == {engines.NEUTRAL}
 
 
 ORDERS = [

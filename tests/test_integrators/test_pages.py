@@ -10,15 +10,14 @@ import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from lagrange_bench import TOPS, LagrangeTop, exact, prepare, states, two_point
-from lagrange_bench.experiments.measuring.metrics import phase_split, poisson_defect
-from lagrange_bench.integrators.methods import backlund_schemes
+from lagrange_bench import TOPS, LagrangeTop, exact, prepare, two_point
+from lagrange_bench.experiments.measuring.metrics import poisson_defect
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
 from lagrange_bench.integrators.paper.phase_space import gradient
 from tests.reference import largest, turned
 from tests.test_integrators.paper.test_interpolating_flow import real_steps
-from tests.test_integrators.test_backlund_splitting import errors_of, problem
+from tests.test_integrators.test_backlund_splitting import problem
 
 pytestmark = pytest.mark.interpreted
 PERTURBED = Path(__file__).parents[2] / "docs" / "perturbed.md"
@@ -64,41 +63,6 @@ def test_far_away_a_step_is_a_turn(angle, sheet):
     top, y = TOPS["generic"].top, TOPS["generic"].state
     image = two_point(top, y, 1e9 * complex(math.cos(angle), math.sin(angle)), sheet)
     assert np.max(np.abs(image - turned(math.cos(2 * angle), sheet * math.sin(2 * angle), y))) < 1e-7
-
-
-def test_what_one_long_step_rounds():
-    """Tens of ulps of C1 at half a nutation period; at a tenth of it a few."""
-    found = {0.499: [], 0.05: []}
-    for name in (*TOPS, *states.RANDOM):
-        top, y0 = states.find(name)
-        period = exact.nutation_period(top, y0)
-        for share in found if math.isfinite(period) else ():
-            y = prepare(top, y0, share * period, pin=0).record(y0, 300, 1)
-            steps = np.abs(np.diff(top.invariants(y)[:, 2])) / np.spacing(y0[3:] @ y0[3:])
-            found[share].append(np.max(steps))
-    assert 10 < np.max(found[0.499]) < 100
-    assert np.max(found[0.05]) < 10
-
-
-def clock(method, h):
-    """T/h of single steps from 24 places of one torus: how far along the flow each goes, whatever it turns about e3."""
-    top, y0 = TOPS["generic"].top, TOPS["generic"].state
-    times = []
-    for y in exact.solution(top, y0, exact.nutation_period(top, y0) * np.arange(24) / 24):
-        image, T = prepare(top, y, h, method).advance(y, 1), h
-        for _ in range(10):  # the phase error is linear in a small error only
-            truth = exact.solution(top, y, [T])
-            T += float(phase_split(top, truth, image - truth)["time"][0])
-        times.append(T / h)
-    return np.array(times)
-
-
-def test_invariants_alone_do_not_make_a_clock():
-    """The implicit midpoint rule keeps all four and is no Poisson map; the paper's λ makes one: T is that of the torus."""
-    assert np.ptp(clock("implicit_midpoint", 0.25)) > 0.01
-    paper = clock("backlund_paper", 0.25)
-    assert np.ptp(paper) < 1e-13
-    assert abs(paper[0] - 1) > 1e-3
 
 
 def test_a_double_root_leads_to_the_sleeping_top():
@@ -190,25 +154,3 @@ def test_a_smooth_lambda_is_not_enough_for_a_poisson_map():
     assert defect(0, 0) < 1e-10
     assert min(defect(c, 0) for c in (0.1, 0.1j)) > 1e-2
     assert min(defect(0, c) for c in (0.1, 0.1j)) > 1e-2
-
-
-def in_one_sweep(scheme, kicks, out):
-    """The kicks of the corrector in one sweep on each side of the end."""
-    n = len(kicks)
-    ahead = [(out, b) for b in kicks]
-    behind = [(-(n + 1) * out, -kicks[0]), *((-out, -b) for b in kicks[1:])]
-    return (*ahead, *behind, (n * out, 0.0))
-
-
-@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
-def test_a_corrector_in_one_sweep_leaves_a_commutator(monkeypatch):
-    steps = (1 / 8, 1 / 16)
-    palindrome = errors_of("moderate_tide", steps)
-    with monkeypatch.context() as patch:
-        patch.setattr(backlund_schemes, "_corrector", in_one_sweep)
-        backlund_schemes._ends.cache_clear()
-        sweep = errors_of("moderate_tide", steps)
-    backlund_schemes._ends.cache_clear()
-    assert math.log2(palindrome[0] / palindrome[1]) == pytest.approx(4.0, abs=0.05)
-    assert math.log2(sweep[0] / sweep[1]) < 3.6
-    assert sweep[1] > 3 * palindrome[1]

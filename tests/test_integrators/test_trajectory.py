@@ -11,7 +11,6 @@ from matplotlib import pyplot as plt
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, RigidBody, exact, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.cases import COLUMNS as CASE_COLUMNS
-from lagrange_bench.integrators.truth import truths
 from tests.reference import free_body
 
 pytestmark = pytest.mark.interpreted
@@ -106,11 +105,6 @@ def test_pictures_have_labels_and_name_the_top(runs):
     plt.close(figure)
 
 
-def test_a_trajectory_is_a_table_in_a_notebook(runs):
-    assert "<table" in runs["tide"]._repr_html_()
-    assert "<Potential" not in runs["tide"]._repr_html_()
-
-
 @pytest.mark.parametrize("name", RUNS)
 def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
     words, top, y0 = RUNS[name]
@@ -201,13 +195,6 @@ def test_steppers_of_libraries_go_to_other_processes(name):
     assert np.array_equal(sent.advance(TIDE.state, 10), end)
 
 
-def test_advice_on_the_length_of_a_run_can_be_followed():
-    _, problem, y0 = RUNS["so3"]
-    with pytest.raises(ValueError, match="take times up to") as caught:
-        truths.solution(problem, y0, [1e5], longest=2.0)
-    truths.solution(problem, y0, [float(str(caught.value).split()[-1])], longest=2.0)
-
-
 def test_no_times_give_no_states_whatever_is_asked():
     run = integrate(NAMED.top, NAMED.state, t=[])
     assert (run.invariants().shape, run.error().shape, run.sol([]).shape) == ((0, 4), (0,), (0, 6))
@@ -223,7 +210,3 @@ def test_a_file_that_cannot_be_written(runs, tmp_path):
         with pytest.raises(ValueError, match="metadata"):
             runs["top"].save(tmp_path / "run.csv", metadata)
     assert not list(tmp_path.iterdir())
-
-
-def test_what_is_no_body_has_no_position(runs):
-    assert not any(hasattr(runs["top"], word) for word in ("position", "omega_world", "omega_body", "energy"))

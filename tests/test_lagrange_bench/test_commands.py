@@ -1,7 +1,6 @@
 """Commands that integrate, list, check and complete; scripts, and a visitor's own names."""
 
 import hashlib
-import importlib.util
 import json
 import math
 import os
@@ -49,15 +48,6 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypa
     assert "broken: cannot be loaded: ImportError: it calls sys.exit('no')" in run(f"{known.word}s")[1]
     listed = answer(f"{known.word}s")
     assert (len(listed), listed[-1]["error"]) == (len(known), "ImportError: it calls sys.exit('no')")
-
-
-def test_a_top_is_told_by_its_numbers(answer):
-    data = {top["name"]: top for top in answer("tops")}
-    assert data["generic"]["nutation_period"] == pytest.approx(4.22213, abs=1e-5)
-    assert data["homoclinic"]["nutation_period"] is None
-    top = PERTURBED_TOPS["magnet"]
-    facts = {"alpha": top.alpha, "state": list(top.y0), "potential": "charge", "parameters": list(top.parameters)}
-    assert data["magnet"].items() >= {**facts, "conserves": ["H", "C1", "C2"]}.items()
 
 
 UNITS = {  # so that V has those of J²
@@ -226,16 +216,6 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
     code, _, err = run(*SHORT, "--output", path)
     assert (code, err.count("\n"), path.read_bytes() == before) == (2, 1, True), err
     assert (link.is_symlink(), sorted(tmp_path.iterdir())) == (True, [link, path]), "no pieces are left"
-
-
-def test_what_can_be_known_before_is_said_before(run, tmp_path, monkeypatch):
-    with monkeypatch.context() as patch:
-        patch.setattr(importlib.util, "find_spec", lambda name: None)
-        code, _, err = run(*SHORT, "--output", tmp_path / "run.parquet")
-        assert (code, "pip install pyarrow" in err) == (2, True)
-    monkeypatch.setattr(os, "access", lambda *_: False)  # a read-only folder, also for root
-    code, _, err = run(*SHORT, "--draw", tmp_path / "axis.svg")
-    assert (code, "no permission" in err, list(tmp_path.iterdir())) == (2, True, [])
 
 
 def test_a_potential_on_any_top(run, answer, tmp_path):

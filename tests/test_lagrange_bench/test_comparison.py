@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
 
-from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, Comparison, LagrangeTop, Problem, integrate, load
+from lagrange_bench import METHODS, TOPS, Comparison, LagrangeTop, Problem, integrate, load
 from lagrange_bench.data import in_both_units
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
@@ -61,12 +61,6 @@ def test_threads_do_not_share_names():
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(rows, 4 * [*range(12)])) == 4 * expected
     assert "named" not in METHODS
-
-
-def test_drift_leaves_out_what_the_motion_does_not_conserve():
-    frame = drift("rk4", "weak_tide", steps=4).to_frame()
-    assert "J3" not in PERTURBED_TOPS["weak_tide"].top.conserved
-    assert np.allclose(frame.worst, frame[["H", "C1", "C2"]].abs().max(axis=1))
 
 
 def test_a_method_that_fails_is_a_row_with_the_reason():
@@ -200,20 +194,6 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
-
-
-@pytest.mark.parametrize("column", ["span_scaled", "span"])
-def test_runs_of_several_lengths_are_lines_of_their_own(column):
-    frame = pd.concat([made().frame.assign(**{column: span}) for span in (10.0, 1e4)])
-    ax = Comparison(frame).plot(methods=["rk4"], tops=["fast"])
-    assert [line.get_label() for line in ax.get_lines()] == ["RK4, t = 10", "RK4, t = 10⁴"]
-
-
-def test_rows_without_a_method_are_called_by_what_was_measured():
-    frame = made(("rk4",), ("fast",)).frame.assign(method=None, engine="rapier")
-    (line,) = Comparison(frame).plot().get_lines()
-    assert line.get_label() == "rapier"
-    assert "rapier" in repr(Comparison(frame))
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]

@@ -408,16 +408,6 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     assert err.endswith("phase has no rows of strang: lagrange-bench run phase --methods strang\n")
 
 
-def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
-    in_potentials = [{"method": "rk4", "state": "weak_tide"}]
-    for cells, said in (
-        (in_potentials, "^--methods: backlund does not take the potential tide: its record needs a top in a uniform"),
-        ([*in_potentials, {"method": "rk4", "state": "generic"}], "no cell here has the method 'backlund'"),
-    ):
-        with pytest.raises(ValueError, match=said):
-            Choice(("backlund",)).check(cells)
-
-
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
     many = ["backlund", "rk4", "strang", "kahan", "gauss4", "taylor_fixed", "rkmk4", "theta_functions", "gauss6"]
     plain = {name: style.of(name) for name in METHODS}
