@@ -201,18 +201,6 @@ def test_with_a_state_every_unit_longer_steps_do_not_count():
         promises.lead(rows[~(ours & (rows.h == 1.0))], errors, every=1.0)
 
 
-@pytest.mark.parametrize(
-    ("read", "line"),
-    [
-        (promises.kept_in_a_field, {"claimed": "", "method": "mine", "state": "weak_tide", "steps": 9}),
-    ],
-)
-def test_methods_that_claim_nothing_decide_nothing(read, line, monkeypatch):
-    monkeypatch.setattr(promises, "table", lambda *_: pd.DataFrame([line]))
-    with pytest.raises(claims.NoData):
-        read(pd.DataFrame())
-
-
 @pytest.mark.parametrize("slower", [1.0, 2.0])
 def test_times_are_judged_as_ratios(slower):
     cost = pd.DataFrame({"setup_us": [10.0, 20.0], "ns_per_step": [16.0, 20.0]}) * slower
@@ -316,14 +304,6 @@ def test_curves_of_a_plug_in_in_any_field(rows):
     assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (random tops)"]]
 
 
-def test_without_rows_there_are_no_panels_and_without_a_table_no_facts(rows, monkeypatch):
-    assert panels.script({}) == panels.script({"drift": rows["drift"]}) == ""
-    monkeypatch.setattr(panels, "table", promises.table)
-    for experiment in rows:
-        promises.keep(experiment, rows[experiment], {})
-    assert json.loads(panels.script(rows))["kept"] == {}
-
-
 def test_the_profile_is_known_by_the_cells():
     module = ModuleType("study")
     module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
@@ -368,18 +348,3 @@ def test_the_command_lists_them(run, found, monkeypatch):
     first, other = (run("errata", "--points", "1", "--seed", seed, "--json")[1] for seed in (5, 6))
     assert first != other
     assert len(json.loads(first)) == len(found)
-
-
-def test_the_page_lists_them_beside_the_rows_of_their_experiment(tmp_path, found, monkeypatch):
-    stored = (readme.ROOT / "results" / "reference" / "paper.jsonl").read_text(encoding="utf-8")
-    (tmp_path / "paper.jsonl").write_text(stored.splitlines(keepends=True)[0], encoding="utf-8")
-    monkeypatch.setattr("lagrange_bench.report.sections.draw_figures", lambda *_: [])
-    monkeypatch.setattr(errata, "measure", lambda: found)
-    text = page.html(page.assemble(tmp_path))
-    section = text.split('<section id="errata">')[1].split("</section>")[0]
-    assert section.count("<tr>") == len(found) + 1
-    assert all(e.equation in section for e in found)
-    assert section.count(">sentence</td>") == 8
-    monkeypatch.setattr(errata, "measure", lambda: 1 / 0)
-    without = page.assemble(tmp_path)
-    assert without.errors == ["errata: cannot be made: ZeroDivisionError: division by zero"], "only this part is lost"

@@ -8,7 +8,6 @@ import re
 import shutil
 import stat
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from html import unescape
 from html.parser import HTMLParser
@@ -33,7 +32,6 @@ NASTY = "50 % of a_b & <script>alert(1)</script> | α"
 TOYS = ("toy.good", "toy.broken", "toy.empty")
 TOY_METHODS, STEPS = ("backlund", "rk45", "somebody_elses"), (0.01, 0.1, 1.0)
 DRIFT = [1e-12 * h**i for i in range(3) for h in STEPS]
-OF_CELL = sources.of_cell
 
 
 def toy(name):
@@ -195,27 +193,6 @@ def test_same_rows_same_bytes(results, output, tmp_path, monkeypatch):
     first, second = ({p.relative_to(at): p.read_bytes() for p in at.rglob("*.*")} for at in (output, again))
     assert len(first) == 1 + 2 + 12
     assert first == second
-
-
-@pytest.mark.slow
-def test_drawn_in_two_processes_it_is_the_same(tmp_path, monkeypatch):
-    for name in ("ensemble", "paper"):
-        shutil.copy(store.default_results() / f"{name}.jsonl", tmp_path)
-    started = []
-
-    def pool(*args, **more):
-        started.append(args[0])
-        return ProcessPoolExecutor(*args, **more)
-
-    monkeypatch.setattr(page, "EXPERIMENTS", ("ensemble", "paper", "no_such_experiment"))
-    monkeypatch.setattr(sources, "of_cell", OF_CELL)  # in the other processes no fixture has replaced it
-    monkeypatch.setattr(sections, "ProcessPoolExecutor", pool)
-    alone = page.assemble(tmp_path)
-    monkeypatch.setattr(sections, "WORTH", 1)
-    shared = page.assemble(tmp_path, processes=2)
-    assert started == [2]
-    assert page.html(shared) == page.html(alone)
-    assert any("no_such_experiment" in error for error in shared.errors)
 
 
 def test_what_is_missing_is_said_in_its_place(report, text):
