@@ -4,7 +4,7 @@ BIN := .venv/bin
 # byte code is kept: without it every process compiles the bench anew, and pytest all assertions, for ten seconds
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs print clean
+.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs print web clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
@@ -20,6 +20,7 @@ help:
 	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
 	@echo "make print   docs/exact-step.md as LaTeX and PDF in build/exact-step; needs pandoc and xelatex"
 	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
+	@echo "make web     install the engines of the web (npm), follow bodies in them, and store the rows in results/local/full"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
@@ -88,6 +89,11 @@ docs: .venv/ready
 
 print: .venv/ready
 	$(BIN)/python docs/print_exact_step.py
+
+# engines that run in node; their rows are judged and stored by the experiment, like all others
+web: .venv/bench
+	npm install --prefix experiments/web --no-audit --no-fund --no-package-lock
+	$(BIN)/lagrange-bench run engines --profile full --no-timings
 
 lint: .venv/ready
 	$(BIN)/ruff check .

@@ -1,363 +1,265 @@
-"""The heavy top: multibody codes and engines
+"""The heavy top and free bodies in multibody codes and engines
 
 How well do programs follow a spinning body? Each integrator of each engine follows the centre of mass and the rotation of
-`bruels`, the usual test of multibody codes with 300 rad of spin, and of `slow`, with a fifteenth of the spin, for 2 s. Errors
-are those against the exact solution. `bruels` is a stress test: engines are made for slower motions, contacts and many bodies,
-of which nothing is measured here. Methods of this bench follow the same tops beside them; among these `backlund` is the
-exact step, with the attitude.
+`bruels`, the usual test of multibody codes with 300 rad of spin, and of `slow`, with a fifteenth of the spin, for 2 s; and the
+rotation of two free bodies for 5 s: `box`, which tumbles, and `racket`, which starts beside its middle axis and must turn
+over. Errors are those against the exact solution. `bruels` is a stress test: engines are made for slower motions, contacts
+and many bodies, of which nothing is measured here. Methods of this bench follow the same bodies beside them; among these
+`backlund` is the exact step of a top, with the attitude.
 
-Settings: “default” is what an engine does if nobody chooses, “best” is its most accurate integrator here, or its best settings.
-All run on one core. A run is timed as a whole, without its set-up (of `backlund` with it); the least of its repeats counts.
-The overhead is the time that as many steps of a mass on a rail take: of the engine beside the top, and of the loop in Python
-where there is only that.
+Two sorts of rows. The sweep: steps of 2 s over powers of two, errors at the end, and times. A run is timed as a whole, without
+its set-up (of `backlund` with it); the least of its repeats counts; all run on one core. The overhead is the time that as many
+steps of a mass on a rail take: of the engine beside the top, and of the loop in Python where there is only that. The others
+have the steps of games and robots, more columns, and no times.
 
-Engines are no part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn. Drake (`drake`), Pinocchio
-(`pin`), PyBullet (`pybullet`) and DART (`dartpy`) install by their own names. Cells of an engine that is not there are skipped.
+Settings: “default” is what an engine does if nobody chooses, “recommended” and “best” are what its documentation advises, and
+its most accurate integrator or settings that were found there.
+
+Engines are no part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn, the others install by the
+names in ENGINES. `make web` installs the engines of the web and runs them. Cells of an engine that is not there are skipped.
 """
 
 import importlib
+import json
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
 from importlib import metadata
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.experiments import heavy_top, script
+from lagrange_bench.experiments import adapters, heavy_top, script
+from lagrange_bench.experiments.adapters import CONTROLLED, DISCRETE, DOUBLES, EXPLICIT
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring.states import rounded
-from lagrange_bench.integrators import CASES, integrate, prepare
+from lagrange_bench.integrators import CASES, RigidBody
 from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.interface import Array, StepError
 
 VERSION = 1
-MEASURED = {"": ("position", "rotation", "ns_per_step")}
+MEASURED = {"": ("position", "rotation", "spin", "energy", "until", "ns_per_step")}
 TIMES = ("version", "date")  # not compared by `verify`, as times are not
-UNTIL = 2.0  # s
+UNTIL = 2.0  # s, of the sweep
 POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # of 2, steps: so many times h is 2 s exactly
 REPEATS, ENOUGH = 5, 0.5  # runs of a cell; no more than two if they take so many seconds together
-DEFAULT, BEST, OTHER = "default", "best", ""  # settings
+DEFAULT, RECOMMENDED, BEST, OTHER = "default", "recommended", "best", ""  # settings
 
-# takes n steps; and the centre of mass and the rotation, body to world, that it has then
-Running = tuple[Callable[[int], Any], Callable[[], tuple[Any, Any]]]
-Start = Callable[[Any, Case, str, float, bool], Running]  # the engine's module, the case, an integrator, h, on a rail?
+# The tennis racket theorem in 5 s, with moments that matter can have: engines refuse those of the case `middle_axis`, and a
+# start as close as its own is lost in single precision.
+_PLATE = RigidBody(mass=1.0, com=(0.0, 0.0, 0.0), inertia_com=(1.0, 2.0, 3.0), gravity=(0.0, 0.0, 0.0))
+RACKET = Case("racket", _PLATE, np.eye(3), (0.01, 5.0, 0.0), until=5.0)
+BODIES = {**{name: CASES[name] for name in ("slow", "bruels", "box")}, RACKET.name: RACKET}
+STEPS = (1 / 60, 1 / 240, 1 / 1024, 1 / 4096)  # s
+ROWS = 512  # of a run, at most: how fine `until` is
+NEAR = 0.1  # m, of the centre of mass of a top; rad, of the rotation of a free body
+AXIS = 1  # in the body: of symmetry, or the middle one
 
 
-class Engine(NamedTuple):
-    """A program, and how its integrators are made to follow a case.
+@dataclass(frozen=True)
+class Engine:
+    """A program, and how its integrators are made to follow a body.
 
-    start : the adapter. package : its distribution on PyPI, module : the name to import. release : the beginning of the only
-    version that is meant, or "". integrators : name → setting; of the bench, whose methods they are, none.
+    start : the adapter. package : its distribution on PyPI. integrators : name → setting. module : the name to import, where it
+    is not that of the package. release : the beginning of the only version that is meant, or "". timed : whether it is in the
+    sweep. least : the smallest step, s, of a program that would take an hour with a smaller one.
     """
 
-    start: Start
+    start: Callable[..., adapters.Run]
     package: str
-    module: str
     integrators: dict[str, str]
+    module: str = ""
     release: str = ""
+    timed: bool = False
+    least: float = 0.0
+
+    def load(self) -> Any:
+        return importlib.import_module(self.module or self.package.replace("-", "_"))
+
+    def installed(self) -> str | None:
+        """The version that is installed here."""
+        try:
+            return metadata.version(self.package)
+        except metadata.PackageNotFoundError:
+            return None
 
     @property
     def version(self) -> str | None:
         """Of what is installed here; None if that is not what is meant."""
-        try:
-            found = metadata.version(self.package)
-        except metadata.PackageNotFoundError:
-            return None
-        return found if found.startswith(self.release) else None
+        found = self.installed()
+        return found if found and found.startswith(self.release) else None
+
+    @property
+    def needs(self) -> str:
+        """What is to be installed."""
+        return self.package + f"=={self.release}*" * bool(self.release)
 
 
-def words(values: Any) -> str:
-    return " ".join(map(repr, np.asarray(values, dtype=float).tolist()))
+class WebEngine(Engine):
+    """A package of npm, which runs in node."""
+
+    def load(self) -> None:
+        return None
+
+    def installed(self) -> str | None:
+        path = adapters.WEB / "node_modules" / self.package / "package.json"
+        return json.loads(path.read_text("utf-8"))["version"] if path.is_file() else None
+
+    @property
+    def needs(self) -> str:
+        return f"{self.package} of npm (make web)"
 
 
-def moments(case: Case) -> Array:
-    """(3,), about the centre of mass."""
-    return np.diag(case.body.inertia_com)
-
-
-def loop(step: Callable[[], Any]) -> Callable[[int], None]:
-    """n steps, one after the other, in Python."""
-
-    def advance(n: int) -> None:
-        for _ in range(n):
-            step()
-
-    return advance
-
-
-def bench(_: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    if kind == "backlund":  # the exact step; the attitude comes with the rows
-        runs: list[Any] = []
-        return (
-            lambda n: runs.append(integrate(case.body, case.state, h=h, steps=n, method=kind).rotation[-1]),
-            lambda: (runs[-1].apply(case.body.com), runs[-1].as_matrix()),
-        )
-    body, y0 = heavy_top.motion(case.name)
-    stepper, y = prepare(body, y0, h, kind), [y0]
-
-    def read() -> tuple[Any, Any]:
-        turn = body.rotations(y[-1:])[0]
-        return turn.apply(body.com), turn.as_matrix()
-
-    return lambda n: y.append(stepper.advance(y0, n)), read
-
-
-def mujoco(mj: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top = case.body
-    model = mj.MjModel.from_xml_string(f"""
-        <mujoco><option timestep="{h!r}" integrator="{kind}" gravity="{words(top.gravity)}"/>
-        <worldbody><body><joint type="{"slide" if rail else "ball"}"/>
-        <inertial pos="{words(top.com)}" mass="{top.mass!r}" diaginertia="{words(moments(case))}"/>
-        </body></worldbody></mujoco>""")
-    data = mj.MjData(model)
-    mj.set_mju_user_warning(lambda text: None)  # it would write a file; the counters are read below
-    if not rail:
-        data.qvel[:] = case.omega_body
-
-    def read() -> tuple[Any, Any]:
-        if any(warning.number for warning in data.warning):
-            raise StepError(f"mujoco {kind}", "the engine met huge numbers, warned, and began anew")
-        mj.mj_forward(model, data)
-        return data.xipos[1], data.xmat[1].reshape(3, 3)
-
-    return lambda n: mj.mj_step(model, data, n), read
-
-
-DISCRETE, CONTROLLED = "discrete", ", error control"
-EXPLICIT = ("RK44", f"DOPRI5{CONTROLLED}", "RK67")  # no step size is fixed for the second: h is the largest
-
-
-def exudyn(exu: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    """A ball joint is a constraint. What needs an ordinary differential equation has a free body with the moments about the
-    fixed point, and the torque of the weight: its rotation is that of the top."""
-    importlib.import_module("exudyn.utilities")
-    tools, top, mbs = exu.utilities, case.body, exu.SystemContainer().AddSystem()
-    mass, com, weight = top.mass, np.asarray(top.com), top.mass * np.asarray(top.gravity)
-    inertia, joint = np.diag(moments(case)), kind == "generalized-alpha"
-    if not joint:
-        inertia = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
-    facts = {
-        "inertia": tools.RigidBodyInertia(mass=mass, inertiaTensor=inertia),
-        "initialAngularVelocity": case.omega_body,
-    }
-    if rail:
-        body = mbs.CreateMassPoint(physicsMass=mass, initialVelocity=[1, 0, 0])
-    elif joint:
-        speed = np.cross(np.asarray(case.omega_body), com)
-        body = mbs.CreateRigidBody(referencePosition=com, initialVelocity=speed, gravity=top.gravity, **facts)
-        mbs.CreateSphericalJoint(itemNumbers=[mbs.CreateGround(), body], position=[0, 0, 0])
-    else:
-        body = mbs.CreateRigidBody(nodeType=exu.NodeType.RotationRotationVector, **facts)
-        for place, force in ((com, weight), ([0, 0, 0], -weight)):
-            marker = mbs.AddMarker(tools.MarkerBodyRigid(bodyNumber=body, localPosition=place))
-            mbs.AddLoad(tools.LoadForceVector(markerNumber=marker, loadVector=force))
-    mbs.Assemble()
-    settings, output = exu.SimulationSettings(), exu.OutputVariableType
-    settings.solution.file.write = settings.timeIntegration.automaticStepSize = False
-    settings.timeIntegration.generalizedAlpha.lieGroupAddTangentOperator = joint  # not with a vector of rotation
-    name = kind.removesuffix(CONTROLLED) if kind in EXPLICIT else "GeneralizedAlpha"
-    solver = getattr(exu.DynamicSolverType, name)
-
-    def advance(n: int) -> None:
-        settings.timeIntegration.numberOfSteps, settings.timeIntegration.endTime = n, n * h
-        mbs.SolveDynamic(settings, solverType=solver, showHints=False)
-
-    def read() -> tuple[Any, Any]:
-        matrix = mbs.GetObjectOutputBody(body, output.RotationMatrix, [0, 0, 0]).reshape(3, 3)
-        return mbs.GetObjectOutputBody(body, output.Position, [0, 0, 0]) if joint else matrix @ com, matrix
-
-    return advance, read
-
-
-def drake(pydrake: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    """The turned frames make the spin the roll. The joint is singular along z of its frame: where the axis comes least near."""
-    every = importlib.import_module("pydrake.all")
-    top, com = case.body, np.asarray(case.body.com)
-    angles = np.linspace(0.0, np.pi, 37)
-    across = np.stack((np.cos(angles), np.zeros(37), np.sin(angles)))
-    z = across[:, np.argmin(np.max(np.abs(case.solution(np.linspace(0.0, UNTIL, 2001)).position @ across), axis=0))]
-    plant = every.MultibodyPlant(h if kind == DISCRETE else 0.0)
-    inertia = every.RotationalInertia(*moments(case))
-    body = plant.AddRigidBody("top", every.SpatialInertia.MakeFromCentralInertia(top.mass, com, inertia))
-    turned = every.RigidTransform(every.RotationMatrix(np.column_stack((com, np.cross(z, com), z))))
-    ends = ("joint", plant.world_frame()), ("body", body.body_frame())
-    frames = [plant.AddFrame(every.FixedOffsetFrame(*end, turned)) for end in ends]
-    slide = every.PrismaticJoint("slide", *frames, [1, 0, 0]) if rail else every.BallRpyJoint("ball", *frames)
-    joint = plant.AddJoint(slide)
-    plant.mutable_gravity_field().set_gravity_vector(top.gravity)
-    plant.Finalize()
-    simulator = every.Simulator(plant)
-    context = simulator.get_mutable_context()
-    if not rail:
-        joint.set_angular_velocity(context, turned.rotation().matrix().T @ case.omega_body)
-    if kind != DISCRETE:
-        scheme, controlled = kind.removesuffix(CONTROLLED), kind.endswith(CONTROLLED)
-        choice = every.SimulatorConfig(integration_scheme=scheme, max_step_size=h, use_error_control=controlled)
-        every.ApplySimulatorConfig(choice, simulator)
-    simulator.Initialize()
-
-    def read() -> tuple[Any, Any]:
-        pose = plant.EvalBodyPoseInWorld(context, body)
-        return pose.multiply(com), pose.rotation().matrix()
-
-    return lambda n: simulator.AdvanceTo(context.get_time() + n * h), read
-
-
-def pinocchio(pin: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    """It has the dynamics (`aba`) and the exponential map (`integrate`), but no integrator: the loops are written here."""
-    top, model = case.body, pin.Model()
-    number = model.addJoint(0, pin.JointModelPX() if rail else pin.JointModelSpherical(), pin.SE3.Identity(), "joint")
-    inertia = pin.Inertia(top.mass, np.asarray(top.com), np.diag(moments(case)))
-    model.appendBodyToJoint(number, inertia, pin.SE3.Identity())
-    model.gravity.linear = np.asarray(top.gravity)
-    data, torque = model.createData(), np.zeros(model.nv)
-    state = [pin.neutral(model), np.ones(1) if rail else np.array(case.omega_body, dtype=float)]
-
-    def euler(q: Array, v: Array) -> list[Any]:
-        v = v + h * pin.aba(model, data, q, v, torque)
-        return [pin.integrate(model, q, h * v), v]
-
-    def rkmk4(q: Array, v: Array) -> list[Any]:
-        def slope(u: Array, v: Array) -> Array:  # of the logarithm, with the first terms of dexp⁻¹, and of v
-            if not rail:
-                turn = pin.skew(u)
-                w = turn @ v
-            rate = v if rail else v + w / 2.0 + turn @ w / 12.0
-            return np.array((rate, pin.aba(model, data, pin.integrate(model, q, u), v, torque)))
-
-        y = np.array((np.zeros_like(v), v))
-        a = slope(*y)
-        b = slope(*(y + h / 2.0 * a))
-        c = slope(*(y + h / 2.0 * b))
-        u, v = y + h / 6.0 * (a + 2.0 * b + 2.0 * c + slope(*(y + h * c)))
-        return [pin.integrate(model, q, u), v]
-
-    step = rkmk4 if kind == "RKMK4" else euler
-
-    def once() -> None:
-        state[:] = step(*state)
-
-    def read() -> tuple[Any, Any]:
-        pin.forwardKinematics(model, data, state[0])
-        return data.oMi[number].act(np.asarray(top.com)), data.oMi[number].rotation
-
-    return loop(once), read
-
-
-def pybullet(pb: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top = case.body
-    if pb.isConnected():
-        pb.disconnect()
-    pb.connect(pb.DIRECT)
-    pb.setGravity(*top.gravity)
-    pb.setTimeStep(h)
-    nothing = {"linkCollisionShapeIndices": [-1], "linkVisualShapeIndices": [-1], "linkPositions": [[0, 0, 0]]}
-    frames = {"linkInertialFramePositions": [top.com], "linkJointAxis": [[1, 0, 0]], "linkParentIndices": [0]}
-    turns = {"linkOrientations": [[0, 0, 0, 1]], "linkInertialFrameOrientations": [[0, 0, 0, 1]]}
-    joint = {"linkJointTypes": [pb.JOINT_PRISMATIC if rail else pb.JOINT_SPHERICAL], "linkMasses": [top.mass]}
-    body = pb.createMultiBody(0, -1, -1, **nothing, **frames, **turns, **joint)
-    pb.changeDynamics(body, 0, localInertiaDiagonal=list(moments(case)))
-    if kind == "Euler, undamped":
-        pb.changeDynamics(body, 0, linearDamping=0, angularDamping=0, jointDamping=0, maxJointVelocity=1e9)
-    if not rail:  # a motor holds every joint unless it is told not to
-        still = {"targetPosition": [0, 0, 0, 1], "positionGain": 0, "velocityGain": 0, "force": [0, 0, 0]}
-        pb.setJointMotorControlMultiDof(body, 0, pb.POSITION_CONTROL, **still)
-        pb.resetJointStateMultiDof(body, 0, [0, 0, 0, 1], np.asarray(case.omega_body).tolist())
-
-    def read() -> tuple[Any, Any]:
-        link = pb.getLinkState(body, 0, computeForwardKinematics=1)
-        return link[0], np.reshape(pb.getMatrixFromQuaternion(link[5]), (3, 3))
-
-    return loop(pb.stepSimulation), read
-
-
-def dart(dartpy: Any, case: Case, kind: str, h: float, rail: bool) -> Running:
-    top, world, skeleton = case.body, dartpy.simulation.World(), dartpy.dynamics.Skeleton()
-    world.setGravity(list(top.gravity))
-    world.setTimeStep(h)
-    made = skeleton.createPrismaticJointAndBodyNodePair if rail else skeleton.createBallJointAndBodyNodePair
-    body = made()[1]
-    body.setInertia(dartpy.dynamics.Inertia(top.mass, np.asarray(top.com), np.diag(moments(case))))
-    world.addSkeleton(skeleton)
-    if not rail:
-        skeleton.setVelocities(np.asarray(case.omega_body))
-
-    return loop(world.step), lambda: (body.getCOM(), body.getTransform().rotation())
+def _web(name: str, package: str, *best: str) -> WebEngine:
+    return WebEngine(partial(adapters.node, name), package, {"default": DEFAULT, **dict.fromkeys(best, BEST)})
 
 
 OURS = "lagrange-bench"
 METHODS = ("backlund", "strang", "rkmk4", "rattle", "generalized_alpha")
-_KINDS = {
-    "MuJoCo": {"Euler": DEFAULT, "implicit": OTHER, "RK4": BEST},
-    "Exudyn": {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, **dict.fromkeys(EXPLICIT, OTHER)},
-    "Drake": {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER},
-}
+_MUJOCO = {"implicitfast": RECOMMENDED, "RK4": BEST}  # of all releases
+_EXUDYN = {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, **dict.fromkeys(EXPLICIT, OTHER)}
+_DRAKE = {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER}
+_MERSON = "Runge-Kutta-Merson"
 ENGINES = {
-    OURS: Engine(bench, OURS, "lagrange_bench", {}),
-    "MuJoCo": Engine(mujoco, "mujoco", "mujoco", _KINDS["MuJoCo"]),
-    "MuJoCo 3": Engine(mujoco, "mujoco", "mujoco", {"RK4": BEST}, release="3."),
-    "Exudyn": Engine(exudyn, "exudyn", "exudyn", _KINDS["Exudyn"] | {"RK67": BEST}),
-    "Drake": Engine(drake, "drake", "pydrake", _KINDS["Drake"] | {"radau3": OTHER, "runge_kutta5": BEST}),
-    "Pinocchio": Engine(pinocchio, "pin", "pinocchio", {"semi-implicit Euler": OTHER, "RKMK4": BEST}),
-    "PyBullet": Engine(pybullet, "pybullet", "pybullet", {"Euler": DEFAULT, "Euler, undamped": BEST}),
-    "DART": Engine(dart, "dartpy", "dartpy", {"Euler": DEFAULT}),
+    OURS: Engine(adapters.bench, OURS, dict.fromkeys(METHODS, OTHER), timed=True),
+    "MuJoCo": Engine(
+        adapters.mujoco, "mujoco", {"Euler": DEFAULT, "implicit": OTHER, **_MUJOCO}, release="4.", timed=True
+    ),
+    "MuJoCo 3": Engine(adapters.mujoco, "mujoco", _MUJOCO, release="3.17.", timed=True),
+    "MuJoCo 3.10": Engine(adapters.mujoco, "mujoco", _MUJOCO, release="3.10."),
+    "MuJoCo 3.6": Engine(adapters.mujoco, "mujoco", _MUJOCO, release="3.6."),
+    "Exudyn": Engine(adapters.exudyn, "exudyn", _EXUDYN | {"RK67": BEST}, timed=True),
+    "Drake": Engine(
+        adapters.drake, "drake", _DRAKE | {"radau3": OTHER, "runge_kutta5": BEST}, module="pydrake", timed=True
+    ),
+    "Pinocchio": Engine(
+        adapters.pinocchio, "pin", {"semi-implicit Euler": OTHER, "RKMK4": BEST}, module="pinocchio", timed=True
+    ),
+    "PyBullet": Engine(adapters.pybullet, "pybullet", {"Euler": DEFAULT, "Euler, undamped": BEST}, timed=True),
+    "DART": Engine(adapters.dart, "dartpy", {"Euler": DEFAULT}, timed=True),
+    "Simbody": Engine(adapters.simbody, "opensim", {_MERSON: DEFAULT, f"{_MERSON}, accuracy 1e-12": BEST}),
+    "Rapier": Engine(adapters.rapier, "rapier3d", {"default": DEFAULT, "32 iterations, fast rotation": BEST}),
+    "Bullet (Panda3D)": Engine(adapters.bullet, "panda3d", {"default": DEFAULT}, module="panda3d.bullet"),
+    "ODE (Panda3D)": Engine(
+        adapters.ode, "panda3d", {"default": DEFAULT, "ERP 0.8, CFM 0": BEST}, module="panda3d.ode"
+    ),
+    "PhysX (SAPIEN)": Engine(adapters.sapien, "sapien", {"default": DEFAULT, "undamped": BEST}),
+    "MuJoCo Warp": Engine(adapters.mujoco_warp, "mujoco-warp", {"Euler": DEFAULT, **_MUJOCO}, least=1 / 1024),
+    "MJX": Engine(
+        adapters.mjx, "mujoco-mjx", {"Euler": DEFAULT, "RK4": OTHER, f"RK4{DOUBLES}": BEST}, module="mujoco.mjx"
+    ),
+    "Newton": Engine(
+        adapters.newton, "newton", {"XPBD": DEFAULT, "Featherstone": OTHER, "MuJoCo, RK4": BEST}, least=1 / 1024
+    ),
+    "cannon-es": _web("cannon", "cannon-es", "undamped, 100 iterations"),
+    "Oimo": _web("oimo", "oimo"),
+    "Havok": _web("havok", "@babylonjs/havok", "undamped"),
+    "Jolt": _web("jolt", "jolt-physics", "undamped, gyroscopic torque"),
+    "PhysX": _web("physx", "physx-js-webidl", "undamped, gyroscopic torque, TGS, 64 + 16 iterations"),
+    "Rapier (JavaScript)": _web("rapier", "@dimforge/rapier3d-compat", "32 iterations"),
+    "Bullet (ammo.js)": _web("ammo", "ammojs3", "explicit gyroscopic torque"),
 }
 
 
 def cells(profile: str) -> list[dict]:
-    """The quick profile has the methods of the bench alone: it never needs an engine."""
+    """The quick profile has the sweep of the methods of the bench alone: it never needs an engine."""
     full = profile == "full"
-    who = [{"engine": OURS, "method": method} for method in METHODS]
-    for name, engine in ENGINES.items() if full else ():
-        who += [{"engine": name, "integrator": kind, "setting": how} for kind, how in engine.integrators.items()]
-    steps = [(case, k) for case, powers in POWERS.items() for k in (powers if full else powers[:-2:2])]
-    return [{"timing": True, "case": case, **one, "h": UNTIL / 2**k} for one in who for case, k in steps]
+    sweep, others = [], []
+    for name, engine in ENGINES.items() if full else [(OURS, ENGINES[OURS])]:
+        for kind, how in engine.integrators.items():
+            who = (
+                {"engine": name, "method": kind}
+                if name == OURS
+                else {"engine": name, "integrator": kind, "setting": how}
+            )
+            if engine.timed and how != RECOMMENDED:
+                steps = [(case, k) for case, powers in POWERS.items() for k in (powers if full else powers[:-2:2])]
+                sweep += [{"timing": True, "case": case, **who, "h": UNTIL / 2**k} for case, k in steps]
+            bodies = POWERS if kind == "backlund" else BODIES  # the former are tops
+            others += [{"case": case, **who, "h": h} for case in bodies for h in STEPS if full and h >= engine.least]
+    return sweep + others
 
 
 def lacks(cell: dict) -> str | None:
-    """The package that a cell needs, if it is not installed here in the version that is meant."""
+    """What a cell needs, if it is not installed here in the version that is meant."""
     engine = ENGINES.get(cell.get("engine", ""))
-    if engine is None or engine.module == "lagrange_bench" or engine.version:
-        return None
-    return engine.package + f"=={engine.release}*" * bool(engine.release)
+    return None if engine is None or engine.version else engine.needs
+
+
+def followed(
+    engine: Engine, case: Case, kind: str, h: float, steps: int, every: int, rail: bool = False
+) -> tuple[float, list[Any]]:
+    """The time of a run, s, without its set-up, and its rows."""
+    run = engine.start(engine.load(), adapters.Body.of(case), kind, h, *([True] if rail else []))
+    begin = perf_counter()
+    try:
+        rows = list(run(steps, every))
+    except StepError:
+        raise
+    except Exception as error:  # what an engine raises here is its refusal, and a result
+        raise StepError(f"{engine.package} {kind}", re.split(r"\n|\. ", str(error).strip())[0]) from error
+    return perf_counter() - begin, rows
 
 
 def timed(engine: Engine, case: Case, kind: str, h: float, steps: int, rail: bool) -> tuple[float, Any]:
-    """The least time of a run, s, and what can be read at its end."""
-    module, read = importlib.import_module(engine.module), None
+    """The least time of a run, s, and its end."""
     samples: list[float] = []
     while len(samples) < 2 or (len(samples) < REPEATS and sum(samples) < ENOUGH):
-        advance, read = engine.start(module, case, kind, h, rail)
-        begin = perf_counter()
-        try:
-            advance(steps)
-        except Exception as error:  # what an engine raises here is its refusal, and a result
-            raise StepError(f"{engine.module} {kind}", re.split(r"\n|\. ", str(error).strip())[0]) from error
-        samples.append(perf_counter() - begin)
-    return min(samples), read
+        seconds, end = followed(engine, case, kind, h, steps, steps, rail)
+        samples.append(seconds)
+    return min(samples), end
+
+
+def errors(case: Case, t: Array, rows: list[Any]) -> dict[str, Any]:
+    """Of rows at times t (N,): errors at the end, how long they are NEAR, and the precision of the numbers.
+
+    `position` (m; of a body with a fixed point) and `rotation` (rad); `spin`: of the angular velocity about AXIS, rad/s;
+    `energy`: change from the start, over what is there. NaN: the numbers are not finite. `until`, s. Of a free body `turns_over`:
+    when its angular velocity about AXIS changes its sign, s; NaN: never.
+    """
+    place, turns, omega = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
+    finite = np.isfinite(np.hstack((place, turns.reshape(len(t), -1), omega))).all(axis=1)
+    n = len(t) if finite.all() else int(np.argmin(finite))  # rows that count
+    exact, start, numbers = case.solution(t[:n]), case.solution([0.0]), turns[:n]
+    turn = (Rotation.from_quat if turns.ndim == 2 else Rotation.from_matrix)(numbers)
+    own = turn.apply(omega[:n], inverse=True)
+    top = np.any(case.body.com)
+    found = {"position": np.linalg.norm(place[:n] - exact.position, axis=1)} if top else {}
+    found |= {
+        "rotation": (exact.rotation.inv() * turn).magnitude(),
+        "spin": own[:, AXIS] - exact.omega_body[:, AXIS],
+        "energy": case.body.energy_of(turn, own) / start.energy[0] - 1.0,
+    }
+    far = np.append(np.flatnonzero(~(found["position" if top else "rotation"] <= NEAR)), n)[0]
+    row: dict[str, Any] = {name: rounded(values[-1] if n == len(t) else np.nan) for name, values in found.items()}
+    row |= {"until": rounded(t[far] if far < len(t) else case.until)}
+    row |= {"precision": "single" if np.all(numbers.astype(np.float32) == numbers) else "double"}
+    if not top:
+        over = np.flatnonzero(own[:, AXIS] < 0)
+        row["turns_over"] = rounded(t[over[0]]) if len(over) else np.nan
+    return row
 
 
 def measure(cell: dict) -> list[dict]:
-    engine, case, h = ENGINES[cell["engine"]], CASES[cell["case"]], cell["h"]
-    kind, steps = cell.get("method") or cell["integrator"], round(UNTIL / h)
-    seconds, read = timed(engine, case, kind, h, steps, rail=False)
-    found, matrix = (np.array(part, dtype=float) for part in read())
-    if not (np.isfinite(found).all() and np.isfinite(matrix).all()):
-        raise StepError(f"{engine.module} {kind}", "the numbers at the end are not finite")
-    right = heavy_top.end(cell["case"])
-    off = Rotation.from_matrix(right).inv() * Rotation.from_matrix(matrix)
-    row = {
-        "position": rounded(float(np.linalg.norm(found - right @ case.body.com))),
-        "rotation": rounded(float(off.magnitude())),
-        "ns_per_step": rounded(seconds / steps * 1e9),
-        "version": engine.version or "",
-        "date": datetime.now(UTC).date().isoformat(),
-    }
+    engine, case, h = ENGINES[cell["engine"]], BODIES[cell["case"]], cell["h"]
+    kind, steps = cell.get("method") or cell["integrator"], round(case.until / h)
+    when = {"version": engine.version or "", "date": datetime.now(UTC).date().isoformat()}
+    if not cell.get("timing"):
+        every = -(-steps // ROWS)
+        _, rows = followed(engine, case, kind, h, steps, every)
+        return [errors(case, np.arange(1, len(rows) + 1) * every * h, rows) | when]
+    seconds, end = timed(engine, case, kind, h, steps, rail=False)
+    row = errors(case, np.array([case.until]), end)
+    if not np.isfinite([row["position"], row["rotation"]]).all():
+        raise StepError(f"{engine.package} {kind}", "the numbers at the end are not finite")
+    row = (
+        {name: row[name] for name in ("position", "rotation")} | {"ns_per_step": rounded(seconds / steps * 1e9)} | when
+    )
     if cell["engine"] != OURS:
         row["overhead_ns_per_step"] = rounded(timed(engine, case, kind, h, steps, rail=True)[0] / steps * 1e9)
     return [row]

@@ -1,5 +1,6 @@
 """Experiments beyond tops: spins, bodies and driven tops have no code of their own; engines beside the bench."""
 
+import json
 from dataclasses import replace
 from functools import partial
 
@@ -74,15 +75,25 @@ def lost_way(problem, y0, h, **options):
 ABSENT = {"timing": True, "case": "slow", "engine": "absent", "integrator": "none", "setting": "", "h": 0.25}
 
 
-def start(advance, _, case, kind, h, rail):
-    """The exact end, turned by h² about the vertical."""
-    turn = Rotation.from_rotvec((0.0, 0.0, h * h)) * Rotation.from_matrix(heavy_top.end(case.name))
-    matrix = turn.as_matrix() * (np.nan if kind == "nan" else 1.0)
-    return advance, lambda: (matrix @ case.body.com, matrix)
+def start(taken, _, body, kind, h, rail=False):
+    """The exact motion, turned by h² about the vertical; "wrong" about the axis, too, in singles, and with energy lost."""
+    turn = Rotation.from_rotvec((0.0, 0.0, h * h))
+
+    def run(steps, every):
+        taken(steps)
+        exact = body.case.solution(np.arange(every, steps + 1, every) * h)
+        place, omega = turn.apply(exact.position), turn.apply(exact.omega_world)
+        rotation = (turn * exact.rotation).as_matrix() * (np.nan if kind == "nan" else 1.0)
+        if kind == "wrong":
+            rotation, omega = (turn * exact.rotation).as_quat().astype(np.float32), 0.5 * omega
+            rotation[-1] = np.nan
+        return list(zip(place, rotation, omega, strict=True))
+
+    return run
 
 
-def fake(advance=lambda n: None, package="numpy", release=""):
-    return engines.Engine(partial(start, advance), package, package, {"one": ""}, release)
+def fake(taken=lambda n: None, package="numpy", release=""):
+    return engines.Engine(partial(start, taken), package, {"one": ""}, release=release)
 
 
 def test_errors_and_orders_are_those_of_the_adapter(monkeypatch):
@@ -164,6 +175,45 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
         verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
 
 
+def test_followed_bodies(monkeypatch):
+    monkeypatch.setitem(engines.ENGINES, "fake", fake())
+    cell = {"case": "slow", "engine": "fake", "integrator": "one", "setting": "", "h": 1 / 64}
+    (right,) = engines.measure(cell)
+    assert right["rotation"] == pytest.approx(1 / 4096, rel=1e-4)
+    assert right["position"] > 0.0
+    assert (abs(right["spin"]) < 1e-12, abs(right["energy"]) < 1e-12, right["until"]) == (True, True, 2.0)
+    assert (right["precision"], "turns_over" in right, "ns_per_step" in right) == ("double", False, False)
+    (wrong,) = engines.measure({**cell, "integrator": "wrong"})
+    assert (wrong["precision"], np.isnan(wrong["energy"]), wrong["until"]) == ("single", True, 2.0)
+    (racket,) = engines.measure({**cell, "case": "racket", "integrator": "one", "h": 0.25})
+    assert ("position" in racket, racket["until"], racket["turns_over"]) == (False, 5.0, 2.75)
+    exact = engines.RACKET.solution([2.5, 2.75]).omega_body[:, engines.AXIS]
+    assert exact[0] > 0 > exact[1]
+    (far,) = engines.measure({**cell, "h": 0.5})
+    assert (far["rotation"], far["until"]) == (pytest.approx(0.25, rel=1e-4), 0.5)
+
+
+def test_an_energy_and_a_spin_that_are_lost():
+    rows = start(lambda n: None, None, engines.adapters.Body.of(engines.RACKET), "wrong", 1e-3, False)(100, 10)[:-1]
+    found = engines.errors(engines.RACKET, np.arange(1, 10) * 0.01, rows)
+    assert (found["energy"], found["spin"]) == (pytest.approx(-0.75, abs=1e-6), pytest.approx(-2.5, abs=1e-3))
+    assert np.isnan(found["turns_over"])
+
+
+def test_each_engine_says_what_it_needs():
+    found = {name: engines.lacks({"engine": name}) for name in engines.ENGINES}
+    assert (found["lagrange-bench"], found["MuJoCo 3.6"]) == (None, "mujoco==3.6.*")
+    cells = engines.cells("full")
+    assert {cell["engine"] for cell in cells} == set(engines.ENGINES)
+    assert {cell["engine"] for cell in engines.cells("quick")} == {engines.OURS}
+    text = (engines.adapters.WEB / "package.json").read_text("utf-8")
+    pinned = json.loads(text)["dependencies"]
+    web = {engine.package: engine for engine in engines.ENGINES.values() if isinstance(engine, engines.WebEngine)}
+    assert (set(pinned), "http" in text) == (set(web), False)
+    for engine in web.values():
+        assert (engines.adapters.WEB / f"{engine.start.args[0]}.mjs").is_file()
+
+
 ORDERS = [
     ("MuJoCo", "RK4", 4),
     ("MuJoCo 3", "RK4", 2),
@@ -181,9 +231,8 @@ ORDERS = [
 @pytest.mark.filterwarnings("ignore")  # of the engines
 def test_the_engines_follow_the_slow_top(name, kind, order):
     engine = engines.ENGINES[name]
-    pytest.importorskip(engine.module, exc_type=ImportError)
     if engine.version is None:
-        pytest.skip(f"this is not {name}")
+        pytest.skip(f"there is no {name}")
     steps = (2**11, 2**12) if order < 5 else (2**7, 2**8)
     cells = [{**ABSENT, "engine": name, "integrator": kind, "h": engines.UNTIL / n} for n in steps]
     coarse, fine = (engines.measure(cell)[0] for cell in cells)
