@@ -12,14 +12,13 @@ from lagrange_bench.experiments.measuring.states import KNOBS, SCHEME_OPTIONS, f
 from lagrange_bench.integrators import METHODS
 
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
-COLUMNS = (*ASKED, "method", "name", "with", "cost", "beside it", "figure")
+COLUMNS = (*ASKED, "method", "name", "cost", "beside it", "figure", "python")
 NOTHING, LENGTHS, ENERGY = "nothing in particular", "lengths (Casimirs)", "energy and lengths"
 TIE = 1.05  # two times whose ratio is below are the same
-RECOMMENDED, PREFERRED = (
-    ("backlund", "backlund_splitting"),
-    1.2,
-)  # they are named if they take at most so many times as long
-FAMOUS = "rk4"  # a method that everybody knows, to compare with
+RECOMMENDED = ("backlund", "backlund_splitting")  # named if they take at most PREFERRED times as long as the fastest
+PREFERRED = 1.2
+STEPS = 16  # of a run that was asked for by a tolerance: see `work_precision`
+FAMOUS = ("rk4", "rk45")  # methods that everybody knows, to compare with
 
 
 class Place(NamedTuple):
@@ -69,7 +68,9 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     good = good.rename(columns={"total": "price"})
     if good.empty:
         return
-    problem, title = _problem(place), f"{name} ({place.where.get('case', place.where.get('state'))})"
+    code = str(place.where.get("case", place.where.get("state")))
+    (problem, y0), title = _problem(place), f"{name} ({code})"
+    unit = 1.0 if "case" in place.where else problem.scales(y0)[2]
     kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
@@ -78,7 +79,9 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         for demand, names in _demands(problem).items():
             those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
             if len(those):
-                yield (title, when, tables.show(target), demand, *_answer(those), place.figure.format(length))
+                first, *answer = _answer(those)
+                python = line(code, first, unit)
+                yield (title, when, tables.show(target), demand, *answer, place.figure.format(length), python)
 
 
 def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:
@@ -97,13 +100,30 @@ def _demands(problem: Any) -> dict[str, frozenset[str]]:
     return {NOTHING: frozenset(), **({LENGTHS: lengths} if lengths else {}), ENERGY: lengths | energy}
 
 
-def _problem(place: Place) -> Any:
-    """The problem itself."""
-    return motion(place.where["case"])[0] if "case" in place.where else find(place.where["state"])[0]
+def _problem(place: Place) -> tuple[Any, Any]:
+    """The problem itself, and its initial state."""
+    return motion(place.where["case"]) if "case" in place.where else find(place.where["state"])
 
 
-def _answer(best: pd.DataFrame) -> tuple[str, ...]:
-    """Method, its setting, its cost; beside it the best rival, of an exact method one that is not exact, and FAMOUS."""
+def line(code: str, run: pd.Series, unit: float) -> str:
+    """The line of Python that makes a stored run again, with its step in the unit of `integrate`.
+
+    code : the name of the problem. unit : that of stored times, in the time of the problem.
+    """
+    steps = round(run.span / run.h) if pd.notna(run.get("h")) else STEPS
+    options = {name: run.get(name) for name in (*KNOBS[1:], *SCHEME_OPTIONS) if pd.notna(run.get(name))}
+    words = [f"h={run.span * unit / steps:.6g}", f"steps={steps}", f'method="{run.method}"']
+    words += [f"{name}={_literal(value)}" for name, value in options.items()]
+    return f'integrate("{code}", {", ".join(words)})'
+
+
+def _literal(value: Any) -> str:
+    """A value as Python writes it."""
+    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _answer(best: pd.DataFrame) -> tuple[Any, ...]:
+    """The run; its method, and its cost; beside it the best rival, of an exact method one that is not exact, and FAMOUS."""
     preferred = best[best.method.isin(RECOMMENDED) & (best.price <= PREFERRED * best.price.iloc[0])]
     first = (preferred if len(preferred) else best).iloc[0]
     cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"
@@ -112,8 +132,8 @@ def _answer(best: pd.DataFrame) -> tuple[str, ...]:
     if _is_exact(first.method):
         others, what = others[~others.method.map(_is_exact)], "best that is not exact"
     rivals = [f"{what}: {_times(run, first)}" for _, run in others[:1].iterrows()]
-    rivals += [_times(run, first) for _, run in others[1:].iterrows() if run.method == FAMOUS]
-    return style.label(first.method), first.method, ", ".join(_settings(first)), cost, "; ".join(rivals)
+    rivals += [_times(run, first) for _, run in others[1:].iterrows() if run.method in FAMOUS]
+    return first, style.label(first.method), first.method, cost, "; ".join(rivals)
 
 
 def _is_exact(method: str) -> bool:
@@ -125,11 +145,3 @@ def _times(run: pd.Series, first: pd.Series) -> str:
     ratio = run.price / first.price
     times = f"{tables.show(float(f'{ratio:.2g}'))} times" if round(abs(ratio - 1), 9) > TIE - 1 else "just"
     return f"{style.label(run.method)}, {times} as long"
-
-
-def _settings(run: pd.Series) -> Iterator[str]:
-    for name in (*KNOBS, *SCHEME_OPTIONS):
-        if pd.notna(value := run.get(name)):
-            word, unit = (name, " s") if "case" in run else (f"{name}_scaled", "")
-            shown = str(value) if name in SCHEME_OPTIONS else tables.show(value)
-            yield f"{word} = {shown}{unit}" if name == "h" else f"{name} = {shown}"

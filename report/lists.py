@@ -2,6 +2,7 @@
 
 import pandas as pd
 
+from lagrange_bench.experiments import engines
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.integrators.interface import INVARIANTS, NEEDS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
@@ -16,7 +17,7 @@ DRAWN = {  # of `lagrange_bench.experiments.measuring.states`, by the first word
 
 
 def methods() -> pd.DataFrame:
-    """Each method that can be loaded: what figures and tables call it, what it claims and where it comes from."""
+    """Each method that can be loaded: what figures and tables call it, and what it claims."""
     return pd.DataFrame([_method(name, record) for name, record, _ in METHODS.each() if record])
 
 
@@ -27,13 +28,16 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
-        "engine": record.engine,
         "order": record.order or "exact",
         "keeps to round-off": ", ".join([*kept, *claims.keeps]) or "nothing",
         "symmetric": "yes" if claims.symmetric else "no",
-        "needs": NEEDS[record.needs],
-        "source": record.source,
     }
+
+
+def more(name: str) -> dict[str, str]:
+    """What only the panel of a method says."""
+    record = METHODS[name]
+    return {"engine": record.engine, "needs": NEEDS[record.needs], "source": record.source}
 
 
 def tops() -> pd.DataFrame:
@@ -52,3 +56,21 @@ def built_in_potentials() -> pd.DataFrame:
     potentials = [POTENTIALS[name] for name in POTENTIALS_BUILT_IN]
     rows = [(p.name, ", ".join(p.parameters or ()) or "any number", p.note) for p in potentials]
     return pd.DataFrame(rows, columns=["potential", "parameters", "V(x)"])
+
+
+def programs(rows: pd.DataFrame) -> pd.DataFrame:
+    """How far engines are off on a slow top, as `engines.overview` has it: columns without a number are left out."""
+    if rows.empty:
+        return rows
+    table = engines.overview(rows)
+    ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
+    if len(ours):
+        errors = dict.fromkeys(engines.OVERVIEW, ours.position.max())
+        line = {"engine": "this bench", "setting": "backlund, any step", **errors, "limit": "the exact motion"}
+        table = pd.concat([table, pd.DataFrame([line])], ignore_index=True)
+    measured = table[list(engines.OVERVIEW)].iloc[: -1 if len(ours) else None].notna().any()
+    table["limit"] = table.limit.str.removeprefix("the ")
+    table = table.drop(columns=measured.index[~measured]).dropna(axis="columns", how="all")
+    heads = {"engine": "program", "until": "within 10 cm for, s", "limit": "smaller steps lead to"}
+    heads |= {name: f"error at {name}, m" for name in engines.OVERVIEW}
+    return table.rename(columns=heads)

@@ -1,44 +1,67 @@
 "use strict";
 
-// The question which method to take: a field for each of the first four columns of the table of answers.
+// The question which method to take: a field for each of the first four columns of the answers, and the choice in the address.
 {
   const form = document.querySelector("form.choose");
   if (form) {
-    const FIELDS = 4, answer = document.querySelector(".answer");
-    const LENGTH = "10⁴"; // of a run, at first
-    const table = document.querySelector("#choose table"), heads = [...table.tHead.rows[0].cells].map((cell) => cell.textContent);
-    const rows = [...table.tBodies[0].rows].map((row) => [...row.cells].map((cell) => cell.textContent));
-    const fields = heads.slice(0, FIELDS).map((head) => {
+    const answer = document.querySelector(".answer"), [text, copy] = ["[role=status]", ".copy"].map((part) => answer.querySelector(part));
+    const [line, button] = [copy.querySelector("code"), copy.querySelector("button")];
+    const FIELDS = { problem: "", length: "10⁴", error: "", conserve: "" }; // names in the address, and what is chosen at first
+    const { columns: heads, data: rows } = JSON.parse(document.querySelector("script.answers").textContent);
+    const names = Object.keys(FIELDS), fields = names.map((name, i) => {
       const label = document.createElement("label"), field = document.createElement("select");
-      label.append(`${head[0].toUpperCase()}${head.slice(1)} `, field);
+      label.append(`${heads[i][0].toUpperCase()}${heads[i].slice(1)} `, field);
       form.append(label);
       return field;
     });
     const fits = (row, n) => fields.slice(0, n).every((field, i) => field.value === row[i]);
     // each field offers what is stored for those before it
-    function offer() {
+    function offer(asked) {
       fields.forEach((field, i) => {
-        const before = field.value, texts = [...new Set(rows.filter((row) => fits(row, i)).map((row) => row[i]))];
-        field.replaceChildren(...texts.map((text) => new Option(text, text, false, text === (before || LENGTH))));
+        const before = asked?.get(names[i]) ?? (field.value || FIELDS[names[i]]);
+        const texts = [...new Set(rows.filter((row) => fits(row, i)).map((row) => row[i]))];
+        field.replaceChildren(...texts.map((text) => new Option(text, text, false, text === before)));
       });
-      const [method, code, settings, cost, next, figure] = rows.find((row) => fits(row, FIELDS)).slice(FIELDS);
-      const [label, name, link] = ["b", "code", "a"].map((tag) => document.createElement(tag));
+      const [method, , cost, next, figure, python] = rows.find((row) => fits(row, fields.length)).slice(fields.length);
+      const [label, link] = ["b", "a"].map((tag) => document.createElement(tag));
       label.textContent = method;
-      name.textContent = code;
-      answer.replaceChildren(label, " (", name, `) with ${settings}: ${cost}.${next ? ` ${next[0].toUpperCase()}${next.slice(1)}.` : ""} `);
+      text.replaceChildren(label, `: ${cost}.${next ? ` ${next[0].toUpperCase()}${next.slice(1)}.` : ""} `);
+      line.textContent = python;
+      button.textContent = "Copy";
       const drawn = document.getElementById(`figure-${figure}`);
       if (drawn) {
         link.href = `#figure-${figure}`;
         link.textContent = drawn.querySelector("figcaption b").textContent.replace(/\.$/, "");
-        link.addEventListener("click", () => drawn.closest("details")?.setAttribute("open", ""));
-        answer.append(link);
+        text.append(link);
       }
     }
-    form.addEventListener("change", offer);
+    function read() {
+      if (location.hash.startsWith("#choose?")) offer(new URLSearchParams(location.hash.slice(8)));
+    }
+    form.addEventListener("change", () => {
+      offer();
+      history.replaceState(null, "", `#choose?${new URLSearchParams(fields.map((field, i) => [names[i], field.value]))}`);
+    });
+    button.addEventListener("click", async () => {
+      await navigator.clipboard?.writeText(`from lagrange_bench import integrate\n\nrun = ${line.textContent}\n`);
+      button.textContent = navigator.clipboard ? "Copied" : "Select the line to copy it";
+    });
+    addEventListener("hashchange", read);
     form.hidden = answer.hidden = false;
     offer();
+    read();
   }
 }
+
+// What an address names is unfolded and shown.
+function reveal() {
+  const id = decodeURIComponent(location.hash.slice(1)).replace(/\?.*/, ""), target = id && document.getElementById(id);
+  if (!target) return;
+  for (let part = target; part; part = part.parentElement) if (part.tagName === "DETAILS") part.open = true;
+  target.scrollIntoView();
+}
+addEventListener("hashchange", reveal);
+document.addEventListener("click", (event) => { if (event.target.closest("a[href^='#']")?.hash === location.hash) reveal(); });
 
 // A click on a column's head sorts its table, a second click the other way; missing values stay last.
 document.addEventListener("click", (event) => {
@@ -61,29 +84,71 @@ document.addEventListener("click", (event) => {
   body.append(...keyed.map((pair) => pair[1]));
 });
 
-// On paper nothing can be unfolded: what is of moderate length is printed; what is longer, only if the reader has opened it.
-const PRINTED = 20; // rows
-addEventListener("beforeprint", () => {
-  for (const folded of document.querySelectorAll("details:not([open])")) {
-    const rows = folded.querySelector(":scope > .scroll table")?.tBodies[0].rows.length ?? 0;
-    if (rows > PRINTED) continue;
-    folded.open = true;
-    folded.dataset.printed = "";
-  }
-});
-addEventListener("afterprint", () => {
-  for (const folded of document.querySelectorAll("details[data-printed]")) {
-    folded.open = false;
-    delete folded.dataset.printed;
-  }
-});
-
-// The rows of each experiment are embedded as gzip in base64.
-async function unpack(id) {
-  const bytes = Uint8Array.from(atob(document.getElementById(id).textContent.trim()), (c) => c.charCodeAt(0));
+// Rows, and drawings that are folded, are embedded as gzip in base64.
+async function unpack(script) {
+  const bytes = Uint8Array.from(atob(script.textContent.trim()), (c) => c.charCodeAt(0));
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
   return new Response(stream).text();
 }
+
+// A line and its name in a figure: pointing at either dims the others, a click pins it.
+function prepare(svg) {
+  const texts = [...svg.querySelectorAll("text")];
+  for (const title of svg.querySelectorAll("g > title")) {
+    const line = title.parentNode, name = title.textContent;
+    title.remove(); // the browser's own hint comes late, and not on a phone
+    line.dataset.line = name;
+    for (const path of line.querySelectorAll("path")) { // wide enough to be hit
+      const hit = path.cloneNode();
+      hit.setAttribute("class", "hit");
+      hit.removeAttribute("style");
+      hit.removeAttribute("id");
+      if (!path.closest("defs")) path.after(hit);
+    }
+    for (const text of texts) if (text.textContent.trim() === name) text.dataset.line = name;
+  }
+}
+{
+  const parts = (svg, name) => svg.querySelectorAll(`[data-line="${CSS.escape(name)}"]`);
+  function light(svg, name) {
+    for (const lit of svg.querySelectorAll(".lit")) lit.classList.remove("lit");
+    svg.closest("figure, dialog")?.querySelector(".pointed")?.replaceChildren(name ?? "");
+    svg.classList.toggle("dim", Boolean(name));
+    if (name) for (const part of parts(svg, name)) part.classList.add("lit");
+    if (name && name === svg.dataset.pinned) svg.dispatchEvent(new CustomEvent("pin", { bubbles: true }));
+  }
+  const at = (event) => event.target.closest?.("[data-line]");
+  document.addEventListener("pointerover", (event) => {
+    const svg = event.target.closest?.(".card svg, #zoom svg");
+    if (svg) light(svg, at(event)?.dataset.line ?? svg.dataset.pinned);
+  });
+  document.addEventListener("pointerout", (event) => {
+    const svg = event.target.closest?.(".card svg, #zoom svg");
+    if (svg && !svg.contains(event.relatedTarget)) light(svg, svg.dataset.pinned);
+  });
+  document.addEventListener("click", (event) => {
+    const svg = event.target.closest?.(".card svg, #zoom svg");
+    if (!svg) return;
+    const name = at(event)?.dataset.line;
+    if (!name || name === svg.dataset.pinned) delete svg.dataset.pinned;
+    else svg.dataset.pinned = name;
+    light(svg, svg.dataset.pinned);
+    if (name) event.stopPropagation(); // the figure is not enlarged
+  }, true);
+  for (const svg of document.querySelectorAll(".card svg")) prepare(svg);
+}
+
+// A drawing that is folded is unpacked when it is unfolded.
+document.addEventListener("toggle", async (event) => {
+  if (!event.target.open) return;
+  for (const drawing of event.target.querySelectorAll("script.drawing")) {
+    const place = drawing.parentNode, text = await unpack(drawing);
+    if (!drawing.isConnected) continue; // unpacked twice
+    drawing.remove();
+    place.insertAdjacentHTML("beforeend", text);
+    prepare(place.lastElementChild);
+  }
+}, true);
 
 // On a phone the panels of a figure stand one below the other: another drawing, embedded as the rows are.
 {
@@ -92,10 +157,11 @@ async function unpack(id) {
     if (!phone.matches) return;
     for (const drawing of document.querySelectorAll("script.phone")) {
       const card = document.querySelector(`#figure-${CSS.escape(drawing.id.slice(6))} .wide-scroll`);
-      const text = await unpack(drawing.id);
+      const text = await unpack(drawing);
       drawing.remove();
       card.insertAdjacentHTML("beforeend", text);
       card.lastElementChild.classList.add("phone");
+      prepare(card.lastElementChild);
     }
   }
   phone.addEventListener("change", stack);
@@ -108,7 +174,7 @@ document.addEventListener("click", async (event) => {
   if (!link || link.protocol === "blob:") return;
   event.preventDefault();
   try {
-    const text = await unpack(link.hash.slice(1));
+    const text = await unpack(document.getElementById(link.hash.slice(1)));
     const file = document.createElement("a");
     file.href = URL.createObjectURL(new Blob([text], { type: "text/csv" }));
     file.download = link.download;
@@ -120,7 +186,7 @@ document.addEventListener("click", async (event) => {
 });
 
 // A field above every long table: shown are the rows that contain all of its words.
-const FILTERED = 8; // rows from which on a table has the field
+const FILTERED = 20; // rows from which on a table has the field
 for (const table of document.querySelectorAll("table.sortable")) {
   const rows = [...table.tBodies[0].rows];
   if (rows.length < FILTERED) continue;
@@ -193,6 +259,7 @@ function fingers(element, { drag, pinch }) {
     picture = source.cloneNode(true);
     for (const element of [picture, ...picture.querySelectorAll("[id]")]) element.removeAttribute("id"); // they are those of the original
     dialog.querySelector("b").textContent = figure.querySelector("figcaption b").textContent;
+    dialog.querySelector(".caption").textContent = figure.querySelector("figcaption").firstElementChild.nextSibling.textContent;
     pane.replaceChildren(picture);
     dialog.showModal();
     const [, , width, height] = source.getAttribute("viewBox").split(" ").map(Number);
@@ -209,7 +276,7 @@ function fingers(element, { drag, pinch }) {
     button.textContent = "Enlarge";
     button.setAttribute("aria-label", `Enlarge ${figure.querySelector("figcaption b").textContent}`);
     button.addEventListener("click", () => open(figure));
-    figure.querySelector(".card").append(button);
+    figure.querySelector(".tools").append(button);
     figure.querySelector(".wide-scroll").addEventListener("click", () => { if (tapped.matches) open(figure); });
   }
   part("in").addEventListener("click", () => zoom(1.5 * scale));
@@ -232,7 +299,7 @@ function fingers(element, { drag, pinch }) {
 // The name of a method in the list opens a panel: what the row says, how its claims fare, and its curves among all others.
 {
   const dialog = document.getElementById("method"), list = document.querySelector("#methods table");
-  if (dialog && list) {
+  if (dialog && list) { // a panel has an address of its own
     const [choice, plots, facts, about] = ["select", ".plots", ".rules", ".about"].map((name) => dialog.querySelector(name));
     const heads = [...list.tHead.rows[0].cells].map((cell) => cell.textContent);
     const labels = new Map([...list.tBodies[0].rows].map((row) => [row.cells[1].textContent, row.cells[0].textContent]));
@@ -297,10 +364,11 @@ function fingers(element, { drag, pinch }) {
     }
 
     async function open(row) {
-      data ??= JSON.parse(await unpack("panels"));
+      data ??= JSON.parse(await unpack(document.getElementById("panels")));
       name = row.cells[1].textContent;
       dialog.querySelector("#method-name").textContent = labels.get(name);
       const said = heads.map((head, i) => [head, row.cells[i].textContent]).slice(1);
+      said.push(...Object.entries(data.facts[name] ?? {}));
       const found = (data.kept[name] ?? []).map(([claim, measured]) => [claim, `measured: ${measured}`]);
       facts.replaceChildren(...[...said, ...found].flatMap(([head, text]) => [element("dt", head), element("dd", text)]));
       const claims = (data.about[name] ?? []).map((id) => document.getElementById(`claim-${id}`)).filter(Boolean).map((item) => {
@@ -316,8 +384,14 @@ function fingers(element, { drag, pinch }) {
       choice.parentNode.hidden = !measured.length;
       if (measured.length) draw();
       else plots.replaceChildren(element("p", "No run of this method is stored."));
+      history.replaceState(null, "", `#method=${name}`);
       dialog.showModal();
       dialog.querySelector(".pane").scrollTop = 0;
+    }
+
+    function read() {
+      const row = location.hash.startsWith("#method=") && [...list.tBodies[0].rows].find((row) => row.cells[1].textContent === location.hash.slice(8));
+      if (row && !dialog.open) open(row);
     }
 
     for (const row of list.tBodies[0].rows) {
@@ -326,16 +400,21 @@ function fingers(element, { drag, pinch }) {
       button.addEventListener("click", () => open(row));
       row.cells[0].replaceChildren(button);
     }
-    const lines = new Map([...list.tBodies[0].rows].map((row) => [labels.get(row.cells[1].textContent), row]));
-    for (const text of document.querySelectorAll("figure svg text")) { // names at the ends of curves
-      const row = lines.get(text.textContent.trim());
-      if (!row) continue;
-      text.classList.add("named");
-      text.addEventListener("click", (event) => { event.stopPropagation(); open(row); });
-    }
-    list.closest(".scroll").before(element("p", "A name opens a panel with the claims and the curves of the method; so does a name in a figure."));
+    const byLabel = new Map([...list.tBodies[0].rows].map((row) => [labels.get(row.cells[1].textContent), row]));
+    document.addEventListener("pin", ({ target: svg }) => { // a line that is pinned leads to its method
+      const row = byLabel.get(svg.dataset.pinned);
+      if (!row) return;
+      const more = element("button", `${svg.dataset.pinned}: claims and curves`);
+      more.type = "button";
+      more.addEventListener("click", () => open(row));
+      svg.closest("figure, dialog").querySelector(".pointed").replaceChildren(more);
+    });
+    list.closest(".scroll").before(element("p", "A name opens a panel with the source, the claims and the curves of the method."));
     choice.addEventListener("change", draw);
+    addEventListener("hashchange", read);
+    read();
     dialog.querySelector('[name="close"]').addEventListener("click", () => dialog.close());
+    dialog.addEventListener("close", () => history.replaceState(null, "", location.pathname));
   }
 }
 
@@ -347,8 +426,8 @@ function fingers(element, { drag, pinch }) {
   function mark() {
     waiting = false;
     const here = parts.filter((part) => part.getBoundingClientRect().top < 0.4 * innerHeight).pop();
-    const link = links.get(here?.id ?? "top");
-    if (link === current) return;
+    const link = links.get(here?.id ?? parts[0]?.id);
+    if (!link || link === current) return;
     current?.removeAttribute("aria-current");
     current = link;
     link.setAttribute("aria-current", "true");
@@ -362,3 +441,4 @@ function fingers(element, { drag, pinch }) {
   }, { passive: true });
   mark();
 }
+reveal();

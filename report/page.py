@@ -23,9 +23,19 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
-from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, panels, promises
+from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, own, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, Section, compute_all, described, draw, packed, place
+from lagrange_bench.report.sections import (
+    OPENED,
+    Drawn,
+    DrawnFigure,
+    Section,
+    compute_all,
+    described,
+    draw,
+    packed,
+    place,
+)
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -33,11 +43,12 @@ from lagrange_bench.results.store import Store
 from lagrange_bench.support.files import write_file
 
 HERE = Path(__file__).parent
-HEADLINE = "phase"  # error against the step: what is new here, in one figure
 HEAVY = 400_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
+TITLE = "How well do integrators follow a spinning top?"
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
+PICTURE = "The axis of a top from above: the exact step is in every ring, Strang’s splitting is not"
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
 LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
@@ -59,13 +70,16 @@ class Report:
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims, fairness and errata
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
+    title: str = TITLE
     old: str = ""  # how many cells are, and what to do about it
+    own: list[own.OwnMethod] = field(default_factory=list)  # methods of somebody's own
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
     fairness: fairness.Numbers = field(default_factory=dict)  # of its rules
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
+    engines: pd.DataFrame = field(default_factory=pd.DataFrame)  # of physics, and multibody programs
 
 
 # ---------------------------------------------------------------- what others call
@@ -93,15 +107,15 @@ def assemble(
     beside : other results, whose verdict stands beside that on each claim.
     """
     stored = Store(results, choice)
-    own = [name for name in stored.experiments() if name not in EXPERIMENTS]
-    names = [*own, *EXPERIMENTS]
+    user_experiments = [name for name in stored.experiments() if name not in EXPERIMENTS]
+    names = [*user_experiments, *EXPERIMENTS]
     jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside)]
     jobs += [partial(draw, name, stored) for name in names]
     jobs.append(partial(_errata, not choice and stored.path("paper").exists()))
     (published, beside_words), *sections, (wrong, broken) = compute_all(jobs, stored, processes, drawn, modules)
-    whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not own)
+    whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not user_experiments)
     if not whole:
-        sections = [s for s in sections if len(s.rows) or s.experiment in own or s.errors]
+        sections = [s for s in sections if len(s.rows) or s.experiment in user_experiments or s.errors]
     source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
     source = replace(source, choice=choice)
     for section in sections:
@@ -109,10 +123,15 @@ def assemble(
     old = _old(sections)
     drawn_from = "; ".join(filter(None, (origin.described(source, [s.provenance for s in sections]), old)))
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
-    report = Report(sections, drawn_from, whole, errors, old)
+    report = Report(sections, drawn_from, whole, errors, old=old)
+    rows = {section.experiment: section.rows for section in sections}
+    for section in sections:
+        promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
+    if mine := _make(report, "own", lambda: own.methods(rows)):
+        report.title = own.title(rows, mine)
     if whole:
         report.errata = wrong
-        _judge(report, source)
+        _judge(report, rows, source)
         report.errors += broken
         report.beside = beside_words
         for judged, verdict in zip(report.claims, published, strict=False):
@@ -120,24 +139,24 @@ def assemble(
     return report
 
 
-def _judge(report: Report, source: Origin) -> None:
-    """Adds what only the bench's own page has. Rows of another version cost a part of it, not the page."""
-    rows = {section.experiment: section.rows for section in report.sections}
-    for section in report.sections:
-        promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
+def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> None:
+    """Adds what only the bench's own page has."""
     report.claims = judge(rows, source)
     found = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
     report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in found if finding.broken]
-    parts: dict[str, Callable[[], object]] = {
-        "fairness": lambda: fairness.assemble(rows),
-        "panels": lambda: panels.script(rows),
-        "answers": lambda: chooser.answers(rows),
-    }
-    for name, make in parts.items():
-        try:
-            setattr(report, name, make())
-        except Exception as error:
-            report.errors.append(f"{name}: cannot be made: {described(error)}")
+    _make(report, "fairness", lambda: fairness.assemble(rows))
+    _make(report, "panels", lambda: panels.script(rows))
+    _make(report, "answers", lambda: chooser.answers(rows))
+    _make(report, "engines", lambda: lists.programs(rows.get("engines", pd.DataFrame())))
+
+
+def _make(report: Report, name: str, make: Callable[[], Any]) -> Any:
+    """Adds a part. Rows of another version cost that part, not the page."""
+    try:
+        setattr(report, name, make())
+    except Exception as error:
+        report.errors.append(f"{name}: cannot be made: {described(error)}")
+    return getattr(report, name)
 
 
 def _old(sections: Sequence[Section]) -> str:
@@ -192,6 +211,8 @@ def write(report: Report, output: Path) -> Path:
     output = Path(output)
     before = _linked(output)
     written = {path for section in report.sections for path in write_section(section, output)}
+    if len(report.answers):
+        written.add(write_file(place(output, "tables/answers.csv"), tables.csv(report.answers)))
     index = write_file(place(output, "index.html"), html(report))
     for old in before - written:
         old.unlink(missing_ok=True)
@@ -261,19 +282,23 @@ def html(report: Report) -> str:
     template = environment.get_template("template.html.j2")
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
+    pairs = opened(report.sections)
     return template.render(
         report=report,
         in_brief=in_brief(report.claims),
-        headline=_headline(report.sections),
+        open_pairs=pairs,
+        open_figures=[figure for _, figure in pairs],
+        picture=Markup(figures.inline((HERE / "exact-step.svg").read_text(encoding="utf-8"), "exact-step", PICTURE)),
+        packed=packed,
+        answers=Markup(report.answers.to_json(orient="split", index=False, force_ascii=False).replace("</", "<\\/")),
         counts=_counts(report.claims),
         claim_groups=_claim_groups(report),
         environment=environment_facts(report.sections),
         long=LONG,
-        opened=OPENED,
         lists={
-            "Methods: what each is called, claims and comes from": lists.methods(),
-            "Tops: what each is called and stands for": lists.tops(),
-            "Potentials: fields other than the uniform one": lists.built_in_potentials(),
+            "Methods": lists.methods(),
+            "Tops": lists.tops(),
+            "Potentials": lists.built_in_potentials(),
         },
         points=errata.POINTS,
         seed=errata.SEED,
@@ -282,7 +307,7 @@ def html(report: Report) -> str:
         ),
         packed_rows=_packed_rows(report.sections),
         packed_panels=packed(report.panels),
-        packed_phones=_packed_phones(report.sections),
+        packed_phones=_packed_phones(pairs),
         live=live.script(),
         **parts,
     )
@@ -310,17 +335,19 @@ def _packed_rows(sections: list[Section]) -> dict[str, str]:
     return {section.experiment: section.packed for section in sections if 0 < len(section.packed) < HEAVY}
 
 
-def _packed_phones(sections: list[Section]) -> dict[str, Markup]:
-    """The drawings for phones, ready to be put into their cards: of each section the figure that is not folded."""
-    drawn = {s.file(f.name): (f, f.caption or s.title) for s in sections for f in s.figures if f.phone}
-    return {name: packed(figures.inline(f.phone, f"{name}-phone", label)) for name, (f, label) in drawn.items()}
+def _packed_phones(pairs: Sequence[tuple[Section, DrawnFigure]]) -> dict[str, Markup]:
+    """The drawings for phones of the figures that are not folded, ready to be put into their cards."""
+    drawn = {section.file(figure.name): (figure, figure.caption or section.title) for section, figure in pairs}
+    return {
+        name: packed(figures.inline(f.phone, f"{name}-phone", label)) for name, (f, label) in drawn.items() if f.phone
+    }
 
 
-def _headline(sections: list[Section]) -> Section | None:
-    """The section whose first figure opens the page: HEADLINE's, or the first that has any."""
-    drawn = [section for section in sections if section.figures]
-    drawn = [section for section in drawn if not section.lacking] or drawn
-    return next((section for section in drawn if section.experiment == HEADLINE), drawn[0] if drawn else None)
+def opened(sections: Sequence[Section]) -> list[tuple[Section, DrawnFigure]]:
+    """The figures that are not folded: those named in OPENED, or else the first of each section, as many at most."""
+    drawn = {section.file(figure.name): (section, figure) for section in sections for figure in section.figures}
+    firsts = [(section, section.figures[0]) for section in sections if section.figures]
+    return [drawn[name] for name in OPENED if name in drawn] or firsts[: len(OPENED)]
 
 
 def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:

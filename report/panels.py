@@ -4,7 +4,7 @@ All curves together, so that each is seen among the others: as decimal logarithm
 """
 
 import json
-from collections.abc import Hashable, Iterator
+from collections.abc import Hashable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,8 @@ from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring.reductions import done, worst
 from lagrange_bench.integrators.interface import INVARIANTS
-from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.integrators.registry import METHODS, NAMED_TOPS
+from lagrange_bench.report import lists
 from lagrange_bench.report.claims import NoData
 from lagrange_bench.report.promises import CLAIMS, table
 
@@ -34,7 +35,8 @@ def script(rows: dict[str, pd.DataFrame]) -> str:
         return ""
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
     about = {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
-    data = {"tops": tops, "kept": _kept(rows), "about": about, "parts": PARTS}
+    facts = {name: lists.more(name) for name, record, _ in METHODS.each() if record}
+    data = {"tops": tops, "facts": facts, "kept": findings(rows), "about": about, "parts": PARTS}
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
 
 
@@ -57,7 +59,7 @@ def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
     }
 
 
-def _part(rows: dict[str, pd.DataFrame], experiment: str, part: str) -> pd.DataFrame:
+def _part(rows: Mapping[str, pd.DataFrame], experiment: str, part: str) -> pd.DataFrame:
     """What was computed of a part of an experiment, or nothing."""
     return done(rows.get(experiment, pd.DataFrame()), part)
 
@@ -81,7 +83,7 @@ def _points(x: pd.Series, y: pd.Series) -> Iterator[int]:
             yield from (round(PARTS * float(np.log10(max(value, LEAST)))) for value in pair)
 
 
-def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
+def findings(rows: Mapping[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
     """Of each method (what it claims, what was found): its order, and each invariant on random tops."""
     kept: dict[str, list[list[str]]] = {}
     for run in _lines(rows, "phase", "h", "orders"):
@@ -95,7 +97,7 @@ def _kept(rows: dict[str, pd.DataFrame]) -> dict[str, list[list[str]]]:
     return kept
 
 
-def _lines(rows: dict[str, pd.DataFrame], experiment: str, part: str, name: str) -> list[dict[Hashable, Any]]:
+def _lines(rows: Mapping[str, pd.DataFrame], experiment: str, part: str, name: str) -> list[dict[Hashable, Any]]:
     """The lines of a table; none if too little is stored for it."""
     try:
         stored = len(_part(rows, experiment, part))

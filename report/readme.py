@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 BEGIN = (
     "<!-- claims: written by `python -m lagrange_bench.report.readme`, checked by tests/test_report/test_readme.py -->"
 )
-PICTURE = ROOT / "docs" / "exact-step.svg"
+PICTURE = Path(__file__).with_name("exact-step.svg")
 SHARE = 0.45  # of a nutation: the step of the picture
 END = "<!-- end of claims -->"
 

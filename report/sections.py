@@ -35,7 +35,7 @@ from lagrange_bench.support.interrupts import interrupt_held_back
 
 DECLINED = "StepError"  # what a method raises that declines a step
 WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
-OPENED = ("profile", "winner")  # figures that are not folded, besides the first of an experiment
+OPENED = ("phase_h", "work_precision_time", "phase_time", "engines_steps")  # figures that are not folded, in this order
 Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
 
 
@@ -44,6 +44,7 @@ class DrawnFigure:
     name: str
     document: str
     caption: str
+    headline: str = ""  # what it shows, in a few words
     phone: str = ""  # the document of a drawing for a narrow screen, if there is one
 
 
@@ -232,11 +233,12 @@ def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]
 
 
 def draw_figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
-    """All figures of an experiment, those that are not folded for phones too; raises whatever drawing raises."""
+    """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
     with style.apply(highlight=highlight):
         drawn = module.draw(rows.copy())
-        made = [DrawnFigure(name, figures.svg(f), getattr(f, "caption", "")) for name, f in drawn.items()]
-    seen = [figure for i, figure in enumerate(made) if i == 0 or figure.name in OPENED]
+        words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
+        made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
+    seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]
     if any(figures.wide(drawn[figure.name]) for figure in seen):
         with style.apply("column", highlight):
             narrow = module.draw(rows.copy())

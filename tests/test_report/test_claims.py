@@ -10,10 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.catalogue import load
+from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
-from lagrange_bench.integrators import METHODS
-from lagrange_bench.report import chooser, claims, origin, page, panels, promises, readme
+from lagrange_bench.integrators import METHODS, integrate
+from lagrange_bench.report import chooser, claims, origin, own, page, panels, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.report.origin import Origin
 from lagrange_bench.results import store
@@ -240,10 +242,23 @@ def test_the_cheapest_with_set_up_that_reaches_the_error_and_claims_to_conserve_
     best = answers.name.xs(chooser.NOTHING, level=1).to_dict()
     assert best == {"10⁻⁴": "rk4", **dict.fromkeys(("10⁻⁶", "10⁻⁸", "10⁻¹⁰", "10⁻¹²"), "backlund")}
     first = answers.loc[("10⁻⁶", chooser.NOTHING)]
-    assert first[["with", "cost"]].to_list() == ["h_scaled = 8", "4 ms"]
+    assert first[["python", "cost"]].to_list() == [
+        'integrate("generic", h=3.62319, steps=12, method="backlund")',
+        "4 ms",
+    ]
     assert first["beside it"] == "best that is not exact: RK4, 1.2 times as long"
     assert answers.name["10⁻⁴", chooser.LENGTHS] == "strang"
     assert answers.name["10⁻⁴", chooser.ENERGY] == "backlund"
+
+
+@pytest.mark.slow
+def test_the_line_of_python_gives_the_promised_error(stored):
+    answers = chooser.answers({"work_precision": stored["work_precision"]})
+    answers = answers[answers["length of the run"] != "10⁶"].drop_duplicates("python", keep="last")
+    targets = {tables.show(target): target for target in work_precision.TARGETS}
+    assert len(answers) > 10
+    for line, target in zip(answers.python, answers["error at most"].map(targets), strict=True):
+        assert eval(line, {"integrate": integrate}).error()[-1] <= target, line
 
 
 def test_a_recommended_method_is_named_if_it_takes_at_most_a_fifth_more_and_rk4_beside_the_best_rival():
@@ -263,9 +278,23 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     rows = rows.assign(rotation=1e-9, ns_per_step=1e3, case="kovalevskaya", status="done")
     found = chooser.answers({"heavy_top": rows})
     found = found[found["must conserve"] == chooser.NOTHING].set_index("error at most")
-    assert (found["with"]["10⁻⁴"], found.cost["10⁻⁴"]) == ("h = 0.1 s", "0.1 ms")
+    line = 'integrate("kovalevskaya", h=0.1, steps=100, method="rk4")'
+    assert (found.python["10⁻⁴"], found.cost["10⁻⁴"]) == (line, "0.1 ms")
     assert found["beside it"]["10⁻⁴"].endswith("2 times as long")
     assert found.name["10⁻⁸"] == "rkmk4"
+
+
+def test_a_method_of_ones_own_stands_among_the_published_ones():
+    runs = {"method": "mine:METHOD", "error": [1e-5, 1e-9], "seconds": [1e-9, 1e3], "setup_seconds": 0.0}
+    rows = pd.DataFrame(runs).assign(state="generic", span=100.0, status="done")
+    rows = pd.concat([rows, rows.assign(method="rk4")])
+    (mine,) = own.methods({"work_precision": rows})
+    assert own.title({"work_precision": rows}, [mine]) == "mine:METHOD beside RK4"
+    places = mine.places.set_index("error at most").place
+    first, last = (places[target].split(" of ") for target in (1e-4, 1e-8))
+    assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
+    assert places[1e-10].startswith("not reached; ")
+    assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
 
 
 def frame(**columns):

@@ -21,6 +21,7 @@ from lagrange_bench.integrators.problem.potentials import TIDE
 pytest.importorskip("selenium")
 
 from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import WebDriverWait
@@ -261,7 +262,7 @@ def test_the_tide_of_the_live_top(browser):
 
 
 def test_nothing_is_said_on_the_console_and_nothing_requested(browser, built):
-    assert built.stat().st_size < 7e6  # 6.2 MB, 1.6 MB of them if it is sent compressed
+    assert built.stat().st_size < 3.3e6
     live(browser)
     assert console(browser) == []
     events = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
@@ -274,7 +275,7 @@ def test_nothing_is_said_on_the_console_and_nothing_requested(browser, built):
 
 def test_tables_sort_and_are_filtered_by_words(browser):
     table = browser.execute_script(
-        "const t = [...document.querySelectorAll('table.sortable')].sort((a, b) => b.rows.length - a.rows.length)[0];"
+        "const t = document.querySelector('#table-work_precision_best_steps table');"
         "for (let e = t; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
         "t.closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'}); return t"
     )
@@ -302,8 +303,9 @@ def test_tables_sort_and_are_filtered_by_words(browser):
 
 
 def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
-    button, dialog = css(browser, "main > figure button.enlarge"), css(browser, "#zoom")
-    drawn = css(browser, "main > figure .card svg")
+    afresh(browser)
+    button, dialog = css(browser, "#answer figure button.enlarge"), css(browser, "#zoom")
+    drawn = css(browser, "#answer figure .card svg")
     button.send_keys(Keys.ENTER)
     assert dialog.is_displayed()
 
@@ -360,6 +362,7 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser, name, top, wo
 
 def test_rows_are_a_link_away(browser, stored, tmp_path):
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
+    browser.execute_script("document.getElementById('driven').open = true")
     css(browser, "#driven a.rows").send_keys(Keys.ENTER)
     file = tmp_path / "driven.csv"
     until(browser, lambda _: file.exists() and file.stat().st_size)
@@ -380,7 +383,7 @@ def test_axe_finds_nothing_wrong(browser):
     afresh(browser)
     live(browser)
     browser.execute_script(
-        "document.querySelectorAll('figure svg > *').forEach(e => e.remove());"
+        "document.querySelectorAll('svg > *, script.drawing').forEach(e => e.remove());"
         "for (const body of document.querySelectorAll('tbody')) [...body.rows].slice(3).forEach(row => row.remove());"
         "document.querySelectorAll('details').forEach(e => { e.open = true; });"
     )
@@ -392,7 +395,9 @@ def test_axe_finds_nothing_wrong(browser):
             assert browser.execute_async_script(AXE) == []
     browser.execute_script("document.querySelector('#methods td button').click()")
     until(browser, lambda b: css(b, "#method").is_displayed())
-    browser.execute_script("for (const e of document.querySelectorAll('main > *:not(h1, header)')) e.remove();")
+    browser.execute_script(
+        "for (const e of document.querySelectorAll('main > :not(#answer), #answer > :not(h1)')) e.remove();"
+    )
     assert browser.execute_async_script(AXE) == []
     browser.execute_script(  # what it is to find
         "document.getElementById('method').close();"
@@ -418,7 +423,7 @@ def test_on_a_phone_every_figure_is_seen_whole(browser):
     with screen(browser, 390, 844):
         until(browser, lambda b: not b.find_elements(By.CSS_SELECTOR, "script.phone"))
         seen = browser.execute_script(sizes)
-        assert len(seen) == len(browser.find_elements(By.CSS_SELECTOR, "main > section > figure, main > figure"))
+        assert len(seen) == len(browser.find_elements(By.CSS_SELECTOR, "#answer figure"))
         for name, count, scale, beyond in seen:
             assert (count, beyond) == (1, 0), name
             assert scale > 1.3, name  # pixels a point: the smallest letters have 6.5 points
@@ -426,15 +431,53 @@ def test_on_a_phone_every_figure_is_seen_whole(browser):
     afresh(browser)
 
 
-def test_the_chooser_answers_and_leads_to_the_figure(browser):
+def test_the_chooser_answers_and_leads_to_the_figure_and_its_choice_is_in_the_address(browser):
+    afresh(browser)
     answer, fields = css(browser, "#choose .answer"), browser.find_elements(By.CSS_SELECTOR, "#choose select")
     assert len(fields) == 4
     before = answer.text
+    assert 'integrate("generic", h=' in before
     browser.execute_script(
-        "arguments[0].selectedIndex = arguments[0].options.length - 1;"
-        "arguments[0].dispatchEvent(new Event('change', {bubbles: true}))",
-        fields[0],
+        "arguments[0].selectedIndex = 1; arguments[0].dispatchEvent(new Event('change', {bubbles: true}))", fields[0]
     )
-    assert answer.text != before
-    link = answer.find_element(By.TAG_NAME, "a").get_attribute("href").partition("#")[2]
-    assert css(browser, f"#{link} figcaption b").get_attribute("textContent").startswith("Figure")
+    after, address = answer.text, browser.current_url
+    assert after != before
+    link = answer.find_element(By.TAG_NAME, "a")
+    figure = css(browser, link.get_attribute("href").partition("#")[2].join(("#", "")))
+    assert not figure.is_displayed()
+    link.click()
+    until(browser, lambda _: figure.find_elements(By.TAG_NAME, "svg"))
+    assert figure.is_displayed()
+    browser.get("about:blank")
+    browser.get(address)
+    assert css(browser, "#choose .answer").text == after
+    assert console(browser) == []
+
+
+def test_pointing_at_a_name_fades_the_other_lines_and_a_click_pins_it(browser):
+    afresh(browser)
+    figure = css(browser, "#figure-phase_h")
+    name = next(e for e in figure.find_elements(By.TAG_NAME, "text") if e.text == METHODS["backlund"].label)
+    heading = css(browser, "h1")
+
+    def faded():
+        opacities = "[...arguments[0].querySelectorAll('g[data-line]')].map(g => [g.dataset.line, +getComputedStyle(g).opacity])"
+        return {line for line, opacity in browser.execute_script(f"return {opacities}", figure) if opacity < 0.5}
+
+    def point(element):
+        ActionChains(browser).scroll_to_element(element).move_to_element(element).perform()
+
+    point(name)
+    assert (len(faded()) > 4, METHODS["backlund"].label in faded()) == (True, False)
+    point(heading)
+    assert faded() == set()
+    point(name)
+    name.click()
+    point(heading)
+    assert METHODS["backlund"].label in css(browser, "#figure-phase_h .pointed").text
+    assert (len(faded()) > 4, METHODS["backlund"].label in faded()) == (True, False)
+    css(browser, "#figure-phase_h .pointed button").click()
+    until(browser, lambda b: css(b, "#method").is_displayed())
+    assert browser.current_url.endswith("#method=backlund")
+    afresh(browser)
+    assert console(browser) == []

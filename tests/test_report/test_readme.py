@@ -31,7 +31,7 @@ def test_the_fields_of_a_method_are_explained():
 
 
 def test_the_picture_shows_what_methods_do_today():
-    """If this fails: `python -m lagrange_bench.report.readme`, and look at docs/exact-step.svg."""
+    """If this fails: `python -m lagrange_bench.report.readme`, and look at report/exact-step.svg."""
     shown = readme.shown(readme.draw())
     assert f'data-shows="{shown}"' in readme.PICTURE.read_text(encoding="utf-8")
     assert readme.shown(readme.draw(other="blanes_moan6")) != shown

@@ -1,0 +1,73 @@
+"""What the page of one's own methods begins with: what each claims, what was found, and its place among the published ones."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import pandas as pd
+
+from lagrange_bench.experiments import work_precision
+from lagrange_bench.experiments.drawing import style, tables
+from lagrange_bench.experiments.measuring import states
+from lagrange_bench.integrators.registry import BUILT_IN
+from lagrange_bench.report import panels
+from lagrange_bench.results.store import REFERENCE, Store
+
+BESIDE = 4  # methods that a title names, at most
+
+
+class OwnMethod(NamedTuple):
+    """A method that is not the bench's, as the page shows it."""
+
+    name: str
+    label: str
+    findings: pd.DataFrame  # claimed, found
+    places: pd.DataFrame  # its times among the published ones
+
+
+def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
+    """Those of somebody's own in the rows of all experiments, by name."""
+    names = [name for name in _names(rows) if name not in BUILT_IN]
+    if not names:
+        return []
+    found, published = panels.findings(rows), Store(REFERENCE).rows("work_precision")
+    return [
+        OwnMethod(
+            name,
+            style.label(name),
+            pd.DataFrame(found.get(name, []), columns=["claimed", "found"]),
+            pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published)),
+        )
+        for name in names
+    ]
+
+
+def title(rows: Mapping[str, pd.DataFrame], own: list[OwnMethod]) -> str:
+    """One's own methods, and those beside them."""
+    mine = [method.name for method in own]
+    others = [style.label(name) for name in style.ordered(set(_names(rows)) - set(mine))]
+    beside = ", ".join(others) if len(others) <= BESIDE else f"{len(others)} others"
+    return ", ".join(method.label for method in own) + (f" beside {beside}" if others else "")
+
+
+def _names(rows: Mapping[str, pd.DataFrame]) -> list[str]:
+    named = [frame.method.dropna().unique() for frame in rows.values() if "method" in frame]
+    return list(dict.fromkeys(str(name) for names in named for name in names))
+
+
+def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """A line for each top, length and error: the time, and how many of the published methods are faster."""
+    if rows.empty:
+        return
+    mine, theirs = rows[rows.method == name], work_precision.useful(published)
+    for (span, state), run in mine.groupby(work_precision.APART, sort=False):
+        others = theirs[(theirs.span == span) & (theirs.state == state)]
+        for target in work_precision.TARGETS if len(others) else ():
+            own, best = (work_precision.best(good, target, "total") for good in (work_precision.useful(run), others))
+            line = {"top": states.label(state), "length": span, "error at most": target}
+            if own.empty:
+                yield {**line, "place": f"not reached; {len(best)} methods reach it"}
+                continue
+            time, first = own.total.iloc[0], best.iloc[0]
+            place = f"{1 + int((best.total < time).sum())} of {1 + len(best)}"
+            fastest = f"{style.label(first.method)}, {tables.show(float(f'{1e3 * first.total:.2g}'))} ms"
+            yield {**line, "place": place, "time, ms": float(f"{1e3 * time:.2g}"), "fastest published": fastest}
