@@ -11,9 +11,11 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from scipy.spatial.transform import Rotation
 
-from lagrange_bench import CASES, METHODS, judge
+from lagrange_bench import CASES, METHODS, Case, RigidBody, judge
 from lagrange_bench.experiments import engines
 from lagrange_bench.results.store import Store
 
@@ -32,13 +34,23 @@ ENGINES = [
 
 def differences(reference: dict[str, Any]) -> str:
     """What the numbers of one reference are off by."""
-    case, t = CASES[reference["case"]], [reference["t"]]
+    case, t = reference["case"], [reference["t"]]
+    if isinstance(case, dict):  # a free body that has no name here
+        body = RigidBody(1.0, (0, 0, 0), case["inertia_com"], (0, 0, 0))
+        case = Case("", body, (1, 0, 0, 0), case["omega_body"])
+    else:
+        case = CASES[case]
     exact, found = case.solution(t), []
     if "displacement" in reference:
         moved = judge(t, position=case.solution([0.0]).position + reference["displacement"], case=case)
         found.append(f"{moved.position.max:.1e} m")
     if "quaternion" in reference:
         found.append(f"{judge(t, rotation=[reference['quaternion']], case=case).rotation.max:.1e} rad")
+    if "mrp" in reference:
+        found.append(f"{judge(t, rotation=Rotation.from_mrp([reference['mrp']]), case=case).rotation.max:.1e} rad")
+    if "omega_body_degrees" in reference:
+        off = np.degrees(exact.omega_body[0]) - reference["omega_body_degrees"]
+        found.append(f"{np.linalg.norm(off):.1e} °/s")
     if "omega_y_world" in reference:
         found.append(f"{abs(exact.rotation.apply(exact.omega_body)[0, 1] - reference['omega_y_world']):.0e} rad/s")
     if "energy" in reference:

@@ -253,5 +253,6 @@ class Cases(Named):
     kind = "case"
 
 
-NAMES = ("bruels", "slow", "simo_wong", "metis", "box", "brick", "middle_axis", "kovalevskaya", "flying_box")
-CASES: dict[str, Case] = Cases((name, _named(name)) for name in NAMES)
+TOPS = ("bruels", "slow", "simo_wong", "metis", "kovalevskaya")
+FREE = ("box", "t_body", "brick", "toutatis", "middle_axis", "flying_box")
+CASES: dict[str, Case] = Cases((name, _named(name)) for name in (*TOPS, *FREE))
