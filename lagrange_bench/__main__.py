@@ -35,13 +35,13 @@ class Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """Says in one line what is wrong, and where to read on. text : what its --help says; the docstring of a module."""
+    """A parser that says in one line what is wrong and where to read on. text : of --help, the docstring of a module."""
 
     def __init__(self, text: str, **settings: Any):
         about, mark, examples = text.strip().partition("\n\nexamples:")
         settings |= {"description": about, "epilog": f"{mark}{examples}".strip()}
         super().__init__(**settings, formatter_class=Help, allow_abbrev=False)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # `--state -1,2,…` and `--h -1e-3` are values, too
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # so `--state -1,2,…` and `--h -1e-3` have values
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:
@@ -60,7 +60,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Runs one command and returns the exit code; what went wrong is one line on stderr."""
+    """Run one command and return the exit code. An error is one line on stderr."""
     try:
         return _run(sys.argv[1:] if argv is None else list(argv))
     except SystemExit as done:  # --help
@@ -76,13 +76,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _report(f"error: {path}{error.strerror or error}", 2)
     except (ValueError, RuntimeError) as error:
         if isinstance(error, RuntimeError) and not type(error).__module__.startswith("lagrange_bench."):
-            raise  # nobody expected it
+            raise  # a fault of the bench
         return _report(f"error: {error}", 1 if type(error).__name__ == "StepError" else 2)
 
 
 def _run(argv: list[str]) -> int:
     _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb; it is no reason to stop
+    for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     commands = parser()
@@ -119,7 +119,7 @@ def _report(message: str, code: int) -> int:
 
 
 def _open_closed_streams() -> None:
-    """Connect what the caller closed, as >&- does, to nothing: a file that is opened later must not get its descriptor."""
+    """Open /dev/null for streams that the caller closed with >&-, or the next file would get their descriptors."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         pass
     os.close(descriptor)
@@ -129,7 +129,7 @@ def _open_closed_streams() -> None:
 
 
 def _print(text: str) -> None:
-    """Print on stdout, now: a full disk or a closed pipe can still be reported."""
+    """Print on stdout at once, so that a full disk or a closed pipe can still be reported."""
     try:
         print(text, end="\n" if text else "", flush=True)
     except OSError as error:
@@ -148,7 +148,7 @@ COMMANDS = tuple(
 
 
 def parser() -> Parser:
-    """The command line; every command has a module of its own. Its docstring is its help, which python -OO leaves out."""
+    """The parser of the command line. Each command has a module, whose docstring is its help (empty with python -OO)."""
     top = Parser(__doc__ or "", prog="lagrange-bench", usage="lagrange-bench COMMAND …")
     top.add_argument("--version", action="store_true", help="print the version and stop")
     top.set_defaults(command="", flags=top._option_string_actions)

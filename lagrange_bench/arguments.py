@@ -1,4 +1,4 @@
-"""The words on a command line, and what they mean. A ValueError of a type of options is what the command line says."""
+"""Types of options, and options that several commands share. The message of a ValueError is shown to the user."""
 
 import argparse
 import math
@@ -15,7 +15,7 @@ __all__ = ["number", "numbers", "option"]  # types of options, too
 
 
 def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
-    """`parse`, and a message that says `what` must be given unless it is from `least` to `most`."""
+    """A type of options: `parse`, with a ValueError that says `what` is wanted unless the value is in the range."""
 
     def kind(text: str) -> Any:
         with suppress(ValueError, ArithmeticError):
@@ -28,7 +28,7 @@ def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) 
 
 
 def _count(text: str) -> int:
-    """Also as 1e6."""
+    """A whole number; 1e6 is one, too."""
     value = float(text)
     if not value.is_integer():
         raise ValueError(text)
@@ -46,48 +46,48 @@ tolerance = in_range(float, 0, sys.float_info.max, "a number that is not negativ
 
 def pairs(text: str) -> dict[str, str]:
     """name=value,…, each name once."""
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for part in text.split(","):
         name, _, value = (word.strip() for word in part.partition("="))
         if not name or not value:
             raise ValueError(f"must be name=value,…; got {part!r}")
-        if name in found:
+        if name in values:
             raise ValueError(f"{name} is given twice")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 def number_pairs(text: str, known: Iterable[str]) -> dict[str, float]:
     """name=number,…, of known names."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for name, value in pairs(text).items():
         if name not in known:
             hint = suggestion(name, known)
             raise ValueError(f"unknown {name!r}{hint} Known: {', '.join(known)}")
         try:
-            found[name] = number(value)
+            values[name] = number(value)
         except ValueError as error:
             raise ValueError(f"{name} {error}") from None
-    return found
+    return values
 
 
 def names(text: str) -> tuple[str, ...]:
     """Names separated by commas."""
-    found = tuple(word.strip() for word in text.split(","))
-    if not all(found):
+    listed = tuple(word.strip() for word in text.split(","))
+    if not all(listed):
         raise ValueError(f"must be names separated by commas; got {text!r}")
-    return found
+    return listed
 
 
 def location(text: str) -> Path:
-    """A file or folder. An empty word, as of a shell variable that is not set, would be the current folder."""
+    """A file or folder. An empty word is refused: a shell variable that is not set would mean the current folder."""
     if not text:
         raise ValueError("must name a file or folder; got an empty word")
     return Path(text)
 
 
 def results_folder(text: str) -> Path:
-    """A folder of results: reference, quick or full, from any folder, or a path."""
+    """A folder of results: the name reference, quick or full, or a path."""
     from lagrange_bench.results.store import folder_of
 
     location(text)
@@ -95,7 +95,7 @@ def results_folder(text: str) -> Path:
 
 
 def limits(text: str) -> tuple[float, float]:
-    """Two numbers, the ends of an axis."""
+    """The two ends of an axis."""
     ends = numbers(text)
     if len(ends) != 2 or ends[0] == ends[1]:
         raise ValueError(f"must be two numbers, as 1e-3,10; got {text!r}")
@@ -118,9 +118,9 @@ def add_choice(command: argparse.ArgumentParser) -> None:
 
 
 def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
-    """What `add_choice` was given; methods in files of the user's own are known from then on.
+    """The choice of methods and tops from the options of `add_choice`. It loads methods in the user's own files.
 
-    results : a folder of results; ValueError for a name that nothing in it has.
+    results : a folder of results. ValueError if no cell in it has one of the names.
     """
     from lagrange_bench.results.choice import Choice
     from lagrange_bench.results.store import Store
@@ -134,7 +134,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
 
 
 def own(word: str, what: str) -> Any:
-    """What `module:NAME` names. ValueError: it cannot be loaded."""
+    """The object `module:NAME`. ValueError if it cannot be loaded."""
     from lagrange_bench.integrators.registry import import_own
 
     module, _, name = word.partition(":")
@@ -147,7 +147,7 @@ def own(word: str, what: str) -> Any:
 
 
 def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
-    """The problem that `module:PROBLEM` names, and the state of it. ValueError: it cannot be loaded, or there is no state."""
+    """The problem `module:PROBLEM` and its state. ValueError if it cannot be loaded, or if there is no state."""
     if state is None:
         raise ValueError("--problem needs --state, the numbers of a state")
     problem = own(word, "--problem")
@@ -164,7 +164,7 @@ def add_potential(command: Any) -> None:
 
 
 def in_potential(top: Any, options: argparse.Namespace) -> Any:
-    """The top in the potential of --potential and --parameters, if there is one."""
+    """The top in the potential that --potential and --parameters give, or the top itself."""
     from lagrange_bench.integrators import PerturbedTop
     from lagrange_bench.integrators.registry import find_potential
 
@@ -178,6 +178,6 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
 
 
 def add_module(command: argparse.ArgumentParser) -> None:
-    text = "import this module of yours: an experiment, or methods and potentials named MODULE:NAME; else only what is built "
-    text += "in or installed is known, whatever the results say; may be repeated"
+    text = "import this module of yours, which holds an experiment, or methods and potentials named MODULE:NAME; without it, "
+    text += "only experiments, methods and potentials that are built in or installed are known; may be repeated"
     command.add_argument("--module", action="append", default=[], metavar="MODULE", help=text)

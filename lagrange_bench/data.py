@@ -1,4 +1,4 @@
-"""`load`: stored rows as frames, one for each experiment."""
+"""`load` gives the stored rows of an experiment as a frame."""
 
 import contextlib
 import math
@@ -20,14 +20,14 @@ TIMES = ("h", "t", "span")
 
 
 class NoRows(KeyError, ValueError):
-    """There are no rows of an experiment; the message says of which there are."""
+    """There are no rows of an experiment. The message lists the experiments that have some."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class Results(Mapping[str, pd.DataFrame]):
-    """The rows of a folder of results by experiment, each read when it is first asked for; see `load`."""
+    """The frames of a folder of results, by experiment. Each is read at first use; see `load`."""
 
     def __init__(self, folder: Path):
         self.folder, self._store = folder, Store(folder)
@@ -69,21 +69,21 @@ def load(results: str | Path = "reference") -> Results:
     Parameters
     ----------
     results : str or Path
-        "reference", the published rows, which come with the package; "quick" or "full", what `lagrange-bench run` with this
-        profile stored, from any folder; or the path of a folder of results, "./quick" too.
+        "reference": the published rows, which come with the package. "quick" or "full": what `lagrange-bench run` with this
+        profile stored. Anything else is the path of a folder of results, also "./quick".
 
     Returns
     -------
     Results
         A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`,
-        `case` and `problem` are called `top`. `total` is `seconds` and `setup_seconds` together. `h`, `t` and `span` are in the
-        top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, where the
+        `case` and `problem` are called `top`. `total` is the sum of `seconds` and `setup_seconds`. `h`, `t` and `span` are in the
+        top's own unit of time, as in `integrate`. `h_scaled`, `t_scaled` and `span_scaled` are in its time scale, if the
         experiment stores them so.
 
     Raises
     ------
-    FileNotFoundError : there is no such folder, or nothing is stored there. KeyError : when an experiment is asked for that has
-    no rows there; the message names those that have.
+    FileNotFoundError : there is no such folder, or nothing is stored in it.
+    KeyError : when you ask for an experiment without rows. The message lists the experiments that have some.
     """
     return Results(find_results(results))
 
@@ -91,30 +91,30 @@ def load(results: str | Path = "reference") -> Results:
 def in_both_units(
     rows: pd.DataFrame, known: Mapping[str, float] | None = None, parts: Collection[str] | None = None
 ) -> pd.DataFrame:
-    """Rows with times in time scales of their tops: these as `h_scaled` and so on, beside them `h` in the top's own unit.
+    """Rows with each time in both units: `h_scaled` in the time scale of the top, `h` in its own unit, and so on.
 
-    It is NaN where a row has no top that is known here.
+    `h` is NaN if the top of a row is not known here.
 
-    known : time scales of tops. parts : those whose times are scaled; None: all.
+    known : time scales of tops. parts : the parts whose times are stored in time scales; None: all.
     """
     times = [name for name in TIMES if name in rows]
     if not times:
         return rows
-    found = rows.rename(columns={name: f"{name}_scaled" for name in times})
+    frame = rows.rename(columns={name: f"{name}_scaled" for name in times})
     units = np.full(len(rows), math.nan)
     if "top" in rows:
         known = known or {name: _unit(group.iloc[0]) for name, group in rows.groupby("top", sort=False)}
         units = rows["top"].map(known).to_numpy(dtype=float)
     scaled = np.full(len(rows), True) if parts is None else rows["part"].isin(parts).to_numpy()
     for name in times:
-        place = int(found.columns.get_loc(f"{name}_scaled"))  # type: ignore[arg-type]
-        found.insert(place, name, rows[name] * np.where(scaled, units, 1.0))
-        found[f"{name}_scaled"] = rows[name] / np.where(scaled, 1.0, units)
-    return found
+        place = int(frame.columns.get_loc(f"{name}_scaled"))  # type: ignore[arg-type]
+        frame.insert(place, name, rows[name] * np.where(scaled, units, 1.0))
+        frame[f"{name}_scaled"] = rows[name] / np.where(scaled, 1.0, units)
+    return frame
 
 
 def _unit(row: Any) -> float:
-    """The time scale of the top of a row, in its own unit."""
+    """The time scale of the top of a row, in the top's own unit; NaN if the top is not known here."""
     with contextlib.suppress(ValueError):
         top, y0 = states.of_cell({**row, "state": row["top"]}, find_stored_potential)
         return float(top.scales(y0)[2])

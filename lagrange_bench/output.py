@@ -1,4 +1,4 @@
-"""What commands print, and the files that they are asked to write: answers, tables, JSON, pictures."""
+"""Formats what commands print: answers, tables, JSON. Checks and writes the files that the user names."""
 
 import importlib.util
 import io
@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".pdf", ".png")
-HEAD = 9  # letters of a word above a column that are not broken
-WIDEST = 10_000  # columns of what is no terminal
+HEAD = 9  # words of a heading up to this length are not broken
+WIDEST = 10_000  # columns, if stdout is no terminal
 
 
 class Answer(NamedTuple):
-    """What a command prints, as text or with --json as data, the exit code, and what it says on stderr unless --quiet."""
+    """What a command answers: text, or data for --json; the exit code; and remarks for stderr, unless --quiet."""
 
     text: str
     data: Any
@@ -27,36 +27,36 @@ class Answer(NamedTuple):
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines with aligned columns, the first row above them; in a terminal wrapped to its width, else a line for each row."""
+    """Lines with aligned columns below the first row. A terminal wraps them to its width; else each row is a line."""
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
     head, *body = rows
-    made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
+    grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
     for i, name in enumerate(head):
         least = min(max(map(len, name.split()), default=0), HEAD)
-        made.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
+        grid.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
     for row in body:
-        made.add_row(*map(Text, row))
+        grid.add_row(*map(Text, row))
     console = Console(file=io.StringIO(), width=terminal_width(), color_system=None)
     with console.capture() as captured:
-        console.print(made)
+        console.print(grid)
     return [line.rstrip() for line in captured.get().splitlines()]
 
 
 def visible(text: str) -> str:
-    """Text for a terminal: control characters, as in foreign names, are spelt out, but for line ends and tabs."""
+    """Text for a terminal, with control characters spelt out, except line ends and tabs."""
     return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda match: f"\\x{ord(match[0]):02x}", text)
 
 
 def terminal_width() -> int:
-    """Columns of the terminal; plenty where stdout is none: a line for each row can be searched."""
+    """How many columns the terminal has; very many if stdout is no terminal, so that each row is one line."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
 
 
 def plain(value: Any) -> Any:
-    """`value` for JSON: arrays become lists, records of dataclasses objects, NaN and infinities null."""
+    """`value` for JSON: arrays become lists, dataclasses become objects, NaN and infinities become null."""
     if is_dataclass(value) and not isinstance(value, type):
         value = asdict(value)
     if isinstance(value, dict):
@@ -71,7 +71,7 @@ def plain(value: Any) -> Any:
 
 
 def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> None:
-    """ValueError naming `flag` if the file could not be written, as far as that can be known before. None: there is none."""
+    """ValueError that names `flag` if `path` cannot be written, as far as this can be known before. None is fine."""
     if path is None:
         return
     if path.suffix.lower() not in suffixes:
@@ -88,7 +88,7 @@ def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> Non
 
 
 def write_picture(path: Path, figure: Any) -> str:
-    """Write a figure in the format that the name ends in, and say what was done."""
+    """Write a figure in the format of its suffix, and return whether a file was replaced."""
     from lagrange_bench.experiments.drawing import figures
     from lagrange_bench.support.files import replace_file
 

@@ -1,4 +1,4 @@
-"""A trajectory summed up in words, kept in a file, and drawn. Files appear whole or not at all."""
+"""Sums a trajectory up in words, saves it, and draws it, for the command `integrate`."""
 
 import math
 from pathlib import Path
@@ -13,17 +13,17 @@ from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.output import table, write_picture
 from lagrange_bench.results import provenance
 
-CHORD = 0.3  # rad between two recorded directions of the axis; beyond, a line between them would say too much
+CHORD = 0.3  # rad between two recorded directions of the axis; if they are further apart, no line is drawn between them
 LAM = "lam given: one step is the flow over another time than h, and a turn"
 
 
 def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any]:
-    """Invariants, their drift relative to `invariant_scales`, and the error against the exact or reference solution.
+    """The invariants, their drift relative to `invariant_scales`, and the error against the true solution.
 
-    lam : whether a parameter of the map was given, which is then no step of time h.
+    lam : whether λ was given. Then a step is no step of time h.
     """
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
-    with np.errstate(all="ignore"):  # |x|² may be no double: what it is a part of is then not given
+    with np.errstate(all="ignore"):  # |x|² may overflow: then the values that contain it are not given
         invariants = top.invariants(y)
         drift = metrics.relative_drift(invariants, top.invariant_scales(y0))
     try:
@@ -33,19 +33,19 @@ def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any
         if np.isnan(errors).any():
             raise ValueError("the motion is chaotic: no digit of its final state is known")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
-    except ValueError as error:  # beyond what doubles resolve: the method has an answer, the truth has none
+    except ValueError as error:  # doubles do not resolve the motion: the method has an answer, but there is no truth
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
     facts, names = ("start", "final", "drift", "largest_drift", "conserved"), top.names
-    kept = [name in top.conserved for name in names]
-    columns = zip(invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), kept, strict=True)
+    conserved = [name in top.conserved for name in names]
+    columns = zip(invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), conserved, strict=True)
     changes = {name: dict(zip(facts, column, strict=True)) for name, column in zip(names, columns, strict=True)}
     head = {"t_final": trajectory.t[-1], "y_final": trajectory.y[-1], "recorded": len(trajectory.t)}
     return {**head, "invariants": changes, "error": judged}
 
 
 def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str) -> str:
-    """What `integrate` prints."""
+    """The text that `integrate` prints."""
     top, work, error = trajectory.top, data["work"], data["error"]
     settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
     grid, unit = "given times", "s" if "physical" in data else "(own unit)"
@@ -80,7 +80,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
 
 
 def _kind(top: Any, y0: Array) -> str:
-    """What motion it is; in a potential, which one."""
+    """The kind of motion, or the potential."""
     if isinstance(top, Problem):
         return f"the problem {top.name}, {top.space.size} numbers"
     alpha = f"alpha = {top.alpha:.10g}"
@@ -92,24 +92,24 @@ def _kind(top: Any, y0: Array) -> str:
 
 
 def _exactly(values: Any) -> tuple[str, ...]:
-    """The shortest decimals that are these doubles, minus signs apart; a dash for none."""
+    """The shortest decimals that are these doubles, with aligned signs; a dash for None."""
     return tuple(" –" if value is None else f"{'' if value < 0 else ' '}{float(value)!r}" for value in values)
 
 
 def _short(value: float | None, sign: str = "-") -> str:
-    """Two digits; a dash for none."""
+    """Two digits; a dash for None."""
     return "–" if value is None else f"{value:{sign}.1e}"
 
 
 def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
-    """Write times, states and metadata as `Trajectory.save` does, and say what was done."""
+    """Save times, states and metadata with `Trajectory.save`, and return whether a file was replaced."""
     version, existed = f"lagrange-bench {provenance.version('lagrange-bench')}", path.exists()
     trajectory.save(path, {"program": version, **facts, **provenance.provenance()})
     return f"{'replaced' if existed else 'written'}: {path}"
 
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
-    """Draw the path of the axis on its sphere, as `Trajectory.plot` does, and write the picture."""
+    """Draw the path of the axis on its sphere, and write the picture."""
     from lagrange_bench.experiments.drawing import style
 
     with style.apply():

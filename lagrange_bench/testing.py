@@ -1,4 +1,4 @@
-"""Tests for a method of your own: bounds on the drift of the invariants, and the order.
+"""Assertions for the tests of your own method: bounds on the drift of invariants, and the order.
 
     from lagrange_bench.testing import assert_drift, assert_order
 
@@ -41,7 +41,7 @@ Named = tuple[str, Any, np.ndarray]
 
 
 class Run(NamedTuple):
-    """The drift of the invariants `names` along one run, (N, len(names)) in ulps, after `counts` steps of `step`, in words."""
+    """One run: the drift of the invariants `names` after `counts` steps of `step` (a text). `ulps` is (N, len(names))."""
 
     top: str
     step: str
@@ -50,11 +50,11 @@ class Run(NamedTuple):
     names: tuple[str, ...]
 
     def drift(self, invariant: str) -> np.ndarray:
-        """Of one invariant, (N,)."""
+        """The drift of one invariant, (N,)."""
         return self.ulps[:, self.names.index(invariant)]
 
     def largest(self, invariant: str) -> tuple[float, int]:
-        """The largest drift, and after which step."""
+        """The largest drift of an invariant, and the step after which it was measured."""
         drift = np.abs(self.drift(invariant))
         at = int(np.argmax(np.where(np.isnan(drift), np.inf, drift)))
         return float(drift[at]), self.counts[at]
@@ -76,16 +76,16 @@ def assert_drift(
 
     Parameters
     ----------
-    tops : one or several; default: TOPS; for `growth` the sixteen random tops of the drift experiment. h : one step or several,
-    in the top's own unit of time. h_scaled : the same in its time scale; 0.1 if neither is given.
-    steps : default: LENGTH; fewer for a method that is interpreted. options : of the method.
-    growth, below : the invariant whose root-mean-square error over the tops grows like t^p, and a bound on p.
-    ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem: bounds in ulps of the invariant's scale, on every top.
+    tops : one or several. Default: TOPS; with `growth` the sixteen random tops of the experiment `drift`.
+    h : one step or several, in the top's own unit of time. h_scaled : the same in its time scale. Default: h_scaled = 0.1.
+    steps : default: LENGTH, or fewer if the method is interpreted. options : of the method.
+    growth, below : an invariant, and a bound on p. Its root-mean-square error over the tops must grow slower than t^p.
+    ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem. Each is a bound on every top, in ulps of the scale.
 
     Raises
     ------
-    AssertionError : with the top, the step, the number of steps and the value of everything that is beyond its bound.
-    ValueError : the arguments make no test: no such method, top or invariant; a top that does not conserve the invariant.
+    AssertionError : names every value beyond its bound, with the top, the step and the number of steps.
+    ValueError : no such method, top or invariant, or a top does not conserve the invariant.
     """
     if (growth is None) != (below is None):
         raise ValueError("growth and below go together: growth='H', below=0.75")
@@ -97,11 +97,11 @@ def assert_drift(
             raise ValueError(f"{name} must be a bound in ulps, at least 0; got {bound!r}")
     if below is not None:
         check_real(below, "below")
-    found = find_method(method)
+    record = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
-    named = find_all([tops] if isinstance(tops, str) else tops, asked)
-    runs = list(drifts(found, named, h, h_scaled, steps, options))
+    starts = find_all([tops] if isinstance(tops, str) else tops, asked)
+    runs = list(drifts(record, starts, h, h_scaled, steps, options))
     if not runs:
         raise ValueError("tops, h and h_scaled: give at least one of each")
     wrong = []
@@ -110,15 +110,15 @@ def assert_drift(
             value, step = run.largest(name)
             if not value <= bound:
                 wrong.append(f"{name} is off by {value:.4g} ulps at step {step} on {run.top}, {run.step}: {bound:g}")
-    lines = [f"{found.name}: {text} allowed" for text in wrong]
+    lines = [f"{record.name}: {text} allowed" for text in wrong]
     if growth is not None and below is not None:
-        lines += _grows(found, runs, growth, below)
+        lines += _grows(record, runs, growth, below)
     if lines:
         raise AssertionError("\n".join(lines))
 
 
 def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator[str]:
-    """What is wrong with the exponents, one for each step. A drift of round-off, up to `ROUND_OFF`, needs none."""
+    """A message for each step for which the exponent is too large. A drift below `ROUND_OFF` is not judged."""
     for step in dict.fromkeys(run.step for run in runs):
         these = [run for run in runs if run.step == step]
         E = np.array([run.drift(name) for run in these])
@@ -142,37 +142,37 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
 
 
 def assert_order(method: str | Method, order: int | None = None, *, tops: Sequence[Top] = check.ORDER_STATES) -> None:
-    """AssertionError unless the error of one step grows like h^(order + 1), as `lagrange-bench check` measures it.
+    """AssertionError unless the error of one step grows like h^(order + 1), measured as `lagrange-bench check` does.
 
-    order : default: what the method claims for these tops, which are all in a potential or all not.
+    order : default: the order that the method claims. tops : either all in a potential, or none.
 
     Raises
     ------
-    AssertionError : with the order that was found, or why none can be told.
-    ValueError : a method exact in time, or one that chooses its steps.
+    AssertionError : gives the measured order, or says why it cannot be measured.
+    ValueError : the method is exact in time, or chooses its own steps.
     """
-    found, named = find_method(method), find_all(tops)
+    record, named = find_method(method), find_all(tops)
     if not named:
         raise ValueError("tops: give one or more")
     labels, problems = [label for label, _, _ in named], [problem for _, problem, _ in named]
     if len({"uniform" in problem.offers for problem in problems}) > 1:
         raise ValueError(f"tops must be all in a potential or all not; got {', '.join(labels)}")
     for problem in problems:
-        if reason := found.takes(problem):
+        if reason := record.takes(problem):
             raise ValueError(f"tops: {reason}")
     if order is not None:
-        found = replace(found, order=order)
-    if found.order is None or found.control == "tolerance":
-        why = "is exact in time" if found.order is None else "chooses its own steps"
-        raise ValueError(f"{found.name} {why}: it has no order to measure")
+        record = replace(record, order=order)
+    if record.order is None or record.control == "tolerance":
+        why = "is exact in time" if record.order is None else "chooses its own steps"
+        raise ValueError(f"{record.name} {why}: it has no order to measure")
     starts = tuple(
         label if isinstance(word, str) else (problem, y0)
         for word, (label, problem, y0) in zip(tops, named, strict=True)
     )
-    (verdict,) = check.order(found, False, starts)
+    (verdict,) = check.order(record, False, starts)
     if not verdict.passed:
         unknown = " (not judged)" if verdict.passed is None else ""
-        raise AssertionError(f"{found.name}, {verdict}, on {', '.join(labels)}{unknown}")
+        raise AssertionError(f"{record.name}, {verdict}, on {', '.join(labels)}{unknown}")
 
 
 def drifts(
@@ -183,7 +183,7 @@ def drifts(
     steps: int | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Iterator[Run]:
-    """A run for each top and each step, as of `assert_drift`; `tops` as `find` gives them.
+    """A run for each top and each step; arguments as of `assert_drift`, with tops from `find_all`.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def drifts(
 
 
 def find(word: Top) -> Named:
-    """What messages call a top or another problem, the problem and its state."""
+    """A label for messages, the problem and its state, from the name of a top or from a pair (problem, y0)."""
     if isinstance(word, str):
         return word, *check.find(word)
     pair = isinstance(word, (tuple, list)) and len(word) == 2
@@ -228,7 +228,7 @@ def find(word: Top) -> Named:
 
 
 def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:
-    """Every top of a sequence. ValueError: it is none, or one of them does not conserve one of `invariants`."""
+    """`find` for each top of a sequence. ValueError if it is no sequence, or if a top does not conserve an invariant."""
     if isinstance(tops, str) or not isinstance(tops, Iterable):
         raise ValueError(f"tops must be a sequence of tops; got {tops!r}")
     named = [find(word) for word in tops]

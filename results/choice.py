@@ -1,4 +1,4 @@
-"""Which of the cells are asked for: those of some methods, on some tops. All that run, store and draw know it."""
+"""A choice of cells: some methods, some tops. `run`, the store and the figures take one."""
 
 import shlex
 from collections.abc import Iterable, Mapping
@@ -10,28 +10,28 @@ from lagrange_bench.support.words import suggestion
 
 @dataclass(frozen=True)
 class Choice:
-    """Names of methods and tops; none: all of them. A cell without a method, or without a top, is of none that is named."""
+    """Names of methods and tops; no names mean all. A cell without a method is left out if methods are named; so with tops."""
 
     methods: tuple[str, ...] = ()
     tops: tuple[str, ...] = ()
     highlight: tuple[str, ...] = ()  # methods that are drawn with the reserved look, as plug-ins are
 
     def __bool__(self) -> bool:
-        """Whether it leaves anything out."""
+        """Whether the choice leaves any cell out."""
         return bool(self.methods or self.tops)
 
     @property
     def words(self) -> str:
-        """As the options of a command."""
-        given = {"--methods": self.methods, "--tops": self.tops, "--highlight": self.highlight}
-        return "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in given.items() if names)
+        """The choice as options of a command."""
+        options = {"--methods": self.methods, "--tops": self.tops, "--highlight": self.highlight}
+        return "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
 
     def takes(self, cell: Mapping[str, Any]) -> bool:
-        """Whether a cell is asked for."""
+        """Whether a cell belongs to the choice."""
         return (not self.methods or cell.get("method") in self.methods) and (not self.tops or _top(cell) in self.tops)
 
     def include(self) -> None:
-        """Make methods in files of the user's own, `module:NAME`, known to this process. ValueError if one cannot be loaded."""
+        """Load the methods from the user's own files, `module:NAME`. ValueError if one cannot be loaded."""
         from lagrange_bench.integrators.registry import METHODS
 
         for name in (*self.methods, *self.highlight):
@@ -39,22 +39,22 @@ class Choice:
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
-        """ValueError for a name that none of the cells has, and if none is asked for: both would be left out in silence."""
+        """ValueError if no cell has one of the names, or if the choice leaves no cell: otherwise nobody would notice."""
         if not (self or self.highlight):
             return
         from lagrange_bench.integrators.registry import NAMED_TOPS, in_own_file
 
         cells = list(cells)
-        found = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}
+        known_names = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}
         for flag, word, names in (
             ("--methods", "method", self.methods),
             ("--tops", "top", self.tops),
             ("--highlight", "method", self.highlight),
         ):
-            known = sorted(name for name in found[word] if isinstance(name, str))
+            known = sorted(name for name in known_names[word] if isinstance(name, str))
             if unknown := [name for name in names if name not in known]:
                 close = (word == "method" and in_own_file(unknown[0], word)) or suggestion(unknown[0], known)
-                if word == "method" and (why := _refusal(unknown[0], found["top"])):
+                if word == "method" and (why := _refusal(unknown[0], known_names["top"])):
                     raise ValueError(f"{flag}: {why}")
                 if word == "top" and unknown[0] in NAMED_TOPS:
                     close = (
@@ -70,7 +70,7 @@ ALL = Choice()
 
 
 def _refusal(method: str, tops: Iterable[Any]) -> str | None:
-    """Why a method has no cells, if all of these are of tops in a potential that it does not take."""
+    """Why a method has no cells, if all these tops are in a potential that it does not take."""
     from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
 
     if method not in METHODS or not all(top in PERTURBED_TOPS for top in tops):

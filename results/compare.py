@@ -1,10 +1,10 @@
-"""Do two stores say the same? And does this machine, today, still compute what a store says?
+"""Compares two stores of results, cell by cell.
 
 Cells are matched by experiment and content. What is not a time must be equal, to the last digit stored unless a
-tolerance is given. Times differ from run to run, so they are tested in groups: a method's column over all its cells.
+tolerance is given. Times differ from run to run, so they are tested in groups: one column of one method, over all its cells.
 The test is Wilcoxon's signed-rank test on the logarithms of the ratios. The times are called different only if the test
-is significant and the ratio is large enough. It must be larger than what two runs of the same code differ by on a
-machine that is not quite idle.
+is significant and the ratio is above a threshold. On a machine that is not quite idle, two runs of the same code differ by
+less than this threshold.
 """
 
 import math
@@ -18,19 +18,19 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lo
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import SAMPLES, Record, Store, _canonical, failure_text, find_results, restore
 
-# a column of a timing cell is a time if its name has one of these words; others by the experiment's own TIMES
+# a column of a timing cell is a time if its name has one of these words, or if the experiment lists it in TIMES
 WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
-UNITS = frozenset(("ns", "us", "ms", "s", "seconds"))  # and these are tested with --times, for each method
+UNITS = frozenset(("ns", "us", "ms", "s", "seconds"))  # --times tests the columns with one of these words
 SIGNIFICANT = 0.01  # over all tests of a comparison together (Holm)
 THRESHOLD = 0.1  # between two processes minima differ by some 6 %
 
 
 @dataclass
 class Difference:
-    """What changed in one column of one cell. `old` and `new` are of the row where the relative difference is largest."""
+    """What changed in one column of one cell. `old` and `new` come from the row with the largest relative difference."""
 
     rows: int
-    absolute: float  # the largest; inf where it is not a matter of size: another word, NaN, no such row
+    absolute: float  # the largest; inf if the values are no numbers, or a row is missing
     relative: float  # |new − old|/max(|old|, |new|), the largest
     old: Any
     new: Any
@@ -38,16 +38,16 @@ class Difference:
 
 @dataclass
 class Cells:
-    """One experiment in both stores. Only what differs is listed."""
+    """How the cells of one experiment differ between two stores."""
 
     old: int = 0
     new: int = 0
     same: int = 0
-    other_sources: int = 0  # of the cells in both: the two were computed with different source code
-    unknown_sources: int = 0  # of the cells in both: the source code of at least one was not recorded
+    other_sources: int = 0  # cells in both stores, computed with different source code
+    unknown_sources: int = 0  # cells in both stores, one of them without a record of its source code
     added: list[dict[str, Any]] = field(default_factory=list)
     removed: list[dict[str, Any]] = field(default_factory=list)
-    changed: list[dict[str, Any]] = field(default_factory=list)  # each a cell, and its columns: name → Difference
+    changed: list[dict[str, Any]] = field(default_factory=list)  # {"cell": …, "columns": {name: Difference}}
 
 
 @dataclass
@@ -66,7 +66,7 @@ class Times:
 
 @dataclass
 class Comparison:
-    """What two stores differ in."""
+    """How two stores differ."""
 
     experiments: dict[str, Cells]
     times: list[Times]
@@ -81,7 +81,7 @@ class Comparison:
 def compare(
     old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0, times: bool = False, threshold: float = THRESHOLD
 ) -> Comparison:
-    """Compares the store in `new` with that in `old`; FileNotFoundError if there is none."""
+    """Compare the store in the folder `new` with the one in `old`. FileNotFoundError if a folder holds no results."""
     stores = Store(find_results(old)), Store(find_results(new))
     result = Comparison({}, [], [])
     pairs: list[tuple[Record, Record]] = []
@@ -105,17 +105,17 @@ def compare(
         machines = {r["provenance"].get("cpu") for pair in pairs for r in pair if r["cell"].get("timing")}
         if len(machines) > 1:
             result.notes.append(f"times were measured on different machines: {', '.join(sorted(map(str, machines)))}")
-    said = f"of the {len(pairs)} cells in both were computed with"
+    words = f"of the {len(pairs)} cells in both were computed with"
     if other := sum(cells.other_sources for cells in result.experiments.values()):
-        result.notes.append(f"{other} {said} different source code")
+        result.notes.append(f"{other} {words} different source code")
     unknown = sum(cells.unknown_sources for cells in result.experiments.values())
     if unknown and not result.same:
-        result.notes.append(f"{unknown} {said} source code that was not recorded")
+        result.notes.append(f"{unknown} {words} source code that was not recorded")
     return result
 
 
 def _cells(experiment: str, both: Sequence[tuple[Record, Record]], tolerance: tuple[float, float]) -> Cells:
-    """What differs in the cells that are in both stores."""
+    """How the cells that both stores have differ."""
     cells, own = Cells(), declared(experiment, "TIMES", ())
     for before, after in both:
         age = sources.compared(before.get("sources"), after.get("sources"))
@@ -133,15 +133,15 @@ def is_time(column: str, cell: dict[str, Any], own: Iterable[str] = ()) -> bool:
 
 
 def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) -> dict[str, Difference]:
-    """Column → what differs by more than `tolerance(column)` = (rtol, atol); without times, those of TIMES, `own`, or by name."""
+    """Columns that differ by more than `tolerance(column)` = (rtol, atol). Times, also those in `own`, are left out."""
     if old["status"] != new["status"] or old["status"] == "failed":
         words = [r["status"] if r["error"] is None else failure_text(r["error"]) for r in (old, new)]
         return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}
-    timed = bool(old["cell"].get("timing"))  # the clock decides how far it goes: what both have is compared
+    timed = bool(old["cell"].get("timing"))  # the clock decides how many rows there are: compare those that both have
     if len(old["rows"]) != len(new["rows"]) and not timed:
         counts = len(old["rows"]), len(new["rows"])
         return {"rows": Difference(0, float(abs(counts[1] - counts[0])), math.inf, *counts)}
-    found: dict[str, Difference] = {}
+    changes: dict[str, Difference] = {}
     for before, after in zip(old["rows"], new["rows"], strict=False):
         for column in [*before, *(name for name in after if name not in before)]:
             if is_time(column, old["cell"], own) or (timed and (column not in before or column not in after)):
@@ -150,12 +150,12 @@ def differences(old: Record, new: Record, own: Iterable[str], tolerance: Any) ->
             absolute, relative = _distance(a, b)
             rtol, atol = tolerance(column)
             if relative > rtol and absolute > atol:
-                entry = found.setdefault(column, Difference(0, 0.0, 0.0, a, b))
+                entry = changes.setdefault(column, Difference(0, 0.0, 0.0, a, b))
                 entry.rows += 1
                 entry.absolute = max(entry.absolute, absolute)
                 if relative > entry.relative:
                     entry.relative, entry.old, entry.new = relative, a, b
-    return found
+    return changes
 
 
 def _distance(a: Any, b: Any) -> tuple[float, float]:
@@ -168,7 +168,7 @@ def _distance(a: Any, b: Any) -> tuple[float, float]:
 
 
 def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRESHOLD) -> list[Times]:
-    """Tests every duration of every method, over the cells in both stores, and corrects for testing many."""
+    """Test every column of times of every method, over the cells in both stores; corrected for the number of tests."""
     from scipy.stats import wilcoxon
 
     groups: dict[tuple[str, str, str], list[tuple[list[float], list[float]]]] = {}
@@ -189,7 +189,7 @@ def paired_times(pairs: Sequence[tuple[Record, Record]], threshold: float = THRE
 
 
 def _durations(old: Record, new: Record) -> Iterator[tuple[str, str, list[float], list[float]]]:
-    """What, column and samples of both; where raw samples are stored they stand for the figures drawn from them."""
+    """Method, column, and the samples in both stores. Raw samples, if stored, replace the numbers computed from them."""
     if not old["cell"].get("timing"):
         return
     for before, after in zip(old["rows"], new["rows"], strict=False):

@@ -1,4 +1,4 @@
-"""Where a result comes from: commit, versions, machine, time. Never fails, and never names the host or the user."""
+"""Records where a result comes from: commit, versions, machine, time. Never the name of the host or the user."""
 
 import contextlib
 import os
@@ -12,13 +12,13 @@ from pathlib import Path
 
 from lagrange_bench.support import machine
 
-# a result is stored under these versions: a change of any of them measures afresh
+# a result is stored under these versions: if one of them changes, `run` measures again
 DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")
 PACKAGES = (*DECISIVE, "llvmlite", "pandas", "matplotlib")
 
 
 def provenance() -> dict[str, object]:
-    """Flat dict of facts; everything but the time is looked up once per process."""
+    """The facts as a flat dict. All but the time are looked up once in a process."""
     return {"utc": datetime.now(UTC).isoformat(timespec="seconds"), **_unchanging()}
 
 
@@ -33,7 +33,7 @@ def version(package: str) -> str | None:
 
 @cache
 def checkout() -> Path | None:
-    """Root of the source tree this package was imported from; None for an installed wheel."""
+    """The root of the source tree of this package; None if it is an installed wheel."""
     root = Path(__file__).resolve().parent.parent
     project = root / "pyproject.toml"
     ours = project.is_file() and 'name = "lagrange-bench"' in project.read_text(encoding="utf-8")
@@ -55,7 +55,7 @@ def _unchanging() -> dict[str, object]:
 
 
 def _git_state() -> tuple[str | None, bool | None]:
-    """Commit of the checkout, and whether its sources differ from it. Results do not count: a run writes them."""
+    """The commit of the checkout, and whether its files differ from it. Results are not compared: a run writes them."""
     root = checkout()
     if root is None or not (root / ".git").exists():
         return None, None
@@ -67,8 +67,8 @@ def _git_state() -> tuple[str | None, bool | None]:
 def _cpu_model() -> str | None:
     with contextlib.suppress(OSError):
         facts = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")
-        if found := re.search(r"^model name\s*:(.*)$", facts, re.MULTILINE):
-            return found[1].strip()
+        if match := re.search(r"^model name\s*:(.*)$", facts, re.MULTILINE):
+            return match[1].strip()
     if platform.system() == "Darwin":
         return _output("sysctl", "-n", "machdep.cpu.brand_string")
     return platform.processor() or None

@@ -1,9 +1,9 @@
-"""Which source code computed a cell: a digest of the files its rows come from, stored with them.
+"""Which source code computed a cell. Each cell is stored with a digest of the files that its rows depend on.
 
-These are the file of the experiment, that of the cell's method and that of its potential, and what these import, as
-`imported` finds it. Of the methods that an experiment names in quotes the files count for all of its cells. The process that
-computes a cell takes the digest before it begins, and looks afterwards whether a file was edited. What a figure looks like,
-how cells are run, and which methods there are, decide about no row and do not count.
+The files are those of the experiment, the method and the potential, and all that these import (`support.source_digest`).
+If an experiment names a method in quotes, the file of that method counts for all its cells. The process that computes a cell
+takes the digest before it begins, and afterwards checks that no file was edited. Some files decide about no row and do not
+count: how figures look, how cells are run, and the list of methods.
 """
 
 import re
@@ -15,7 +15,7 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import declared, installed
 from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, SourceDigest, Sources
 
-DEFAULT = "backlund"  # the method of a cell that names none, as of `lagrange_bench.prepare`
+DEFAULT = "backlund"  # the method of a cell that names none
 QUOTED = re.compile(rb"""["'](\w+)["']""")
 
 SAME, OTHER, UNKNOWN, OUTDATED = "same", "other", "unknown", "outdated"
@@ -27,21 +27,21 @@ WORDS = {
 
 
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> str | None:
-    """Digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
+    """The digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
     return code_of_cell(experiment, cell, sources).digest
 
 
 def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> SourceDigest:
     """The source code that computes a cell.
 
-    sources : as this process read them; `Sources()` for the files as they are now.
+    sources : the files as this process read them; `Sources()` takes them as they are now.
     """
     method, potential = (name if isinstance(name, str) else None for name in map(cell.get, ("method", "potential")))
     asked = experiment, method, potential
     if asked not in sources.known:
         try:
             sources.known[asked] = _code(sources, *asked)
-        except Exception:  # somebody else's, and not here, or not fit to be read
+        except Exception:  # a plug-in that is not here, or that cannot be read
             sources.known[asked] = SourceDigest(None)
     return sources.known[asked]
 
@@ -51,7 +51,7 @@ def _code(sources: Sources, experiment: str, method: str | None, potential: str 
 
     modules = {_module(experiment)}
     for name, registry in ((method or DEFAULT, METHODS), (potential, POTENTIALS)):
-        if name is not None and (":" in name or name in set(registry)):  # the names only: nothing is loaded
+        if name is not None and (":" in name or name in set(registry)):  # compares names, loads nothing
             modules.add(registry.module(name))
     while True:
         files = sources.files(modules)
@@ -74,7 +74,7 @@ def _quoted(source: bytes) -> frozenset[str]:
 
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
-    """Whether a stored cell was computed by the sources that are here: SAME, OTHER, OUTDATED or UNKNOWN."""
+    """Whether a stored cell was computed by the present sources: SAME, OTHER, OUTDATED or UNKNOWN."""
     here = declared(record["experiment"], "VERSION")
     if here is None:
         return UNKNOWN
@@ -84,13 +84,13 @@ def judge(record: Mapping[str, Any], sources: Sources) -> str:
 
 
 def compared(one: str | None, other: str | None) -> str:
-    """SAME, OTHER, or UNKNOWN if either is not known or they are digests of different kinds: older ones are shorter."""
+    """SAME or OTHER; UNKNOWN if a digest is missing, or if one is of the older, shorter kind."""
     if one is None or other is None or len(one) != len(other):
         return UNKNOWN
     return SAME if one == other else OTHER
 
 
 def summary(ages: Mapping[str, int]) -> str:
-    """How many stored cells are not known to come from the sources that are here; empty if none. ages : see `judge`."""
+    """How many stored cells do not come from the present sources, as a sentence; "" if all do. ages : see `judge`."""
     counts = {words: ages[age] for age, words in WORDS.items() if ages.get(age)}
     return "; ".join(f"{n} stored cell{' was' if n == 1 else 's were'} computed {words}" for words, n in counts.items())

@@ -1,8 +1,8 @@
-"""Results on disk: one journal per experiment, `<experiment>.jsonl`, one line per finished cell, only ever appended to.
+"""Results on disk. Each experiment has a journal, `<experiment>.jsonl`, with one line for each finished cell.
 
-A line is a JSON object with its own SHA-256, written whole, flushed and synced before the next cell is started.
-A run that is killed loses at most the cells it was computing. A line that was cut off, or damaged later, is
-reported and skipped; it is never repaired in place. Of several records of a cell the last that succeeded counts.
+A line is a JSON object with its own SHA-256. It is on the disk before the next cell is stored, and it is never changed
+afterwards. A run that is killed loses only the cells that it was computing. A line that was cut off or damaged is reported and
+skipped. If a cell has several records, the last that succeeded counts.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 
-SCHEMA = 1  # of the records; the envelope (one JSON object a line, "schema", "sha256") is the same in all
-ADDED = ("key", "status", "failure")  # columns `rows` adds to those of a cell
-SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of the row fields that may be lists of numbers: raw timings
+SCHEMA = 1  # of the records; every schema has one JSON object a line, with "schema" and "sha256"
+ADDED = ("key", "status", "failure")  # columns that `rows` adds to the columns of a cell
+SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of row fields that may be lists of numbers: raw timings
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
-NAMES = (REFERENCE.name, "quick", "full")  # of results, in place of a path
+NAMES = (REFERENCE.name, "quick", "full")  # words that name results in place of a path
 LONGEST = 2000  # characters of a message
 NONE = type(None)
 SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
@@ -47,19 +47,24 @@ SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
     "error": (dict, NONE),
     "seconds": (int, float),
 }
-COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # what became of a cell
+COMPUTED: Record = {
+    "rows": [],
+    "error": None,
+    "warnings": [],
+    "seconds": 0.0,
+}  # the outcome of a cell, and its defaults
 
 
 class StoreError(RuntimeError):
-    """Results cannot be written or read; the message names the folder and what to do."""
+    """Results cannot be written or read. The message names the folder and says what to do."""
 
 
 def default_results(profile: str | None = None) -> Path:
-    """Where results are if nobody says: of a run with this profile, or (None) the ones the report shows.
+    """The folder of results if the user names none. profile : of a run; None: the results that the report shows.
 
-    In a clone results/local/<profile> of the clone, wherever the command is given, and the published ones. For an installed
-    package ./results/<profile>, and the fullest of those there are: two profiles in one folder would be drawn into one
-    figure; without any, the published ones.
+    In a clone a run writes to results/local/<profile> of the clone, from any folder, and the report shows the published
+    results. An installed package writes to ./results/<profile>. Its report shows ./results/full, else ./results/quick, else the
+    published results. Profiles have folders of their own, or they would be drawn into one figure.
     """
     root = provenance.checkout()
     if root is not None:
@@ -71,20 +76,20 @@ def default_results(profile: str | None = None) -> Path:
 
 
 def folder_of(word: str) -> Path:
-    """The folder of results that a word names, from any folder: one of NAMES, or else a path. ./quick is a path."""
+    """The folder of results that a word names: one of NAMES, from any folder, or a path. ./quick is a path."""
     if word not in NAMES:
         return Path(word)
     return REFERENCE if word == REFERENCE.name else default_results(word)
 
 
 def name_of(folder: Path) -> str | None:
-    """The name in NAMES of a folder of results, if it has one."""
+    """The name in NAMES of a folder of results; None if it has none."""
     place = os.path.abspath(folder)
     return next((name for name in NAMES if os.path.abspath(folder_of(name)) == place), None)
 
 
 def find_results(chosen: str | Path | None) -> Path:
-    """The folder asked for, by name (a str in NAMES) or by path, or the one that is shown if nobody says.
+    """The folder of results with this name (in NAMES) or path; None: the one that the report shows.
 
     Raises
     ------
@@ -103,7 +108,7 @@ def find_results(chosen: str | Path | None) -> Path:
 
 
 def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
-    """Text as Python has it, whether or not pyarrow is there."""
+    """A frame whose texts are Python's, whether or not pyarrow is installed."""
     import pandas as pd
 
     with pd.option_context("mode.string_storage", "python"):
@@ -111,10 +116,10 @@ def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.
 
 
 def cell_key(experiment: str, version: int, cell: Mapping[str, Any], digest: str | None = None) -> str:
-    """SHA-256 of everything a cell's rows depend on: experiment, its VERSION, the cell, the packages' versions.
+    """SHA-256 of all that the rows of a cell depend on: experiment, its VERSION, the cell, versions of packages.
 
-    digest : of the source code that computes the cell. It is part of the key where the cell's method or potential is not one
-    of the bench, for which the version of the bench stands: after an edit of one's own file a run computes its cells again.
+    digest : of the source code that computes the cell. It is part of the key if the method or the potential is a user's own: so
+    a run computes these cells again after an edit. Methods of the bench need no digest: its version is part of the key.
     """
     content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
     own = (cell.get(word, known[0]) not in known for word, known in _built_in().items())
@@ -131,10 +136,10 @@ def _built_in() -> dict[str, tuple[str | None, ...]]:
 
 
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
-    """A record without its SHA-256. `position` of the cell among the experiment's cells: the order of `rows`.
+    """A record without its SHA-256. position : of the cell in the list of its experiment; `rows` come in this order.
 
-    outcome : of `COMPUTED`, what differs; error (None or a dict: then the cell failed); sources, if it was not computed in this
-    process: the digest of the source code (None: not known); and provenance, if not on this machine.
+    outcome : the fields that differ from `COMPUTED`; an `error` means that the cell failed. If another process computed the
+    cell, `sources` is the digest of its source code (None: not known). If another machine did, `provenance` is its own.
     """
     outcome = {**COMPUTED, "status": "failed" if outcome.get("error") else "done", **outcome}
     if "sources" not in outcome:
@@ -188,7 +193,7 @@ def clean(value: Any) -> Any:
 
 
 def text_of(thing: Any) -> str:
-    """str(thing) as it can be stored and printed: Unicode, and no longer than LONGEST characters."""
+    """str(thing) that can be stored and printed: valid Unicode, at most LONGEST characters."""
     text = _unicode(str(thing))
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} characters)"
 
@@ -199,7 +204,7 @@ def failure_text(error: Mapping[str, str]) -> str:
 
 
 def _unicode(text: str) -> str:
-    """A str, and of no class of a plug-in's; lone surrogates, as in names of files that are not UTF-8, are spelt out."""
+    """A plain str. Lone surrogates, as in names of files that are not UTF-8, are spelt out."""
     return str.encode(text, "utf-8", "backslashreplace").decode()
 
 
@@ -213,18 +218,16 @@ def restore(value: Any) -> Any:
 
 
 def latest(records: Sequence[Record], version: float | None = None) -> list[Record]:
-    """Of the records of an experiment one per cell of this VERSION, in the order of the experiment's cells.
+    """One record for each cell of this VERSION of an experiment, in the order of its cells.
 
-    Where there are none of it, those of the newest VERSION.
-
-    The environment and the sources that measured a cell last win; within these, a success over any failure, the later
-    over the earlier.
+    If there are none of this VERSION, the newest VERSION is taken. Of several records of a cell, those of the last environment
+    and sources count; among these a success counts more than a failure, and a later one more than an earlier one.
     """
     versions = {record["version"] for record in records}
-    shown = version if version in versions else max(versions, default=None)
+    taken = version if version in versions else max(versions, default=None)
     chosen: dict[str, Record] = {}
     for record in records:
-        if record["version"] == shown:
+        if record["version"] == taken:
             cell = _canonical(record["cell"])
             if _counts(record, chosen.get(cell)):
                 chosen[cell] = record
@@ -232,7 +235,7 @@ def latest(records: Sequence[Record], version: float | None = None) -> list[Reco
 
 
 def _counts(record: Record, old: Record | None) -> bool:
-    """Whether a record counts instead of an earlier one of its cell."""
+    """Whether a record replaces an earlier one of its cell."""
     if old is None or old["status"] != "done" or record["status"] == "done":
         return True
     return (record["key"], record.get("sources")) != (old["key"], old.get("sources"))
@@ -252,18 +255,18 @@ def _digest(value: Any) -> str:
 
 
 class Journal(NamedTuple):
-    """One record per cell of an experiment, and what is wrong with the lines that are no record."""
+    """What is stored of one experiment: one record for each cell, and what is wrong with damaged lines."""
 
     latest: list[Record]
     problems: list[str]
 
     def ages(self) -> Counter[str]:
-        """How many cells are of which sources, by `sources.judge`."""
+        """How many cells are SAME, OTHER, OUTDATED or UNKNOWN, by `sources.judge`."""
         here = Sources()
         return Counter(sources.judge(record, here) for record in self.latest)
 
     def rows(self) -> pd.DataFrame:
-        """What was measured: each row with the fields of its cell, and `key`, `status`, `failure`.
+        """All measured rows, each with the fields of its cell and with `key`, `status` and `failure`.
 
         A failed cell is one row with status "failed" and the error's message; its measured columns are missing.
         Everywhere else status is "done" and `failure` is missing.
@@ -286,19 +289,19 @@ class Journal(NamedTuple):
         return _frame(table)
 
     def provenance(self) -> pd.DataFrame:
-        """Where each cell's rows come from: `key`, `seconds` and the facts of `provenance.provenance`."""
+        """Where the rows of each cell come from: `key`, `seconds` and the facts of `provenance.provenance`."""
         return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in self.latest])
 
 
 class Store:
-    """The journals in one folder. Nothing is read or created before it is asked for.
+    """The journals in one folder. A store reads and creates nothing before one of its methods is called.
 
     Parameters
     ----------
     folder : str or Path
-        Where they are.
+        Where the journals are.
     choice : Choice
-        The cells that `open` and `rows` give; all that is written is.
+        The cells that `open` and `rows` return. `append` writes all.
     """
 
     def __init__(self, folder: str | Path, choice: Choice = ALL):
@@ -308,7 +311,7 @@ class Store:
         return self.folder / f"{experiment}.jsonl"
 
     def check_writable(self) -> None:
-        """Creates the folder and a file in it, for a moment; StoreError if that cannot be done."""
+        """Create the folder, and for a moment a file in it. StoreError if that fails."""
         with self._explained():
             self.folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=self.folder) as file:
@@ -317,7 +320,7 @@ class Store:
                 os.fsync(file.fileno())
 
     def append(self, *records: Record) -> None:
-        """Adds records to their journals, all or nothing for each journal; on return they are on the disk."""
+        """Add records to their journals. On return they are on the disk. If that fails, a journal is as before."""
         journals: dict[str, list[bytes]] = {}
         for record in records:
             line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
@@ -331,7 +334,7 @@ class Store:
         return sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
 
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
-        """Every record of an experiment, oldest first, and what is wrong with the lines that are none.
+        """Every record of an experiment, oldest first, and what is wrong with damaged lines.
 
         Raises
         ------
@@ -361,9 +364,9 @@ class Store:
         return records, problems
 
     def done(self, experiment: str) -> tuple[dict[str, str | None], list[str]]:
-        """Keys of the cells that were computed, with the digests of the sources that did; and what is wrong with the lines.
+        """Keys of the computed cells, each with the digest of its sources; and what is wrong with damaged lines.
 
-        They are of the records that `latest` takes: what was computed otherwise since is computed again.
+        Only the records that `latest` takes count. A cell with a later record of other sources is not computed.
         """
         records, problems = self.read(experiment)
         versions = {record["version"] for record in records}
@@ -371,7 +374,7 @@ class Store:
         return {r["key"]: r.get("sources") for r in shown if r["status"] == "done"}, problems
 
     def open(self, experiment: str) -> Journal:
-        """What is stored of an experiment now, read once: its VERSION, the cells in their order; see the function `latest`."""
+        """Read what is stored of an experiment now: the records that `latest` takes, of the present VERSION."""
         records, problems = self.read(experiment)
         shown = [r for r in latest(records, declared(experiment, "VERSION")) if self.choice.takes(r["cell"])]
         if len({record["version"] for record in records}) > 1:
@@ -382,12 +385,12 @@ class Store:
         return Journal(shown, problems)
 
     def rows(self, experiment: str) -> pd.DataFrame:
-        """What was measured; see `Journal.rows`."""
+        """All measured rows of an experiment; see `Journal.rows`."""
         return self.open(experiment).rows()
 
     @contextlib.contextmanager
     def _explained(self) -> Iterator[None]:
-        """Turns an OSError into a StoreError that says what to do."""
+        """Turn an OSError into a StoreError that says what to do."""
         try:
             yield
         except OSError as error:
@@ -398,7 +401,7 @@ class Store:
 
 
 def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if it does not match its SHA-256, or has not the shape of a record."""
+    """The record in a line; None if its SHA-256 does not match, or if it is not shaped like a record."""
     head, _, tail = line.rpartition(b'"sha256":"')
     digest, mark, rest = tail[:64], tail[64:66], head + tail[66:]
     if mark != b'",' or hashlib.sha256(rest).hexdigest().encode() != digest:
@@ -414,7 +417,7 @@ def _parse(line: bytes) -> Record | None:
 
 
 def _is_record(record: Any) -> bool:
-    """Whether a value has the shape of what `make_record` gives, and its rows that of `clean_rows`."""
+    """Whether a value is shaped like a record of `make_record`, with rows like those of `clean_rows`."""
     if not isinstance(record, dict) or any(type(record.get(name, ...)) not in types for name, types in SHAPE.items()):
         return False
     cell, rows, error, facts = (record[name] for name in ("cell", "rows", "error", "provenance"))
@@ -448,14 +451,14 @@ def _is_scalar(value: Any) -> bool:
 
 
 def _is_stored(value: Any) -> bool:
-    """Whether `clean` gives this of some value."""
+    """Whether a value may be a result of `clean`."""
     if type(value) is list or (type(value) is dict and set(value) != {"float"}):
         return all(_is_stored(v) for v in (value.values() if type(value) is dict else value))
     return _is_scalar(value) and (type(value) is not float or math.isfinite(value))
 
 
 def _append(path: Path, lines: bytes) -> None:
-    """Writes lines at the end of a journal, on a fresh line, and syncs them; takes back what it wrote if that fails."""
+    """Write lines at the end of a journal, on a fresh line, and sync them. If that fails, remove what was written."""
     new = not path.exists()
     file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
@@ -469,7 +472,7 @@ def _append(path: Path, lines: bytes) -> None:
                 written += os.write(file, lines[written:])
             os.fsync(file)
         except OSError:
-            with contextlib.suppress(OSError):  # where this fails too, the torn line is skipped by every reader
+            with contextlib.suppress(OSError):  # if this fails too, readers skip the torn line
                 os.ftruncate(file, size)
             raise
     finally:
@@ -479,7 +482,7 @@ def _append(path: Path, lines: bytes) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Puts the name of a new file on the disk too, where folders can be synced."""
+    """Sync a folder, so that the name of a new file is on the disk, too; some systems cannot do that."""
     with contextlib.suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -489,6 +492,6 @@ def _sync_folder(folder: Path) -> None:
 
 
 def _lock(file: int, exclusive: bool) -> None:
-    """Until the file is closed; where the file system knows locks."""
+    """Lock a file until it is closed."""
     with contextlib.suppress(OSError):  # some network file systems have none
         fcntl.flock(file, fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH)

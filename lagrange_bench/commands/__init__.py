@@ -1,1 +1,1 @@
-"""The commands of the command line: one module each, with its words, its options and what it does."""
+"""The commands of the command line. Each module holds one command: its help, its options and its work."""

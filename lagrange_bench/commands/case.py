@@ -1,13 +1,12 @@
 """Named motions of rigid bodies, with their exact solution as a CSV file.
 
-List the named cases, or write the exact motion of one: centre of mass, quaternion, rotation matrix and angular velocity at
-equal times. It is a reference for programs that follow rigid bodies, in any language: no tiny steps, no convergence against
-oneself.
+For those who test a program that follows rigid bodies, in any language. List the named cases, or write the exact motion of one:
+centre of mass, quaternion, rotation matrix and angular velocity at equal times, in SI units.
 
 With --code a case is one file of C or Python, without dependencies, that gives the same motion at any time: for your own tests.
 
-Up to 17 digits are doubles, whose last digit or two are round-off; more, up to 40, from a Taylor series
-in integers, some seconds for a hundred turns. SI units. Lines that begin with # say what the columns are:
+Up to 17 digits are those of doubles: the last one or two are round-off. Up to 40 digits come from a Taylor series in integers,
+which takes some seconds for a hundred turns. Lines that begin with # explain the columns.
 pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
 
 examples:
@@ -35,10 +34,9 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.support.files import replace_file
 
     if options.name is None:
-        if given := [
-            word for word in ("until", "every", "digits", "code", "output") if getattr(options, word) is not None
-        ]:
-            raise ValueError(f"--{given[0]} belongs to the NAME of a case: {', '.join(CASES)}")
+        words = ("until", "every", "digits", "code", "output")
+        if extra := [word for word in words if getattr(options, word) is not None]:
+            raise ValueError(f"--{extra[0]} belongs to the NAME of a case: {', '.join(CASES)}")
         lines = table([("name", "title", "until"), *((c.name, c.title, f"{c.until:g} s") for c in CASES.values())])
         for case in CASES.values() if options.verbose else ():
             lines += ["", f"{case.name}: {case.source}", "", case.remarks]
@@ -60,8 +58,8 @@ def code(case: Any, options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.cases.standalone import standalone
     from lagrange_bench.support.files import replace_file
 
-    if given := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
-        raise ValueError(f"--{given[0]} is for rows; --code gives the motion at any time: take one of the two")
+    if extra := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
+        raise ValueError(f"--{extra[0]} is for rows; --code gives the motion at any time: take one of the two")
     text = standalone(case, options.code, facts(case))
     data = {"case": case.name, "language": options.code}
     if options.output is None:
@@ -82,7 +80,7 @@ def facts(case: Any) -> list[str]:
 
 
 def head(case: Any) -> list[str]:
-    """Lines above the rows: what they are, and the names of the columns."""
+    """The lines above the rows: comments, and the names of the columns."""
     from lagrange_bench.integrators.cases import COLUMNS, CONVENTIONS
 
     conventions = CONVENTIONS if case.body.fixed else CONVENTIONS.replace(", from the fixed point", "")
@@ -90,7 +88,7 @@ def head(case: Any) -> list[str]:
 
 
 def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: int) -> list[str]:
-    """Lines of numbers; times are exact decimals."""
+    """The rows as lines of text; times are exact decimals."""
     end, gap = until or Fraction(f"{case.until}"), every or Fraction(f"{case.every}")
     if end / gap >= MOST_ROWS:
         raise ValueError(f"--every {float(gap):g} gives more than {MOST_ROWS} rows up to --until {float(end):g}")
@@ -108,9 +106,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "name", nargs="?", metavar="NAME", help="the case, mine.toml, or module:CASE; without it they are listed"
     )
-    command.add_argument("--verbose", action="store_true", help="also say where each is from, and what to look out for")
-    command.add_argument("--until", help="last time (default: that of the case)", **settings)
-    command.add_argument("--every", help="between two rows (default: that of the case)", **settings)
+    command.add_argument("--verbose", action="store_true", help="also print sources and remarks")
+    command.add_argument("--until", help="last time (default: as the case says)", **settings)
+    command.add_argument("--every", help="time between two rows (default: as the case says)", **settings)
     command.add_argument("--digits", type=positive, metavar="N", help="of each number (default: 17)")
     command.add_argument(
         "--code", choices=("c", "python"), help="one file that gives the motion at any time, in this language"

@@ -1,16 +1,18 @@
 """Test what a method claims.
 
-Test what a method claims: its order, its symmetry, whether a step is a Poisson map, its invariants; and the rules
-that every stepper must follow. Prints a verdict per claim. Pass and fail are about what the method claims. "Not
-claimed" has no bound: it is measured for your information. "Not judged" could not be measured, and the reason follows
-the table. Drifts of invariants are relative: 1 is as large as the invariant's terms. "Largest at" names the top and the
-step with the largest value, the step in units of the top's time scale. A method that takes tops in a potential is
-tested there, too ("in a field: …"). A method that cannot take its first step gets one verdict, with the line of its
-code that fails, or what Numba says of its kernel.
+For authors of methods. Test each claim of a method: its order, its symmetry, its invariants, and whether a step is a Poisson
+map. Test also the rules that every stepper must follow. Print one verdict for each claim:
 
-With --problem the claims are tested on that problem at a state and at states near it, and nowhere else.
+  pass, fail    the claim is true, or false
+  not claimed   it was measured for your information; there is no bound
+  not judged    it could not be measured; the reason follows the table
 
-Also for your own method, before you publish it. For bounds on its drift in your own tests see docs/ci.md.
+Drifts of invariants are relative: 1 is as large as the terms of the invariant. "Largest at" names the top and the step with the
+largest value; steps are in units of the top's time scale. A method that takes tops in a potential is tested there, too ("in a
+field: …"). If a method cannot take its first step, the only verdict shows the line that fails, or what Numba says.
+
+With --problem the claims are tested only on that problem, at a state and near it. To keep bounds on drift in your own tests, see
+docs/ci.md.
 
 examples:
   lagrange-bench check backlund
@@ -30,11 +32,11 @@ from typing import Any
 from lagrange_bench.arguments import numbers, own_problem
 from lagrange_bench.output import Answer, table
 
-RIVALS = ("rk4", "strang", "backlund")  # whom to draw a method beside, as a beginning
+RIVALS = ("rk4", "strang", "backlund")  # methods to compare with at first
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Test the claims of one method; one that fails makes exit code 1."""
+    """Test the claims of one method. If one fails, the exit code is 1."""
     from lagrange_bench.experiments.measuring import check as checks
     from lagrange_bench.integrators.registry import METHODS, find_method
 
@@ -51,10 +53,10 @@ def run(options: argparse.Namespace) -> Answer:
     if ":" in options.method and method.name in METHODS.built_in:
         reasons.append(f"the bench has a method named {method.name}: choose another name for an entry point")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
-    held = sum(verdict.passed is True for verdict in verdicts)
+    true = sum(verdict.passed is True for verdict in verdicts)
     module = sys.modules[METHODS.module(options.method)]
     file = module.__file__ or module.__name__
-    sum_up = f"{method.name} ({method.label}, {file}): {held} claims hold, {len(failed)} fail"
+    sum_up = f"{method.name} ({method.label}, {file}): {true} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
     rivals = [name for name in RIVALS if name != method.name]
     what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
@@ -67,7 +69,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _problem(options: argparse.Namespace) -> Any:
-    """What --problem names."""
+    """The problem that --problem names, if any."""
     if options.problem is None:
         if options.state is not None:
             raise ValueError("--state: give --problem, too")
@@ -84,6 +86,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "test the claims on this problem of your own, with --state"
     command.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     command.add_argument("--state", type=numbers, metavar="y1,y2,…", help="a state of the problem, for --problem")
-    command.add_argument("--quick", action="store_true", help="fewer and shorter runs, for while you are developing")
+    command.add_argument("--quick", action="store_true", help="fewer and shorter runs, while you are developing")
     text = "say how each claim was measured, not only those that fail"
     command.add_argument("--verbose", action="store_true", help=text)

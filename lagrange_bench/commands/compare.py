@@ -1,12 +1,13 @@
-"""What two results differ in.
+"""Differences between two results.
 
-Compare two stores cell by cell: which were added, removed or changed, and by how much in each column. Everything but
-times must be equal; --times tests those too, each method's over all its cells, by Wilcoxon's signed-rank test.
+Compare two results cell by cell. List the cells that were added, removed or changed, and by how much each column differs.
+Everything but times must be equal. With --times, the times of each method are compared over all its cells, by Wilcoxon's
+signed-rank test.
 
 examples:
   lagrange-bench compare reference full
   lagrange-bench compare before after --times               is the new code slower?
-  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     of two kinds of machine
+  lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     from two kinds of machine
 
 exit codes: 0 the same · 1 not the same · 2 no such results
 """
@@ -21,24 +22,24 @@ from lagrange_bench.arguments import add_module, results_folder, tolerance
 from lagrange_bench.experiments.catalogue import with_units
 from lagrange_bench.output import Answer, table
 
-MOST = 10  # cells listed of a kind
+MOST = 10  # so many cells of each kind are listed
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("old", type=results_folder, metavar="OLD", help="results: reference, quick, full, or a folder")
     command.add_argument("new", type=results_folder, metavar="NEW", help="other results")
-    text = "relative difference allowed, where the absolute one is not (default: 0)"
+    text = "relative difference that is allowed, also if the absolute one is not (default: 0)"
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
     command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")
     command.add_argument("--times", action="store_true", help="test times too")
     command.add_argument("--verbose", action="store_true", help="list every cell that was added or removed")
-    text = "a ratio of times up to 1 + R is called the same (default: 0.1)"
+    text = "times with a ratio up to 1 + R count as the same (default: 0.1)"
     command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)
     add_module(command)
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """What two stores differ in; exit code 1 if in anything."""
+    """List the differences between two results. If there are any, the exit code is 1."""
     from lagrange_bench.results import compare as stores
 
     tolerance = {"rtol": options.rtol, "atol": options.atol}
@@ -49,8 +50,8 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, *map(str, counts)))
     lines = table(rows)
     for name, c in result.experiments.items():
-        for what, those in (("removed", c.removed), ("added", c.added)):
-            lines += listed(name, what, those, None) if options.verbose else _counted(name, what, those)
+        for what, cells in (("removed", c.removed), ("added", c.added)):
+            lines += listed(name, what, cells, None) if options.verbose else _counted(name, what, cells)
         lines += changed_columns(name, c.changed)
     if options.times:
         lines += ["", *_times(result.times, options.threshold)]
@@ -59,7 +60,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
-    """One line: how many, and of which parts."""
+    """One line that says how many cells of which parts were added or removed."""
     if not cells:
         return []
     parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
@@ -87,15 +88,15 @@ def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: in
 
 
 def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[str]:
-    """By how much, column by column; then the first few cells."""
+    """How much each column differs, then the first few changed cells."""
     if not changed:
         return []
     rows: list[tuple[str, ...]] = [("column", "cells", "rows", "largest difference", "relative", "old", "new")]
     for column in dict.fromkeys(name for each in changed for name in each["columns"]):
-        found = [each["columns"][column] for each in changed if column in each["columns"]]
-        worst = max(found, key=lambda difference: difference.relative)
-        sizes = (f"{max(difference.absolute for difference in found):.1e}", f"{worst.relative:.1e}")
-        counts = (str(len(found)), str(sum(difference.rows for difference in found)))
+        changes = [each["columns"][column] for each in changed if column in each["columns"]]
+        worst = max(changes, key=lambda difference: difference.relative)
+        sizes = (f"{max(difference.absolute for difference in changes):.1e}", f"{worst.relative:.1e}")
+        counts = (str(len(changes)), str(sum(difference.rows for difference in changes)))
         rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
     cells = listed(experiment, "changed", [each["cell"] for each in changed])
     return ["", f"changed in {experiment}:", *table(rows), *cells]

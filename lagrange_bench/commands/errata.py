@@ -1,15 +1,15 @@
 """Errata of the paper, printed and corrected.
 
-List the errata of the paper the Bäcklund methods come from: wrong formulas, and wrong sentences beside right formulas.
-Each is evaluated as printed and as corrected, at random points; what it misses by is printed beside it.
+For readers of the paper that the Bäcklund methods come from. List its errata: wrong formulas, and wrong sentences beside right
+formulas. Each is evaluated at random points, as printed and as corrected; the residuals are printed beside it.
 
 examples:
   lagrange-bench errata
   lagrange-bench errata --points 100 --seed 7
   lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
 
-alpha, J1 … x3, λ, μ, x, X as in the paper, J̃ for the image; ℓ = x·J, C1 = |x|². The list is the DESCRIPTION of each module
-of lagrange_bench.integrators.paper, where the corrected formulas are.
+alpha, J1 … x3, λ, μ, x, X are as in the paper; J̃ is the image of J, ℓ = x·J, C1 = |x|². The corrected formulas are the modules
+of lagrange_bench.integrators.paper.
 """
 
 import argparse
@@ -19,18 +19,18 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Every erratum of the paper with the residual of the statement as printed and as corrected."""
+    """List every erratum of the paper, with its residuals as printed and as corrected."""
     from lagrange_bench.experiments.measuring import errata as paper
 
-    found = paper.measure(options.points, options.seed)
+    errata = paper.measure(options.points, options.seed)
     rows = [("section", "equation", "wrong", "residual", "", "statement")]
-    for e in found:
+    for e in errata:
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, f"{e.printed:.1e}", "printed", e.printed_text))
         rows.append(("", "", "", f"{e.corrected:.1e}", "corrected", e.corrected_text))
-    sum_up = f"{paper.count(found)}; at {options.points} random points each: "
+    sum_up = f"{paper.count(errata)}; at {options.points} random points each: "
     sum_up += "the smallest residual as printed, the largest as corrected"
-    return Answer("\n".join([*table(rows), "", sum_up]), found)
+    return Answer("\n".join([*table(rows), "", sum_up]), errata)
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

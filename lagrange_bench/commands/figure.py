@@ -1,7 +1,7 @@
 """One figure, for a paper.
 
-Draw a stored figure again, for a paper: as SVG, PDF (fonts embedded) or PNG, as wide as a column or a page. The same
-rows give the same bytes. Or draw any column of the stored rows against any other: --x and --y.
+Draw a figure of the page again, for a paper: as SVG, PDF (with fonts) or PNG, as wide as a column or a page. The same rows give
+the same bytes. With --x and --y, draw any column of the stored rows against any other.
 
 examples:
   lagrange-bench figure --list
@@ -30,13 +30,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "every figure, in every format and width unless one is given"
     what.add_argument("--all", action="store_true", help=text)
     what.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
-    command.add_argument("--format", choices=FORMATS, help="of the file (default: as its name ends, else svg)")
+    command.add_argument("--format", choices=FORMATS, help="format of the file (default: its suffix, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     for flag in ("--x", "--y"):
         text = "draw these columns of the rows, a panel for each top; see lagrange_bench.load for their names"
         command.add_argument(flag, metavar="COLUMN", help=text)
     for flag in ("--xlim", "--ylim"):
-        command.add_argument(flag, type=limits, metavar="A,B", help="limits of that axis, in every panel")
+        command.add_argument(flag, type=limits, metavar="A,B", help="limits of this axis, in every panel")
     text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
@@ -46,22 +46,22 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Draw one stored figure, or all of them, as files."""
+    """Draw one figure, or all of them, as files."""
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.report import export
     from lagrange_bench.results.store import find_results
     from lagrange_bench.runner import progress
     from lagrange_bench.support.files import replace_file
 
-    if options.list and (given := [word for word in ("output", "format", "width") if getattr(options, word)]):
-        raise ValueError(f"--{given[0]} is for figures that are drawn, and --list draws none")
+    if options.list and (extra := [word for word in ("output", "format", "width") if getattr(options, word)]):
+        raise ValueError(f"--{extra[0]} is for figures that are drawn, and --list draws none")
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):
         raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
     results = find_results(options.results)
     choice = choice_of(options, None if options.x else results)
     if options.list:
-        found = export.names(results, choice)
-        return Answer("\n".join(found), {"figures": found, "results": str(results)})
+        figures = export.names(results, choice)
+        return Answer("\n".join(figures), {"figures": figures, "results": str(results)})
     kind = _format(options)
     path = options.output or Path("figures" if options.all else f"{options.name}.{kind}")
     shown = progress.drawing(results, show=not (options.quiet or options.json))
@@ -82,7 +82,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:
-    """The file of a figure of any two columns of the rows of an experiment, or of the part of them that a figure is of."""
+    """A figure of two columns, as the bytes of a file. The rows are those of an experiment, or of the named figure."""
     from lagrange_bench.comparison import MOST, Comparison
     from lagrange_bench.data import load
     from lagrange_bench.experiments.drawing import figures, style
@@ -104,7 +104,7 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
 
 
 def _format(options: argparse.Namespace) -> str:
-    """As asked for, or as the name of the file ends, or SVG. ValueError if the two contradict each other."""
+    """The format: of --format, else the suffix of --output, else SVG. ValueError if the two contradict each other."""
     suffix = "" if options.output is None or options.all else options.output.suffix.removeprefix(".").lower()
     if suffix and suffix not in FORMATS:
         raise ValueError(f"--output {options.output}: the name must end in {' or '.join(PICTURES)}")

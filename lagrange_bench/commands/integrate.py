@@ -1,8 +1,8 @@
 """Follow one top with one method.
 
-Follow one top with one method. Prints the final state, the invariants and their drift, the error against the exact
-solution (where there is none: a reference solution in quadruple precision), and the work done; --output keeps the trajectory,
---draw shows the axis on its sphere.
+Follow one top with one method. Print the final state, the invariants and their drift, the error against the exact solution, and
+the work done. If there is no exact solution, a reference solution in quadruple precision takes its place. --output saves the
+trajectory, --draw draws the path of the axis on its sphere.
 
 examples:
   lagrange-bench integrate --top generic --h 0.1 --steps 10000
@@ -15,7 +15,7 @@ examples:
 reading what --output wrote, without losing a bit:
   pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
   file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
-  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, each a JSON text
+  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, as JSON texts
 """
 
 import argparse
@@ -27,8 +27,8 @@ from typing import Any
 from lagrange_bench import arguments
 from lagrange_bench.output import PICTURES, TABLES, Answer, check_target, plain
 
-GIVEN = ("mass", "distance", "A", "C", "theta", "dpsi")
-PHYSICAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}  # and their defaults
+REQUIRED = ("mass", "distance", "A", "C", "theta", "dpsi")  # of --physical
+OPTIONAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -36,7 +36,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
     start = command.add_argument_group(text)
     one = start.add_mutually_exclusive_group()
-    text = "a named one, see lagrange-bench tops, or package.module:TOP (default: generic)"
+    text = "a named top (see lagrange-bench tops), or package.module:TOP (default: generic)"
     one.add_argument("--top", metavar="NAME", help=text)
     text = "angular momentum and axis in the rest frame, in any units; |x| need not be 1"
     one.add_argument("--state", type=arguments.numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
@@ -47,7 +47,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
     text += "and dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
     one.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
-    text = "a problem of your own, with --state, as many numbers as it has"
+    text = "a problem of your own; --state has its numbers"
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     arguments.add_potential(start)
 
@@ -90,15 +90,15 @@ def times(text: str) -> list[float]:
 
 
 def physical(text: str) -> dict[str, float]:
-    """name=number,…: the arguments of a real top, completed by the defaults."""
-    given = arguments.number_pairs(text, (*GIVEN, *PHYSICAL))
-    if missing := [name for name in GIVEN if name not in given]:
+    """name=number,…: the arguments of a real top, with the defaults of those that are not written."""
+    values = arguments.number_pairs(text, (*REQUIRED, *OPTIONAL))
+    if missing := [name for name in REQUIRED if name not in values]:
         raise ValueError(f"lacks {', '.join(missing)}")
-    return PHYSICAL | given
+    return OPTIONAL | values
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Follow the top, write what is wanted, and sum up."""
+    """Follow the top, write the files, and sum up."""
     from lagrange_bench import summary
     from lagrange_bench.integrators.api import own_step
     from lagrange_bench.integrators.registry import METHODS, find_method
@@ -111,16 +111,16 @@ def run(options: argparse.Namespace) -> Answer:
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
     if reason := method.takes(top):
-        given = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
-        those = f"lagrange-bench methods {' '.join(given)}"
+        words = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
+        names = f"lagrange-bench methods {' '.join(words)}"
         if options.problem is not None:
-            those = ", ".join(other for other, found, _ in METHODS.each() if found and found.takes(top) is None)
-        raise ValueError(f"--method: {reason} (those that do: {those})")
+            names = ", ".join(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)
+        raise ValueError(f"--method: {reason} (those that do: {names})")
     if options.times is None:
         method.prepare_for(top, settings)
     elif method.evaluate_for(top, settings) is None:
         raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
-    check_target("--output", options.output, TABLES)  # nobody wants to learn after an hour that there is no such folder
+    check_target("--output", options.output, TABLES)  # now, and not after an hour of computing
     check_target("--draw", options.draw, PICTURES)
     if options.draw is not None and top.space.name != "e3":
         raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
@@ -152,13 +152,13 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(summary.describe(trajectory, y0, data, method.label), data, remarks=done)
 
 
-def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) -> Any:
-    """The trajectory. What a method of the user's own raises is a StepError with the line of its file, as in `check`."""
+def _follow(word: str, method: Any, top: Any, y0: Any, settings: dict[str, Any]) -> Any:
+    """The trajectory. If a method of the user's own raises something, it becomes a StepError with the line of its file."""
     from lagrange_bench import integrators
     from lagrange_bench.integrators.registry import BUILT_IN
 
     try:
-        return integrators.integrate(top, y0, method=method, **given)
+        return integrators.integrate(top, y0, method=method, **settings)
     except (ValueError, OSError, MemoryError, integrators.StepError):
         raise
     except (Exception, SystemExit) as error:  # a plug-in may raise anything
@@ -170,7 +170,7 @@ def _follow(word: str, method: Any, top: Any, y0: Any, given: dict[str, Any]) ->
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
-    """Name, top and initial state."""
+    """Name, top and initial state, from the options."""
     from lagrange_bench.integrators import LagrangeTop
     from lagrange_bench.integrators.checks import check_state
     from lagrange_bench.integrators.registry import find_top
@@ -198,7 +198,7 @@ def _of_body(
     *, mass: float, distance: float, gravity: float, A: float, C: float,
     theta: float, phi: float, psi: float, dtheta: float, dphi: float, dpsi: float,
 ) -> tuple[Any, Any]:  # fmt: skip
-    """The Lagrange top in a heavy top with the moments A and C about its tip, and the state for Euler angles and their rates."""
+    """The Lagrange top of a body with the moments A and C about its tip, and its state from Euler angles and rates."""
     from scipy.spatial.transform import Rotation
 
     from lagrange_bench.integrators import RigidBody
@@ -216,12 +216,11 @@ def _of_body(
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `lagrange_bench.integrate` that say when."""
+    """The arguments of `lagrange_bench.integrate` that set the times."""
     if options.times is not None:
-        if given := [
-            flag for flag in ("h", "h-scaled", "steps", "every") if vars(options)[flag.replace("-", "_")] is not None
-        ]:
-            raise ValueError(f"give either --times or --h and --steps; got --times and --{given[0]}")
+        flags = ("h", "h-scaled", "steps", "every")
+        if extra := [flag for flag in flags if vars(options)[flag.replace("-", "_")] is not None]:
+            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0]}")
         return {"t": options.times}
     if options.h is None or options.steps is None:
         raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")

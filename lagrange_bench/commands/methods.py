@@ -1,16 +1,16 @@
 """The integrators and what they claim.
 
-List the integration methods and what they claim: order, symmetry, Poisson map, invariants kept at round-off. With --top or
---potential, which of them take this top, and why the others do not.
+List the integration methods and their claims: order, symmetry, Poisson map, invariants that are conserved up to round-off. With
+--top or --potential, say which methods take this top, and why the others do not.
 
 examples:
   lagrange-bench methods
   lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
-  lagrange-bench methods --top weak_tide        those that take this top, and the invariants they keep of it
+  lagrange-bench methods --top weak_tide        methods for this top, and the invariants that they conserve on it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
 
-A method of your own package joins through the entry-point group lagrange_bench.methods (name = package.module:METHOD);
-lagrange-bench check tests what it claims.
+A method of your own package joins the list through the entry-point group lagrange_bench.methods (name = package.module:METHOD).
+lagrange-bench check tests its claims.
 """
 
 import argparse
@@ -22,7 +22,7 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Every method in legend order; one that cannot be loaded is listed with the reason."""
+    """List every method, in the order of legends. A method that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
     from lagrange_bench.integrators.interface import NEEDS
     from lagrange_bench.integrators.registry import find_top
@@ -38,8 +38,8 @@ def run(options: argparse.Namespace) -> Answer:
         claims |= {"symmetric": method.claims.symmetric, "poisson": method.claims.poisson}
         refuses = method.takes(problem)
         conserves = method.claims.conserves if refuses else method.kept(problem)
-        kept = [invariant for invariant in INVARIANTS if invariant in conserves]
-        more = {"conserves": kept, "available": available(method), "options": list(method.options)}
+        names = [invariant for invariant in INVARIANTS if invariant in conserves]
+        more = {"conserves": names, "available": available(method), "options": list(method.options)}
         if options.top or options.potential:
             more["refuses"] = refuses
         elif refuses:
@@ -66,14 +66,14 @@ def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _method_notes(data: list[dict[str, Any]]) -> list[str]:
-    """What is missing and how to get it, once for each package; methods that do not take the top, once for each reason."""
+    """One line for each missing package, for each kind of problem, and for each reason why methods do not take the top."""
     from lagrange_bench.integrators.registry import how_to_get
 
     taken = [claims for claims in data if not claims.get("refuses")]
     missing = _names((claims["requires"], claims["name"]) for claims in taken if claims.get("available") is False)
     notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
-    special = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
-    notes += [line for what, names in special.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
+    others = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
+    notes += [line for what, names in others.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
     notes += [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
     refusing = ((claims["refuses"], claims["name"]) for claims in data if claims.get("refuses"))
     reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)
@@ -81,11 +81,11 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
 
 
 def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """What comes first in the pairs, and the names of each."""
-    found: dict[str, list[str]] = {}
+    """Group the names in pairs (what, name) by `what`."""
+    groups: dict[str, list[str]] = {}
     for what, name in pairs:
-        found.setdefault(what, []).append(name)
-    return found
+        groups.setdefault(what, []).append(name)
+    return groups
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

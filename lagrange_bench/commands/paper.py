@@ -1,7 +1,7 @@
 """Run a section of the paper: a picture and the residuals.
 
-Evaluate what a section of the paper says, in its corrected form, along an orbit of a named top. Draws a picture and lists
-what each formula misses by. Without a section: the sections there are.
+For readers of the paper. Evaluate the formulas of a section, in their corrected form, along the orbit of a named top. Draw a
+picture, and list by how much each formula misses. Without a section, list the sections.
 
 examples:
   lagrange-bench paper                          the sections
@@ -9,10 +9,10 @@ examples:
   lagrange-bench paper flow --top figure1 --output flow.pdf
   lagrange-bench paper separation --json | jq .residuals
 
-The functions are those of lagrange_bench.integrators.paper; docs/equations.md has them equation by equation, and
-lagrange-bench errata says what is misprinted.
+The formulas are functions of lagrange_bench.integrators.paper. docs/equations.md lists them by equation, and
+lagrange-bench errata lists the misprints.
 
-exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input: a section that does not apply to this top
+exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input, or the section does not apply to this top
 """
 
 import argparse
@@ -24,10 +24,10 @@ from lagrange_bench.output import PICTURES, Answer, check_target, table, write_p
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "one of those listed without an argument, e.g. flow"
+    text = "a section such as flow; without one they are listed"
     command.add_argument("section", nargs="?", metavar="SECTION", help=text)
     command.add_argument("--top", metavar="NAME", help="a named top (default: generic)")
-    text = "of the picture, which ends in .svg, .pdf or .png (default: paper-SECTION.svg)"
+    text = "the picture, .svg, .pdf or .png (default: paper-SECTION.svg)"
     command.add_argument("--output", type=location, metavar="FILE", help=text)
 
 
@@ -55,10 +55,10 @@ def run(options: argparse.Namespace) -> Answer:
     shown = paper_sections.show(options.section, named.top, named.state)
     done = write_picture(path, shown.figure)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
-    for name, (found, allowed) in shown.residuals.items():
-        rows.append((name, f"{found:.1e}", f"{allowed:.0e}", "" if found <= allowed else "too much"))
-    good = all(found <= allowed for found, allowed in shown.residuals.values())
-    residuals = {name: {"found": found, "allowed": allowed} for name, (found, allowed) in shown.residuals.items()}
+    for name, (defect, allowed) in shown.residuals.items():
+        rows.append((name, f"{defect:.1e}", f"{allowed:.0e}", "" if defect <= allowed else "too much"))
+    good = all(defect <= allowed for defect, allowed in shown.residuals.values())
+    residuals = {name: {"found": defect, "allowed": allowed} for name, (defect, allowed) in shown.residuals.items()}
     answer = {"section": options.section, "top": top, "written": str(path), "residuals": residuals}
     text = [*table(rows), "", shown.figure.caption]
     return Answer("\n".join(text), answer, 0 if good else 1, [done])

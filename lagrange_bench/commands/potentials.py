@@ -1,18 +1,19 @@
 """The potentials a top can be in.
 
-List the potentials V(x) that can be added to the weight of a top: their parameters, in the order in which --parameters takes
-them, and the formula with its units.
+List the potentials V(x) that can be added to the weight of a top: their parameters, in the order of --parameters, and the formula
+with its units.
 
-The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x): V has the units of J², x is the axis, of any length.
+The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x). V has the units of J², and the axis x has any length.
 
 examples:
   lagrange-bench potentials
   lagrange-bench integrate --state 0,1,2,0.6,0,0.8 --potential tide --parameters 1e-3,1,0,0 --method rk4 --h 0.01 --steps 100
   lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
 
-A potential of your own: a file my_field.py with POTENTIAL = Potential("name", value), value a function (x1, x2, x3, p) of
-+ - * /, whole and half powers, sqrt, sin, cos, exp, log from lagrange_bench, is --potential my_field:POTENTIAL. One of your
-package joins this list through the entry-point group lagrange_bench.potentials (name = package.module:POTENTIAL).
+For a potential of your own, write POTENTIAL = Potential("name", value) in a file my_field.py and give
+--potential my_field:POTENTIAL. `value` is a function of (x1, x2, x3, p) made of + - * /, whole and half powers, and sqrt, sin,
+cos, exp, log from lagrange_bench. A potential of your package joins this list through the entry-point group
+lagrange_bench.potentials (name = package.module:POTENTIAL).
 """
 
 import argparse
@@ -22,18 +23,18 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Every potential; one that cannot be loaded is listed with the reason."""
+    """List every potential. A potential that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import POTENTIALS
 
     data: list[dict[str, Any]] = []
     rows, notes = [("name", "parameters", "formula and units")], []
-    for name, found, error in POTENTIALS.each():
+    for name, potential, error in POTENTIALS.each():
         if error:
             data.append({"name": name, "error": error})
             rows.append((name, "-", "-"))
             notes.append(f"{name}: cannot be loaded: {error}")
             continue
-        parameters = None if found.parameters is None else list(found.parameters)
-        rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", found.note))
-        data.append({"name": name, "parameters": parameters, "note": found.note})
+        parameters = None if potential.parameters is None else list(potential.parameters)
+        rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", potential.note))
+        data.append({"name": name, "parameters": parameters, "note": potential.note})
     return Answer("\n".join([*table(rows), *notes]), data)

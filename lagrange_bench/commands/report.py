@@ -8,8 +8,8 @@ examples:
   lagrange-bench report --results quick --beside reference
   lagrange-bench report --results quick --methods mine:METHOD,rk4,backlund --output my_page
 
-exit codes: 0 the page is complete; a claim that is refuted is a finding, reported on stderr and on the page · 1 a part could
-not be drawn, which the page says in its place · 2 no such results, or files cannot be written
+exit codes: 0 the page is complete · 1 a part could not be drawn; the page says so in its place · 2 no such results, or files
+cannot be written. A refuted claim is a result: the page and stderr say it, and the exit code stays 0.
 """
 
 import argparse
@@ -21,20 +21,22 @@ from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "what lagrange-bench run stored: reference, quick, full, or a folder (default: reference, the published results; of "
-    text += "an installed package your latest run, if any)"
+    text = (
+        "results: reference, quick, full, or a folder (default: reference, the published ones; in an installed package "
+    )
+    text += "your latest run, if any)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
-    text = "where the page goes; it is created (default: the folder page in that of the results)"
+    text = "the folder of the page; it is created (default: page in the folder of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
-    text = "other results, whose verdict on each claim stands beside yours: reference, the published ones, or others"
+    text = "other results, such as reference; their verdict on each claim is shown beside yours"
     command.add_argument("--beside", type=results_folder, metavar="DIR", help=text)
     add_module(command)
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Build the page from stored results, and say what could not be drawn."""
+    """Write the page of stored results, and say what could not be drawn."""
     from lagrange_bench.report import claims, page
     from lagrange_bench.report.sections import place
     from lagrange_bench.results import provenance

@@ -1,8 +1,8 @@
 """Measure what is missing.
 
-Measure the cells of experiments that are not stored yet, each kept as soon as it is done. A run that was stopped is
-continued, and failed cells are tried again, by the same command. A cell that hangs or crashes fails alone. Cells whose
-source code changed since are counted, and computed afresh with --again.
+Measure the cells of experiments that are not stored yet, and store each as soon as it is done. The same command continues a run
+that was stopped, and tries failed cells again. A cell that hangs or crashes fails alone. Stored cells whose source code has
+changed since are counted; --again computes them afresh.
 
 examples:
   lagrange-bench run                            everything, quick: a few minutes on two cores
@@ -11,17 +11,17 @@ examples:
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
 
-After you edited a method or an experiment, lagrange-bench run --again computes the cells it concerns: with each cell a
-digest of the files is stored that its rows come from: the experiment, the method, and what these import. Other methods
-do not count. New rows are added to the journal, and the old ones stay in it. Methods and potentials in files of your own need
-no --again: after an edit a plain run computes their cells. Rows of a file that was edited while the run went on, or
-that is another one on a worker, are not stored, and counted as set aside.
+After you have edited a method or an experiment, lagrange-bench run --again computes the cells that depend on it. The bench knows
+them by a digest, which is stored with each cell: of the experiment, the method, and all that these import. New rows are added to
+the journal, and the old ones stay in it. Methods and potentials in files of your own need no --again: after an edit a plain run
+computes their cells. If a file is edited while the run goes on, or is another one on a worker, its rows are not stored; they are
+counted as set aside.
 
-Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say; with
---no-timings not at all. Needs for --scheduler: in the clone pip install '.[cluster]' (docs/cluster.md).
+Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say. --no-timings
+leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
 
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. In a clone,
-`python experiments/drift.py` does what `lagrange-bench run drift` does, with the same options.
+`python experiments/drift.py` is the same as `lagrange-bench run drift`.
 
 exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise or
 was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
@@ -43,8 +43,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=PROFILES, default="quick", help=text)
-    text = "where results are stored, and looked for: a folder, or quick or full (default: PROFILE, or of a FILE.toml its name; "
-    text += "in results/local of the clone, or without a clone in ./results)"
+    text = "results to add to: quick, full, or a folder (default: the profile, or the name of FILE.toml; in results/local of "
+    text += "the clone, or without a clone in ./results)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     add_choice(command)
     text = "worker processes; timings always run one at a time (default: one per usable core)"
@@ -57,12 +57,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
     text = "also compute the stored cells that were computed with other or unknown source code"
     command.add_argument("--again", action="store_true", help=text)
-    text = "draw the figures and tables of these experiments too, in the folder page of the results"
+    text = "also draw the figures and tables of these experiments, in the folder page of the results"
     command.add_argument("--draw", action="store_true", help=text)
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Compute what is missing, draw what a file of the user asked for, and say what to do next."""
+    """Compute the missing cells, draw them if asked, and say what to do next."""
     from lagrange_bench.experiments import sweep
     from lagrange_bench.results.store import default_results, name_of
     from lagrange_bench.runner import engine
@@ -93,16 +93,16 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _own_modules(experiments: Iterable[str], cells: Iterable[dict[str, Any]]) -> list[str]:
-    """What the user has named of their own: a report imports it only if it is named again."""
+    """The user's own modules in this run. The command of the report must name them again."""
     named = (str(cell.get(word, "")) for cell in cells for word in ("method", "potential"))
     own = [*(name for name in experiments if "." in name), *(name.partition(":")[0] for name in named if ":" in name)]
     return list(dict.fromkeys(own))
 
 
 def _draw(name: str, results: Path, choice: Any) -> list[Path]:
-    """Figures and tables of an experiment; where all is skipped, none."""
+    """The figures and tables of an experiment; none if all its cells were skipped."""
     from lagrange_bench.report import sections
     from lagrange_bench.results.store import Store
 
-    there = Store(results, choice).open(name).latest
-    return sections.write_experiment(name, results, results / "page", choice) if there else []
+    stored = Store(results, choice).open(name).latest
+    return sections.write_experiment(name, results, results / "page", choice) if stored else []

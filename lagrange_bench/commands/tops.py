@@ -1,14 +1,13 @@
 """The named tops.
 
-List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion, nutation period; and
-those in a potential, with its parameters and what the motion conserves.
+List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion and nutation period. For tops
+in a potential, list its parameters and what the motion conserves.
 
-The equations are J' = alpha e3 × x, x' = J × x; units are yours, alpha has those of J²/x. A period is inf where x3 is
-constant and unstable, or on the separatrix (null in JSON). In a potential V(x), J' is that of alpha x3 + V: see
-lagrange-bench potentials.
+The equations are J' = alpha e3 × x, x' = J × x. You choose the units; alpha has the units of J²/x. A period is inf (null in JSON)
+on the separatrix, and where x3 is constant and unstable. For tops in a potential, see lagrange-bench potentials.
 
-One of your own in a file my_tops.py, MINE = NamedTop(…), is --top my_tops:MINE. One of your package joins this list through
-the entry-point group lagrange_bench.tops (name = package.module:TOP).
+For a top of your own, write MINE = NamedTop(…) in a file my_tops.py and give --top my_tops:MINE. A top of your package joins this
+list through the entry-point group lagrange_bench.tops (name = package.module:TOP).
 
 examples:
   lagrange-bench tops --verbose
@@ -24,7 +23,7 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """The named tops, of both kinds; one that cannot be loaded is listed with the reason."""
+    """List the named tops of both kinds. A top that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS
     from lagrange_bench.integrators.problem.potentials import NamedPerturbedTop
     from lagrange_bench.integrators.registry import NAMED_TOPS
@@ -40,10 +39,10 @@ def run(options: argparse.Namespace) -> Answer:
         data.append({**_facts(named), "regime": kind, "nutation_period": period})
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
     for named in (top for top in tops if isinstance(top, NamedPerturbedTop)):
-        kept = [name for name in INVARIANTS if name in named.top.conserved]
+        conserved = [name for name in INVARIANTS if name in named.top.conserved]
         numbers = ",".join(f"{value:.10g}" for value in named.parameters)
-        inside.append((*_start(named), named.potential.name, numbers, " ".join(kept)))
-        facts = {"potential": named.potential.name, "parameters": list(named.parameters), "conserves": kept}
+        inside.append((*_start(named), named.potential.name, numbers, " ".join(conserved)))
+        facts = {"potential": named.potential.name, "parameters": list(named.parameters), "conserves": conserved}
         data.append({**_facts(named), **facts})
     lines = [*table(rows), "", "in a potential:", *table(inside)]
     if options.verbose:

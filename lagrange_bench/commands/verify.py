@@ -1,7 +1,7 @@
 """Compute stored cells again.
 
-Compute some of the cells of a store again, here and now, and compare. Counts, and what compiled methods did to the
-invariants, must be the same to the bit. Results that a library or the exact solution has a part in must agree within
+For those who doubt stored results. Compute a sample of their cells again on this machine, and compare. Counts, and the invariants
+of compiled methods, must be the same to the bit. Numbers that depend on a library or on the exact solution must agree within
 round-off. Times are not compared.
 
 examples:
@@ -10,8 +10,9 @@ examples:
   lagrange-bench verify quick --sample 20 --json
   lagrange-bench verify full --old --sample 10000   did your edit change any row?
 
-The sample is drawn in turn from every part and method of every experiment. exit codes: 0 the same · 1 changed · 2 no
-such results, none that can be computed again, or an experiment's VERSION is newer than they are
+The sample is drawn in turn from every part and method of every experiment.
+
+exit codes: 0 the same · 1 changed · 2 no such results, no cell can be computed again, or an experiment has a newer VERSION
 """
 
 import argparse
@@ -39,7 +40,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Compute stored cells again; exit code 1 if rows changed."""
+    """Compute stored cells again. If rows have changed, the exit code is 1."""
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 

@@ -1,1 +1,1 @@
-"""Runs the cells of experiments, here or on a cluster, and stores each as it is finished."""
+"""Runs the cells of experiments, here or on a cluster, and stores each cell when it is done."""

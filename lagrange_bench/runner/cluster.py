@@ -1,8 +1,8 @@
-"""Cells on a Dask scheduler and its workers, wherever they are. Needs the extra `cluster` (dask.distributed).
+"""Runs cells on a Dask cluster. Needs the extra `cluster` (dask.distributed).
 
-A Dask worker computes no cell itself: it has a process of its own do it, as `workers.Local` does here, so that a cell
-that hangs or crashes fails alone, and in the same words. Dask's part is to find a worker, and another if that is lost.
-The store is written by the process that asks for the cells, and by no other.
+A Dask worker starts a process that computes the cells, as `workers.Local` does here. So a cell that hangs or crashes fails
+alone, with the same message. Dask finds a worker for each cell, and another one if the worker is lost. Only the process that
+asks for the cells writes the store.
 """
 
 import importlib.util
@@ -23,12 +23,12 @@ from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 from lagrange_bench.support import interrupts
 
 CONNECT = 30.0  # s to wait for the scheduler
-PATIENCE = 30.0  # s without a finished cell before it is asked whether there is a worker
+PATIENCE = 30.0  # s without a finished cell before asking whether a worker is connected
 AHEAD = 500  # cells handed over at a time, for Dask to spread
 
 
 class ClusterError(RuntimeError):
-    """The cluster cannot be used, or not any more; the message says what to do. What was finished is stored."""
+    """The cluster cannot be used, or not any more. The message says what to do. Finished cells are stored."""
 
 
 class Cluster:
@@ -37,8 +37,8 @@ class Cluster:
     def __init__(self, address: str, limit: float):
         self._address, self._limit = arguments.scheduler(address), limit
         self._client: Any = None
-        self._own: Any = None  # the scheduler and workers of local:N
-        self._out: dict[Any, Task] = {}  # by future
+        self._own: Any = None  # the scheduler and the workers that local:N starts
+        self._out: dict[Any, Task] = {}  # the tasks that are being computed, by future
         self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
@@ -50,7 +50,7 @@ class Cluster:
                 if self._address.startswith("local:"):
                     count = int(self._address.removeprefix("local:"))
                     quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-                    # no cell waits behind another
+                    # so no cell waits behind another
                     with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
                         self._own = distributed.LocalCluster(n_workers=count, threads_per_worker=1, **quiet)
                 self._client = distributed.Client(self._own or self._address, timeout=CONNECT)
@@ -80,7 +80,7 @@ class Cluster:
 
     def finished(self) -> list[tuple[Task, Outcome]]:
         done = [self._next()]
-        while not self._done.empty():  # also what was finished while the last were stored
+        while not self._done.empty():  # also cells that were finished while the last ones were stored
             done.append(self._done.get())
         return [(self._out.pop(future), self._outcome(future)) for future in done]
 
@@ -88,7 +88,7 @@ class Cluster:
         while True:
             with suppress(queue.Empty):
                 return self._done.get(timeout=PATIENCE)
-            with suppress(OSError):  # a scheduler that went away cancels what was submitted: `_outcome` says so
+            with suppress(OSError):  # the scheduler went away: then all tasks are cancelled, and `_outcome` says so
                 if not self._client.nthreads():
                     print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
 
@@ -102,14 +102,16 @@ class Cluster:
         except (CancelledError, OSError) as error:  # OSError: in the middle of an answer
             gone = f"the scheduler at {self._address} went away"
             raise ClusterError(f"{gone}; what was finished is stored: run the same command again") from error
-        except Exception as error:  # whatever is wrong with the workers: cells do not raise
+        except Exception as error:  # something is wrong with the workers: cells do not raise
             raise ClusterError(self._explanation(error)) from error
         _compare(facts)
         return outcome  # type: ignore[no-any-return]
 
     def _explanation(self, error: Exception) -> str:
         if isinstance(error, ImportError):
-            return f"a Dask worker lacks something: {error}; install the same lagrange-bench where the workers run"
+            return (
+                f"a Dask worker cannot import a module: {error}; install the same lagrange-bench where the workers run"
+            )
         if isinstance(error, OSError):
             start = "`dask scheduler` and `dask worker ADDRESS` start them; local:N needs neither"
             return f"no Dask scheduler answers at {self._address} ({error or 'no connection'}); {start}"
@@ -126,7 +128,7 @@ def _distributed() -> Any:
 
 
 def _compare(facts: dict[str, Any]) -> None:
-    """ClusterError if a worker has other packages; its source code is compared for each cell, in `workers.compute`."""
+    """ClusterError if a worker has other versions of packages. `workers.compute` compares its source code for each cell."""
     here = look()
     if different := [name for name in here if facts[name] != here[name]]:
         listed = ", ".join(f"{name} is {facts[name]}, here {here[name]}" for name in different)
@@ -137,9 +139,9 @@ def _compare(facts: dict[str, Any]) -> None:
 def compute(
     experiment: str, cell: dict[str, Any], expected: str | None, limit: float
 ) -> tuple[dict[str, Any], Outcome]:
-    """What runs here, and the outcome of a cell.
+    """Compute a cell on a Dask worker: the worker's versions of packages, and the outcome.
 
-    A worker may lack the experiment, or join when the run has begun: it must not make failed cells of what it lacks.
+    A worker may join late and may miss the experiment. That must stop the run, and not make the cell a failed one.
     """
     facts, executor = look(experiment), _executor(threading.get_ident(), limit)
     executor.submit(Task(experiment, 0, 0, cell, expected))
@@ -149,7 +151,7 @@ def compute(
 
 @cache
 def look(experiment: str = "") -> dict[str, Any]:
-    """The versions that decide about rows. Also finds out whether the module of an experiment is here."""
+    """The versions of packages that decide about rows. ModuleNotFoundError if the module of an experiment is missing."""
     memory.limit()  # ValueError for a wrong one
     if "." in experiment and importlib.util.find_spec(experiment) is None:
         raise ModuleNotFoundError(f"no module {experiment}")
@@ -158,7 +160,7 @@ def look(experiment: str = "") -> dict[str, Any]:
 
 @cache
 def _executor(thread: int, limit: float) -> workers.Local:
-    """The process of a thread; it ends with this one (`workers._end_with_parent`)."""
+    """The process that computes the cells of a thread. It ends with this process (`workers._end_with_parent`)."""
     process = multiprocessing.current_process()
     if process.daemon:
         process.daemon = False  # or it could not have processes of its own

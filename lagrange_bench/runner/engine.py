@@ -1,7 +1,7 @@
-"""Runs what is missing of an experiment's cells and stores each as it is finished.
+"""Runs the cells of experiments that are not stored yet, and stores each when it is done.
 
-Accuracy cells in parallel, here or on a cluster; then timing cells one at a time, always here. A cell that fails becomes
-a record with its error; a run that is stopped, in whatever way, is continued by the same command.
+Accuracy cells run in parallel, here or on a cluster. Then timing cells run one at a time, always here. A cell that fails is
+stored with its error. A run that was stopped in any way is continued by the same command.
 """
 
 import json
@@ -28,23 +28,23 @@ ASIDE = "a worker had other source code than this run began with (a file was edi
 
 @dataclass
 class Tally:
-    """What became of the cells of one experiment."""
+    """How many cells of one experiment had which outcome."""
 
     cells: int = 0
     computed: int = 0
     stored: int = 0  # before this run
-    other_sources: int = 0  # of the stored: computed by other sources than those that are here
-    unknown_sources: int = 0  # of the stored: computed by sources that were not recorded
-    unavailable: int = 0  # skipped: their method needs a package that is not installed here, or no timings were asked
-    declined: int = 0  # their method declined the step: a result
+    other_sources: int = 0  # stored cells that were computed by other sources than the present ones
+    unknown_sources: int = 0  # stored cells whose sources were not recorded
+    unavailable: int = 0  # skipped: a package is not installed here, or the run leaves out timings
+    declined: int = 0  # the method declined the step, which is a result
     failed: int = 0
-    set_aside: int = 0  # computed, or to be computed, by other sources than those the run began with: not stored
-    seconds: float = 0.0  # sum over the cells computed or failed now
+    set_aside: int = 0  # not stored, because the sources changed while the run went on
+    seconds: float = 0.0  # sum over the cells that were computed or failed in this run
 
 
 @dataclass
 class Summary:
-    """What a run did."""
+    """The summary of a run."""
 
     results: Path
     profile: str
@@ -54,7 +54,7 @@ class Summary:
 
     @property
     def exit_code(self) -> int:
-        """1 if a cell failed by accident. A method that refuses (StepError) is a result: it is drawn and reported."""
+        """1 if a cell failed by accident or was set aside. A step that a method declines (StepError) is a result."""
         return 1 if any(tally.failed or tally.set_aside for tally in self.experiments.values()) else 0
 
     def __str__(self) -> str:
@@ -77,7 +77,7 @@ class Summary:
 
     @property
     def old(self) -> bool:
-        """Whether some of what is stored is not known to come from the sources that are here."""
+        """Whether some stored cells do not come from the present sources, or may not."""
         return any(tally.other_sources or tally.unknown_sources for tally in self.experiments.values())
 
 
@@ -95,30 +95,31 @@ def run(
     choice: Choice = ALL,
     cells: Mapping[str, Sequence[dict[str, Any]]] | None = None,
 ) -> Summary:
-    """Computes the cells of some experiments that are not stored in `results` yet.
+    """Compute the cells of experiments that are not stored in `results` yet.
 
     Parameters
     ----------
     experiments : names in EXPERIMENTS, or dotted paths of modules. profile : "quick" or "full".
     jobs : worker processes; default: one per usable core. show : progress on stderr.
     time_limit : s; a cell that takes longer fails. Default: TIME_LIMITS[profile].
-    scheduler : of Dask, "tcp://host:port" or "local:N": accuracy cells are computed there. Timing cells never are.
+    scheduler : of Dask, "tcp://host:port" or "local:N". Accuracy cells are computed there, timing cells never.
     timings : whether to compute timing cells.
-    again : also compute the stored cells that are not known to come from the sources that are here.
-    choice : the methods and tops whose cells are asked for. cells : of an experiment, in place of those of its profile.
+    again : also compute stored cells of other or unknown sources.
+    choice : only cells of these methods and tops. cells : of an experiment, in place of the cells of its profile.
 
     Raises
     ------
-    ValueError : no such experiment, scheduler, method or top. StoreError : `results` cannot be written or read;
-    nothing is lost. ClusterError : the scheduler went away, or its workers would give other rows.
-    KeyboardInterrupt : Ctrl-C; the workers are gone, what was finished is stored, and the message says so.
+    ValueError : no such experiment, scheduler, method or top.
+    StoreError : `results` cannot be written or read; nothing is lost.
+    ClusterError : the scheduler went away, or its workers would give other rows.
+    KeyboardInterrupt : Ctrl-C. The workers have ended, finished cells are stored, and the message says so.
     """
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     memory.limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
     listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
     choice.check(cell for some in listed.values() for cell in some)
-    store.check_writable()  # before anything is computed, and after what is wrong with the words is known
+    store.check_writable()  # before anything is computed, but after the arguments were checked
     files = Sources()  # as they are when the run begins
     plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
     tasks = [task for missing in plan.values() for task in missing]
@@ -127,10 +128,10 @@ def run(
     with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
-            with interrupts.interrupt_held_back():  # stored and counted, or neither
+            with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
                 aside = [task for task, outcome in outcomes if workers.failed_by(outcome, workers.OTHER_SOURCES)]
                 same = [(task, outcome) for task, outcome in outcomes if task not in aside]
-                # under the digest that the process gave which computed it; of a process that died it is not known
+                # the process that computed the cell gave its digest; if it died, the digest is not known
                 records = ((task, {"sources": None, **outcome}) for task, outcome in same)
                 store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in records))
                 for task, outcome in same:
@@ -168,7 +169,7 @@ def _missing(
     timings: bool,
     again: bool,
 ) -> list[Task]:
-    """The cells to compute now; enters the others in the summary.
+    """The cells to compute now. The others are counted in the summary.
 
     Raises
     ------
@@ -212,17 +213,17 @@ def _missing(
 
 @cache
 def _lacks(method: Any) -> str | None:
-    """The package a method needs and this machine has not."""
+    """The package that a method needs and that is not installed here; None if there is none."""
     from lagrange_bench.integrators.registry import METHODS, available
 
-    with suppress(Exception):  # none, unknown or broken: such cells fail, each with the reason
-        if not available(found := METHODS[method]):
-            return found.requires
+    with suppress(Exception):  # no method, an unknown or a broken one: such cells fail, each with the reason
+        if not available(method := METHODS[method]):
+            return method.requires
     return None
 
 
 def _word(error: str) -> str:
-    """Whether a method declined the step, or the cell failed."""
+    """Either "declined", if the method declined the step, or "failed"."""
     return "declined" if error.startswith("StepError:") else "failed"
 
 

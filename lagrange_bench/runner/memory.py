@@ -1,4 +1,4 @@
-"""The limit of memory of a worker process."""
+"""Limits the memory of worker processes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ DEFAULT = 4.0  # GB for one worker; one that has compiled every method takes 0.6
 
 
 def limit() -> float:
-    """GB that a worker may take."""
+    """How many GB a worker may take."""
     text = os.environ.get(VARIABLE, "")
     with suppress(ValueError):
         value = float(text or DEFAULT)
@@ -22,9 +22,9 @@ def limit() -> float:
 
 
 def restrain() -> None:
-    """Limits the memory of this process to `limit()`, where the system can. What is beyond is a MemoryError.
+    """Limit the memory of this process to `limit()`, if the system can. To take more raises MemoryError.
 
-    What is written to counts (RLIMIT_DATA), not what is reserved: compilers and threads reserve much.
+    The limit counts memory that is written to (RLIMIT_DATA). Compilers and threads reserve much more, which does not count.
     """
     with suppress(ImportError):  # Windows
         import resource

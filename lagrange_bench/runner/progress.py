@@ -1,4 +1,4 @@
-"""Progress on stderr: bars on a terminal, a line now and then elsewhere."""
+"""Shows progress on stderr: bars on a terminal, else a line now and then."""
 
 import contextlib
 import sys
@@ -8,11 +8,11 @@ from pathlib import Path
 from time import monotonic
 from typing import Any
 
-INTERVAL = 10.0  # s between two plain lines of one experiment
+INTERVAL = 10.0  # s between two lines of one experiment
 
 
 class Cells:
-    """What is done and failed of the cells of each experiment. bars : a `Progress`. plain : whether lines are printed."""
+    """How many cells of each experiment are done and failed. bars : rich's `Progress`. plain : print lines, too."""
 
     def __init__(self, totals: Mapping[str, int], bars: Any, plain: bool):
         self.bars, self.plain, self.begun = bars, plain, monotonic()
@@ -25,7 +25,7 @@ class Cells:
         self.last: dict[str, float] = {}  # when a line was printed
 
     def begin(self, experiment: str) -> None:
-        """A cell of this experiment is handed over."""
+        """Say that a cell of this experiment begins."""
         if experiment not in self.last:
             self.last[experiment] = monotonic()
             self.bars.start_task(self.tasks[experiment])
@@ -37,7 +37,7 @@ class Cells:
                 print(text, file=sys.stderr, flush=True)
 
     def advance(self, experiment: str, failed: bool) -> None:
-        """A cell of this experiment is finished."""
+        """Say that a cell of this experiment is finished."""
         self.failed[experiment] += failed
         failures = f"{self.failed[experiment]} failed" if self.failed[experiment] else ""
         self.bars.update(self.tasks[experiment], advance=1, failures=failures)
@@ -48,7 +48,7 @@ class Cells:
             print(", ".join(filter(None, words)), file=sys.stderr, flush=True)
 
     def _left(self, now: float) -> str:
-        """About how long all experiments will take, if their other cells take as long as those that are done."""
+        """How long all experiments will still take, if the other cells take as long as the finished ones."""
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
         minutes = (now - self.begun) * (total - done) / done / 60
         return f"about {minutes:.0f} min left" if minutes >= 1 and done > total / 20 else ""
@@ -56,14 +56,14 @@ class Cells:
 
 @contextlib.contextmanager
 def follow(totals: Mapping[str, int], show: bool = True) -> Iterator[Cells]:
-    """What suits stderr; `totals` are the cells to compute of each experiment."""
+    """Show progress through the cells of experiments. totals : how many cells each experiment has to compute."""
     with _bars("[red]{task.fields[failures]}", show=show and bool(totals)) as bars:
         yield Cells(totals, bars, show and bars.disable)
 
 
 @contextlib.contextmanager
 def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """What is drawn, with a bar on a terminal; then what it was drawn from. Called with (parts done, of how many)."""
+    """Show progress through the parts of a page, then where its rows come from. Call the result with (done, total)."""
     with _bars(show=show) as bars:
         task = bars.add_task("drawing", total=None)
 
@@ -80,7 +80,7 @@ def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], N
 
 @contextlib.contextmanager
 def waiting(text: str, show: bool = True) -> Iterator[None]:
-    """A text and the signs of life of a terminal, while something runs that does not say how far it is."""
+    """Show a text and a spinner, while something runs that does not say how far it is."""
     console = _console(show)
     with contextlib.nullcontext() if console.quiet else console.status(text):
         yield
@@ -88,7 +88,7 @@ def waiting(text: str, show: bool = True) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _bars(*more: str, show: bool) -> Iterator[Any]:
-    """Bars on stderr, of which nothing is shown unless it is a terminal that can move its cursor."""
+    """Progress bars on stderr. They show nothing unless stderr is a terminal that can move its cursor."""
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     bar, time = BarColumn(bar_width=24), TimeRemainingColumn(elapsed_when_finished=True)

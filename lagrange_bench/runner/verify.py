@@ -1,4 +1,4 @@
-"""Some of the cells of a store computed again, and compared."""
+"""Computes a sample of stored cells again, and compares their rows."""
 
 import random
 from collections import Counter
@@ -20,24 +20,24 @@ from lagrange_bench.runner.workers import Task
 from lagrange_bench.support import machine
 from lagrange_bench.support.source_digest import Sources
 
-# `verify`, where a library takes the steps or the truth is not from + − × ÷ √ alone
+# tolerances if a library takes the steps, or if the truth needs more than + − × ÷ √
 RTOL, ATOL = 1e-3, 1e-12
-ATOLS = {"ulps": 1.0}  # of the initial state: the truth may be off by one
+ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
 COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
 SHOWN = 3  # reasons why nothing was computed
-EXACT = frozenset((*STATES, *COUNTS))  # of a compiled method: bit by bit
+EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
 
 
 @dataclass
 class Verification:
-    """What became of the cells computed again."""
+    """What the cells that were computed again say."""
 
-    stored: Counter[str] = field(default_factory=Counter)  # all cells there, by `sources.judge`
+    stored: Counter[str] = field(default_factory=Counter)  # all stored cells, by `sources.judge`
     cells: int = 0
     identical: int = 0
-    close: int = 0  # within the tolerance of a library's or the truth's round-off
-    # of each the experiment, the cell, columns as in `compare.Cells`, and sources: what `sources.judge` says of the stored one
+    close: int = 0  # within the tolerance
+    # each with its experiment, cell, columns as in `compare.Cells`, and sources: what `sources.judge` says of the stored cell
     changed: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -45,18 +45,20 @@ class Verification:
 def verify(
     folder: Path | None, sample: int, seed: int, longest: float, jobs: int | None, show: bool, old: bool
 ) -> Verification:
-    """Computes some stored cells again and compares their rows.
+    """Compute a sample of stored cells again and compare their rows.
 
     Parameters
     ----------
-    folder : default: the published. sample : how many; from every part and method of every experiment in turn. seed : which.
+    folder : of results; default: the published ones.
+    sample : how many cells, taken in turn from every part and method of every experiment. seed : another seed, other cells.
     longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
-    old : only cells that are not known to come from the source code that is here.
+    old : only cells of other or unknown source code.
 
     Raises
     ------
-    FileNotFoundError : no such results. StoreError : none of their cells can be computed again (but all may be of the source code
-    here), or an experiment has another VERSION now.
+    FileNotFoundError : no such results.
+    StoreError : no cell can be computed again, or an experiment has another VERSION now. With `old` it is no error that all
+    cells come from the present source code.
     """
     result, here, folder = Verification(), Sources(), find_results(folder)
     records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, here)
@@ -102,7 +104,7 @@ def _tolerance(method: Any) -> Any:
 def _sample(
     store: Store, sample: int, draw: random.Random, longest: float, result: Verification, old: bool, here: Sources
 ) -> list[Record]:
-    """Stored cells in turn from every (experiment, part, method), drawn at random within each."""
+    """Stored cells, in turn from every (experiment, part, method), in random order within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
     outdated, absent, long = set(), set(), 0
     for experiment in store.experiments():
@@ -142,14 +144,14 @@ def _sample(
 
 
 def _comparable(record: Record, own: Iterable[str]) -> bool:
-    """Whether there is anything but times to compare."""
+    """Whether a record has anything to compare but times."""
     if record["status"] == "failed":
         return record["error"]["type"] not in ("TimeLimit", workers.DIED)
     return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
 
 
 def _absent(cell: dict[str, Any]) -> str | None:
-    """The method or potential of a stored cell that is not available here, or somebody's own that nobody imported."""
+    """The method or potential of a stored cell that is not here, or is somebody's own and was not imported."""
     for word, find in (("method", find_stored_method), ("potential", find_stored_potential)):
         if isinstance(name := cell.get(word), str) and _found(find, name) is None:
             return name

@@ -1,7 +1,8 @@
-"""Cells in processes of their own, one thread each: their death or their hanging is a result, not an accident.
+"""Computes cells in processes of their own, so that a cell that hangs or kills its process fails alone.
 
-A cell is a pure function of its fields, so a process needs nothing but the experiment's name and the cell. Here cells are run
-by `Local`, on a cluster by `cluster.Cluster`, whose workers have a `Local` each: the rows are the same.
+A cell is a pure function of its fields, so a process needs only the name of the experiment and the cell. Each process has one
+thread. `Local` runs cells on this machine, and `cluster.Cluster` on a cluster, whose workers have a `Local` each. Both give the
+same rows.
 """
 
 import faulthandler
@@ -28,13 +29,13 @@ from lagrange_bench.runner import memory
 from lagrange_bench.support import announce, interrupts
 from lagrange_bench.support.source_digest import IMPORTED_SOURCES
 
-# read by the numerical libraries when they are imported
+# numerical libraries read these when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
-GRACE = 30.0  # s the parent of a hanging cell has to end it
+GRACE = 30.0  # s after the limit; then a worker whose parent did not end it ends itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,18 +46,18 @@ class Task:
     version: int
     position: int
     cell: dict[str, Any]
-    sources: str | None = None  # digest of the source code that is to compute it; None for any
+    sources: str | None = None  # digest of the source code that must compute it; None for any
 
 
-Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources, if the process lived to say
+Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources, unless the process died
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
-    """Something that computes tasks, several at a time: `submit` does not wait, `finished` waits for some outcomes."""
+    """Something that computes several tasks at a time. `submit` does not wait; `finished` waits for some outcomes."""
 
     @property
-    def room(self) -> bool: ...  # whether to hand over another task now
+    def room(self) -> bool: ...  # whether it takes another task now
 
     def submit(self, task: Task) -> None: ...
 
@@ -64,10 +65,10 @@ class Executor(Protocol):
 
 
 def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
-    """Computes every task and calls `finish` here with a handful of outcomes as soon as it is there.
+    """Compute every task, and call `finish` in this process with each handful of outcomes.
 
-    `tasks` is read as it is needed. A cell whose process died is computed once more in the end, with no other beside
-    it: the process may have been killed from outside, or for want of memory. The second death is the cell's own.
+    If a process dies, its cell is computed once more at the end, alone: the process may have been killed from outside, or the
+    memory was full. If it dies again, the cell has failed.
     """
     suspects: list[Task] = []
     for outcomes in _stream(iter(tasks), executor, begin):
@@ -82,7 +83,7 @@ def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str]
 def _stream(
     tasks: Iterator[Task], executor: Executor, begin: Callable[[str], None]
 ) -> Iterator[list[tuple[Task, Outcome]]]:
-    """Outcomes as they come. The next tasks are handed over first, so that no process waits for the store."""
+    """Outcomes as they come. The next tasks are submitted first, so that no process waits for the store."""
     out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
         while executor.room and (task := next(tasks, None)):
@@ -98,7 +99,7 @@ def _stream(
 
 
 def failed_by(outcome: Outcome, reason: str) -> bool:
-    """Whether the cell failed for this reason: DIED, its process ended before it, or OTHER_SOURCES."""
+    """Whether the cell failed for this reason: DIED (its process ended) or OTHER_SOURCES."""
     return outcome["status"] == "failed" and outcome["error"]["type"] == reason
 
 
@@ -106,9 +107,9 @@ def failed_by(outcome: Outcome, reason: str) -> bool:
 
 
 class Local:
-    """An `Executor`: `jobs` processes on this machine, that are used again. Left in whatever way, they are killed.
+    """An `Executor` with up to `jobs` processes on this machine. Each computes many cells, and is killed at the end.
 
-    limit : s a cell may take.
+    limit : how many seconds a cell may take.
     """
 
     def __init__(self, jobs: int, limit: float):
@@ -122,32 +123,32 @@ class Local:
     def __exit__(self, *_: object) -> None:
         with interrupts.interrupt_held_back():
             for worker in (*self._idle, *self._busy):
-                worker.end()  # it has nothing to lose, and a plug-in's thread could keep it alive
+                worker.end()  # it is killed, for a plug-in's thread could keep it alive
 
     @property
     def room(self) -> bool:
         return len(self._busy) < self._jobs
 
     def submit(self, task: Task) -> None:
-        with interrupts.interrupt_held_back():  # a process is started and known, or neither
+        with interrupts.interrupt_held_back():  # so no process is started and then forgotten
             worker = self._idle.pop() if self._idle else _Worker()
             self._busy[worker] = task
         worker.start(task, self._limit)
 
     def finished(self) -> list[tuple[Task, Outcome]]:
-        found: list[tuple[Task, Outcome]] = []
-        while not found:
+        outcomes: list[tuple[Task, Outcome]] = []
+        while not outcomes:
             left = min(worker.deadline for worker in self._busy) - monotonic()
             connection.wait([worker.pipe for worker in self._busy], min(max(left, 0), LONGEST_WAIT))
             for worker in list(self._busy):
                 if (outcome := worker.outcome()) is not None:
-                    found.append((self._busy.pop(worker), outcome))
+                    outcomes.append((self._busy.pop(worker), outcome))
                     self._idle += [] if worker.pipe.closed else [worker]
-        return found
+        return outcomes
 
 
 class _Worker:
-    """One fresh process, and the cell that it computes."""
+    """One process, and the cell that it computes."""
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
@@ -160,11 +161,11 @@ class _Worker:
     def start(self, task: Task, limit: float) -> None:
         self.limit, self.begin = limit, monotonic()
         self.deadline = self.begin + limit
-        with suppress(OSError):  # it died since its last cell: `outcome` says so
+        with suppress(OSError):  # the process died after its last cell: `outcome` says so
             self.pipe.send((task.experiment, task.cell, limit, task.sources))
 
     def outcome(self) -> Outcome | None:
-        """What became of the cell, whatever it did to the process; None if it is still being computed."""
+        """The outcome of the cell, also if its process died or hangs; None if it is still being computed."""
         error = None
         try:
             if self.pipe.poll():
@@ -180,30 +181,30 @@ class _Worker:
         return failure(*error, "", monotonic() - self.begin)
 
     def _reason(self) -> str:
-        """How the process died."""
+        """Why the process ended."""
         self.process.join(1)
         code = self.process.exitcode
         if code is None:
             return "the worker process died"
         if code >= 0:
             return f"the worker process ended itself with exit code {code}"
-        with suppress(ValueError):  # of a real-time signal
+        with suppress(ValueError):  # a real-time signal has no name
             return f"the worker process was killed by {signal.Signals(-code).name}"
         return f"the worker process was killed by signal {-code}"
 
     def end(self) -> None:
-        """Ends the process, even within a compiled call."""
+        """Kill the process, even if it is in compiled code."""
         self.process.kill()
         self.process.join()
         self.pipe.close()
 
 
-_STARTING = threading.Lock()  # one process is started at a time: their environments are not confused
+_STARTING = threading.Lock()  # one process is started at a time, since all share one environment
 
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Sets the environment of the processes started meanwhile."""
+    """Let processes that are started in the block use one thread each."""
     before = {name: os.environ[name] for name in THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
@@ -218,12 +219,12 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _serve(pipe: Any) -> None:
-    """Computes the cells that come through a pipe."""
+    """Compute the cells that come through a pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     memory.restrain()
-    announce.quiet = True  # the parent shows how far it is
-    gc.set_threshold(10_000)  # Numba makes many objects: looking for garbage is a twentieth of a compilation
-    os.dup2(2, 1)  # stdout belongs to the data; compiled libraries print warnings there
+    announce.quiet = True  # the parent shows the progress
+    gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
+    os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent is gone
         while True:
@@ -231,7 +232,7 @@ def _serve(pipe: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """A worker whose parent was killed would go on with its cell."""
+    """End this worker when its parent ends, even if the parent was killed."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -239,10 +240,10 @@ def _end_with_parent() -> None:
 
 
 def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, expected: str | None = None) -> Outcome:
-    """Measures one cell. Whatever is raised becomes part of the outcome; warnings are collected.
+    """Measure one cell. Exceptions and warnings become part of the outcome.
 
-    limit : kept by the parent; here it only ends a process that lost its parent within a compiled call. expected : digest of
-    the source code; a cell that other code computes here, or whose code was edited meanwhile, has no rows.
+    limit : s; the parent watches it. Here it only ends a process in compiled code that has lost its parent.
+    expected : digest of the source code. If the code here is another, or was edited meanwhile, the outcome is OTHER_SOURCES.
     """
     start = perf_counter()
     code = sources.code_of_cell(experiment, cell)  # the files are read before they are imported
@@ -268,7 +269,7 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
                 _restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))
         messages = sorted({f"{warning.category.__name__}: {text_of(warning.message)}" for warning in caught})
-    except BaseException as error:  # also SystemExit: it must end neither the worker nor the run
+    except BaseException as error:  # SystemExit, too, must end neither the worker nor the run
         message = text_of(error)
         if isinstance(error, MemoryError):
             message = f"more than {memory.limit():g} GB; {memory.VARIABLE} in the environment, in GB, allows more"
@@ -279,21 +280,20 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
 
 
 def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
-    """The outcome of a cell that has no rows."""
-    trace = trace.replace(HOME, "")  # where the suite lies is nobody's business, and differs between machines
+    """The outcome of a cell that failed."""
+    trace = trace.replace(HOME, "")  # the folder differs between machines, and is private
     error = {"type": type_, "message": message, "traceback": text_of(trace[-TRACEBACK:])}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}
 
 
 @cache
 def _restrain(method: str) -> None:
-    """Heyoka reads no environment variable: one thread and no chatter are set by call."""
+    """Let heyoka use one thread and print nothing. It reads no environment variable, so it is told by calls."""
     from lagrange_bench.integrators.registry import METHODS
 
-    if ":" in method:  # the user named it: no experiment lists another one
+    if ":" in method:  # only the user names such a method
         METHODS.include(method)
-    found = METHODS[method]
-    if found.requires == "heyoka":
+    if METHODS[method].requires == "heyoka":
         import heyoka
 
         heyoka.set_nthreads(1)

@@ -1,1 +1,1 @@
-"""What all rooms need and has nothing to do with integrators: files, messages, interrupts, and which source code runs."""
+"""Help for all rooms that is not about integrators: files, messages, interrupts, and digests of source code."""

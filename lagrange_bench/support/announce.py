@@ -1,4 +1,4 @@
-"""What a person at a terminal is told while he waits."""
+"""Tells a person at a terminal what he waits for."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import threading
 from collections.abc import Iterator
 from time import perf_counter
 
-LONG = 2.0  # seconds after which a person is told what he waits for
-quiet = False  # of this process: --quiet, and workers, whose parent shows how far they are
+LONG = 2.0  # seconds of waiting before anything is said
+quiet = False  # set by --quiet, and in workers, whose progress the parent shows
 
 
 class Waiting(threading.local):
-    """Of a thread: what it waits for."""
+    """What a thread waits for."""
 
     name = ""
 
@@ -23,9 +23,9 @@ waiting = Waiting()
 
 @contextlib.contextmanager
 def long_work(name: str) -> Iterator[None]:
-    """Writes the name of what happens here to a terminal once it has taken `LONG`, and at the end the seconds.
+    """Write the name of this work to a terminal once it has taken `LONG`, and at the end the seconds.
 
-    Of what happens within such work nothing is said. Where stderr is a file, nothing is said at all.
+    Work within such work is not announced. If stderr is no terminal, nothing is.
     """
     if waiting.name or quiet or sys.stderr is None or not sys.stderr.isatty():
         yield

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, where to keep what can be computed again, and files of the user's own."""
+"""Writes files whole or not at all, finds the folder of caches, and reads TOML."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 
 def cache_folder() -> Path | None:
-    """The folder for what can be computed again; None if the user wants none kept.
+    """The folder of caches; None if the user wants none.
 
-    LAGRANGE_BENCH_CACHE moves it, empty switches it off.
+    The variable LAGRANGE_BENCH_CACHE names another folder; if it is empty, there is no cache.
     """
     home = os.environ.get("LAGRANGE_BENCH_CACHE")
     if home is None:
@@ -23,18 +23,18 @@ def cache_folder() -> Path | None:
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
-    """Writes a file beside the old one, then puts it in its place, with its permissions; makes its folder if need be.
+    """Write a file beside the old one, then replace it and keep its permissions. The folder is made if there is none.
 
     Raises
     ------
-    OSError : it cannot be written, or is read-only; the error names `path`, and what was there is untouched.
+    OSError : the file cannot be written, or is read-only. The error names `path`, and the old file is untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         target = path.resolve()  # of a link: what it points to
         if target.exists() and not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "the file is read-only")
-        # not by `tempfile`, whose files nobody else may read
+        # `tempfile` makes files that nobody else may read
         temporary = target.with_name(f".{target.name}.{secrets.token_hex(8)}.tmp")
         try:
             with temporary.open("xb") as file:
@@ -52,14 +52,14 @@ def write_file(path: Path, content: str | bytes) -> Path:
 
 
 def replace_file(path: Path, content: str | bytes) -> str:
-    """As `write_file`; what was done: what people name may be there already, and is not replaced in silence."""
+    """Write a file that the user named, and return whether an old one was replaced."""
     existed = path.exists()
     write_file(path, content)
     return f"{'replaced' if existed else 'written'}: {path}"
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """What a TOML file says. ValueError if it is none; OSError : there is no such file."""
+    """The content of a TOML file. ValueError if it is not TOML; OSError if there is no such file."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

@@ -1,4 +1,4 @@
-"""When Ctrl-C takes effect."""
+"""Holds Ctrl-C back until a piece of work is whole."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from contextlib import contextmanager
 
 @contextmanager
 def interrupt_held_back() -> Iterator[None]:
-    """Ctrl-C takes effect at the end, and processes started meanwhile never see it.
+    """Let Ctrl-C take effect at the end of the block. Processes started in the block never see it.
 
-    They inherit the blocked signal; here a handler is needed too, for any thread of a library may catch it.
+    These processes inherit the blocked signal. This one also needs a handler, because any thread of a library may get the signal.
     """
     if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
         yield

@@ -1,4 +1,4 @@
-"""What this machine has for a process: how many cores."""
+"""How many cores this process may use."""
 
 from __future__ import annotations
 

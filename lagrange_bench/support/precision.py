@@ -1,4 +1,4 @@
-"""mpmath with more digits, for one thread at a time: its precision is that of the whole process."""
+"""mpmath with more digits, for one thread at a time: mpmath has one precision for the whole process."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ ONE_AT_A_TIME = threading.RLock()
 
 @contextmanager
 def workdps(digits: int) -> Iterator[None]:
-    """As `mpmath.workdps`. Another thread waits until this one has left, or it would change the digits meanwhile."""
+    """As `mpmath.workdps`, but another thread waits until this one has left, or it would change the digits."""
     import mpmath
 
     with ONE_AT_A_TIME, mpmath.workdps(digits):

@@ -1,7 +1,7 @@
-"""Which source code runs: the files that a module imports, and a digest of them.
+"""Finds the files that a module imports, and makes a digest of them.
 
-Rows of an experiment and machine code are stored under such a digest. A file may be edited while a process runs. So each process
-reads a file once, before what it decides about is computed, and asks afterwards whether any was written since: `Sources.edited`.
+Rows and machine code are stored under such a digest. A file may be edited while a process runs. So a process reads a file once,
+before it computes anything that depends on it, and asks afterwards whether the file was edited: `Sources.edited`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 BENCH = "lagrange_bench"
-PUBLIC_MODULES = (BENCH, f"{BENCH}.integrators")  # `from lagrange_bench import name` means the module that has the name
-# what decides about no row: which methods there are, how figures look, how cells are run, and this file
+PUBLIC_MODULES = (BENCH, f"{BENCH}.integrators")  # they pass on names of other modules
+# these decide about no row: the list of methods, the look of figures, how cells are run, and this file
 IGNORED_MODULES = re.compile(
     rf"{BENCH}(\.(integrators(\.registry)?|experiments(\.drawing(\..*)?)?|support(\.(announce|lazy|source_digest))?"
     r"|(?!integrators|experiments|support)\w+(\..*)?))?"
 )
-# of every method one entry: a cell depends on its own method only
+# it has an entry for each method, but a cell depends on its own method only
 NOT_FOLLOWED = ("lagrange_bench.integrators.backward_error.steps",)
 IMPORT = re.compile(
     r"(?:^|[:;])[ \t]*(?:from[ \t]+(\.*[\w.]*)[ \t]+)?import\b[ \t]*(\([^)]*\)|(?:\\\n|[^\n;])*)", re.MULTILINE
@@ -33,21 +33,21 @@ IMPORT = re.compile(
 
 
 class SourceDigest(NamedTuple):
-    """Source code that computes something."""
+    """The source code of some modules."""
 
-    digest: str | None  # 24 hexadecimal digits, of the names of modules and the content of their files; None: not known
+    digest: str | None  # 24 hexadecimal digits, of the names and the content of the modules; None: not known
     paths: frozenset[str] = frozenset()
 
 
 class Sources:
-    """Source files by their path, each as it was when it was first asked for."""
+    """Source files by their path, each as it was when it was first read."""
 
     def __init__(self) -> None:
         self.content: dict[str, bytes] = {}
-        self.known: dict[Any, SourceDigest] = {}  # for those who ask for the same code again
+        self.known: dict[Any, SourceDigest] = {}  # answers that callers keep for the next time
         self._stamps: dict[str, tuple[int, int] | None] = {}
         self._places: dict[str, tuple[str, bool] | None] = {}  # see `_place`
-        self._targets: dict[str, set[str]] = {}  # of the imports of a module
+        self._targets: dict[str, set[str]] = {}  # what a module imports
 
     def read(self, path: str) -> bytes:
         if path not in self.content:
@@ -56,50 +56,50 @@ class Sources:
         return self.content[path]
 
     def edited(self, code: SourceDigest) -> bool:
-        """Whether one of the files was written since it was read: which state of it this process imported is then not known."""
+        """Whether one of the files was edited since it was read. Then it is not known which version this process imported."""
         return any(_stamp(path) != self._stamps[path] for path in code.paths if path in self._stamps)
 
     def code(self, modules: Collection[str], *more: str) -> SourceDigest:
-        """Those modules and all that they import; its digest is of names and content, and of `more`."""
+        """The source code of these modules and of all that they import. more : texts that enter the digest, too."""
         files = self.files(modules)
         lines = [f"{name} {hashlib.sha256(self.content[path]).hexdigest()}" for name, path in sorted(files.items())]
         digest = hashlib.sha256("\n".join([*lines, *more]).encode()).hexdigest()[:24]
         return SourceDigest(digest, frozenset(files.values()))
 
     def files(self, modules: Collection[str]) -> dict[str, str]:
-        """Modules that these import, directly or not, and their files; without Python itself and installed packages.
+        """These modules and all modules that they import, directly or not, with their files.
 
-        Of an installed package the modules count if it is one of those asked for.
+        Python's own modules are left out. So are installed packages, unless one of `modules` is in the package.
 
         Raises
         ------
-        ImportError, OSError : one of `modules` is not there, or has no file.
+        ImportError, OSError : one of `modules` is missing, or has no file.
         """
         packages = {name.partition(".")[0] for name in modules}
-        found: dict[str, str] = {}
+        files: dict[str, str] = {}
         waiting = {part: part in modules for name in modules for part in _parents(name)}
         while waiting:
             name, needed = waiting.popitem()
             path = self._path(name, packages)
             if path is None and needed and not IGNORED_MODULES.fullmatch(name):
                 raise ImportError(f"no source file of {name}")
-            if path is None or name in found or IGNORED_MODULES.fullmatch(name):
+            if path is None or name in files or IGNORED_MODULES.fullmatch(name):
                 continue
             self.read(path)
-            found[name] = path
+            files[name] = path
             if name not in NOT_FOLLOWED:
-                waiting |= dict.fromkeys(self._imported(name, path) - set(found), False)
-        return found
+                waiting |= dict.fromkeys(self._imported(name, path) - set(files), False)
+        return files
 
     def _path(self, name: str, packages: Collection[str]) -> str | None:
-        """The file of a module; None if it has none, or is not to be followed."""
+        """The file of a module; None if it has none, or if it is in an installed package other than `packages`."""
         if name not in self._places:
             self._places[name] = _place(name)
         path, installed = self._places[name] or (None, False)
         return path if name.partition(".")[0] in packages or not installed else None
 
     def _imported(self, name: str, path: str) -> set[str]:
-        """Modules with a file that a file imports, installed packages among them."""
+        """The modules that a file imports and that have a file, installed packages among them."""
         if name not in self._targets:
             package = name if Path(path).name == "__init__.py" else name.rpartition(".")[0]
             targets = {
@@ -112,13 +112,13 @@ class Sources:
         return self._targets[name]
 
     def _home(self, package: str, name: str) -> str:
-        """The module that has a name which a public module of the bench offers; or that is the name, a module in its folder."""
+        """The module that defines `name`, which the public module `package` passes on; or the module `package.name`."""
         if name and self._path(f"{package}.{name}", ()):
             return f"{package}.{name}"
         path = self._path(package, ())
         offers = _statements(self.read(path), package) if path else ()
         for module, offered in offers:
-            if name and offered == name and module != package:  # not an example in its docstring
+            if name and offered == name and module != package:  # else an example in its docstring
                 return f"{module}.{name}"
         return next((self._home(module, name) for module, offered in offers if offered == "*"), package)
 
@@ -136,8 +136,8 @@ def _stamp(path: str) -> tuple[int, int] | None:
 
 @cache
 def _statements(source: bytes, package: str) -> tuple[tuple[str, str], ...]:
-    """(module, name imported from it or "") of every import statement, those in functions and docstrings too."""
-    found = []
+    """(module, imported name or "") of every import statement, also in functions and docstrings."""
+    imports = []
     text = re.sub("#.*", "", importlib.util.decode_source(source))
     for origin, names in IMPORT.findall(text):
         listed = [words.split()[0] for words in re.sub(r"[()\\]", " ", names).split(",") if words.split()]
@@ -146,14 +146,14 @@ def _statements(source: bytes, package: str) -> tuple[tuple[str, str], ...]:
                 origin = importlib.util.resolve_name(origin, package or None)
             except ImportError:  # more dots than packages
                 continue
-            found += [(origin, ""), *((origin, name) for name in listed)]
+            imports += [(origin, ""), *((origin, name) for name in listed)]
         else:
-            found += [(name, "") for name in listed]
-    return tuple(dict.fromkeys(found))
+            imports += [(name, "") for name in listed]
+    return tuple(dict.fromkeys(imports))
 
 
 def _parents(name: str) -> list[str]:
-    """A dotted name and the packages it is in."""
+    """A dotted name and the packages that contain it."""
     words = name.split(".")
     return [".".join(words[:count]) for count in range(1, len(words) + 1)]
 
@@ -162,7 +162,7 @@ def _parents(name: str) -> list[str]:
 
 
 def _place(name: str) -> tuple[str, bool] | None:
-    """The file of a module, found without running anything; and whether it is one of an installed package."""
+    """The file of a module, without running any code; and whether it is in an installed package."""
     top = name.partition(".")[0]
     spec = None if top in sys.stdlib_module_names else _spec(name)
     if spec is None or not spec.origin or not Path(spec.origin).is_file():
@@ -172,7 +172,7 @@ def _place(name: str) -> tuple[str, bool] | None:
 
 
 def _spec(name: str) -> ModuleSpec | None:
-    """As importlib.util.find_spec, but no package is imported for it."""
+    """As importlib.util.find_spec, but it imports no package."""
     module, parent = sys.modules.get(name), name.rpartition(".")[0]
     if module is not None and getattr(module, "__spec__", None) is not None:
         return module.__spec__
@@ -190,5 +190,5 @@ def _spec(name: str) -> ModuleSpec | None:
 
 @cache
 def _holds_packages(folder: Path) -> bool:
-    """Whether packages are installed in a folder, or it is Python's own."""
+    """Whether packages are installed in a folder, or it belongs to Python itself."""
     return str(folder).startswith(sysconfig.get_path("stdlib")) or any(folder.glob("*.dist-info"))

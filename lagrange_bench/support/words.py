@@ -1,4 +1,4 @@
-"""Words that a user writes, on a command line or in a file: what they mean, and what was perhaps meant."""
+"""Reads the words that a user writes, on a command line or in a file, and suggests the word he may have meant."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """What follows an unknown name in a message: the known one it is close to, if any. Capitals do not matter."""
+    """The end of a message about an unknown name: the closest known name, if one is close. Capitals do not matter."""
     lower = {word.lower(): word for word in known}
     close = difflib.get_close_matches(name.lower(), lower, n=1)
     return f"; did you mean {lower[close[0]]!r}?" if close else "."
 
 
 def read(kind: Callable[[str], Any], text: str) -> Any:
-    """`kind(text)`, for ASCII without underscores: Python also reads 1_0 and the digits of other scripts, users do not."""
+    """`kind(text)`, for ASCII without underscores. Python also reads 1_0 and digits of other scripts; users do not write them."""
     if not text.isascii() or "_" in text:
         raise ValueError(text)
     return kind(text)
@@ -39,7 +39,7 @@ def numbers(text: str) -> list[float]:
 
 
 def option(text: str) -> tuple[str, Any]:
-    """key=value; the value is an int, a float, a complex number or a bool if it reads as one, else a word."""
+    """key=value. The value becomes an int, a float, a complex number or a bool if possible; else it stays a word."""
     key, equals, value = text.partition("=")
     if not equals or not key.isidentifier():
         raise ValueError(f"must be KEY=VALUE; got {text!r}")
