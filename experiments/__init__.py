@@ -1,4 +1,4 @@
-"""Experiments: each file asks one question of the methods, measures rows, and draws them."""
+"""Experiments. Each file asks one question about the methods, measures rows, and draws them."""
 
 EXPERIMENTS = (
     "drift", "phase", "cost", "work_precision", "perturbed", "driven",

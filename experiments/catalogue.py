@@ -1,4 +1,4 @@
-"""Which experiments there are, and how one is loaded by its name."""
+"""Finds and loads experiments by their names."""
 
 import importlib
 import sys
@@ -17,25 +17,25 @@ GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
 class UnknownExperiment(ValueError):
-    """There is no experiment of this name, or none that may or can be imported, or the module is no experiment."""
+    """There is no experiment of this name, it must not or cannot be imported, or the module is no experiment."""
 
 
 @cache
 def installed() -> dict[str, EntryPoint]:
-    """The experiments of other packages by name. The bench's own names, and those of modules, are taken."""
-    found = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value), reverse=True)
-    own = (entry for entry in found if entry.name not in EXPERIMENTS and "." not in entry.name)
+    """The experiments of other packages, by name. Names of the bench and dotted names are not allowed."""
+    entries = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value), reverse=True)
+    own = (entry for entry in entries if entry.name not in EXPERIMENTS and "." not in entry.name)
     return {entry.name: entry for entry in own}
 
 
 def load(name: str) -> ModuleType:
-    """The module of an experiment: of EXPERIMENTS, of an installed package, or the module of a dotted path.
+    """The module of an experiment: a name in EXPERIMENTS, of an installed package, or the dotted path of a module.
 
-    It imports what `name` says, so the user must have given it: see `load_stored` for names that come with results.
+    This imports a module, so the user himself must have given the name. For names in results see `load_stored`.
 
     Raises
     ------
-    UnknownExperiment : no such experiment, or the module lacks a part of the protocol.
+    UnknownExperiment : no such experiment, or the module misses a part of the protocol.
     """
     from lagrange_bench.integrators.registry import import_own, no_exit
 
@@ -64,23 +64,23 @@ def load(name: str) -> ModuleType:
         why = f"{type(error).__name__}: {error}"
         raise UnknownExperiment(f"experiment {name!r} cannot be loaded: {why}") from error
     here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
-    if lacking := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise UnknownExperiment(f"{here} lacks {', '.join(lacking)}")
+    if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
+        raise UnknownExperiment(f"{here} lacks {', '.join(missing)}")
     if type(module.VERSION) not in (int, float):
         raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module
 
 
-def lacks(name: str, cell: Mapping[str, Any]) -> str | None:
-    """The package, beside that of its method, which a cell of a loaded experiment needs and this machine has not."""
-    asked = getattr(load(name), "lacks", None)
+def missing_package(name: str, cell: Mapping[str, Any]) -> str | None:
+    """A package that a cell needs and that is not installed here; None if there is none. Its method is not asked."""
+    asked = getattr(load(name), "missing_package", None)
     return asked(cell) if asked else None
 
 
 def load_stored(name: str) -> ModuleType:
-    """As `load`, of a name that results bring with them: a module that nobody has imported yet is unknown.
+    """As `load`, for a name in stored results. A dotted name must be imported already.
 
-    The author of the results chose the name, and importing a module runs its code.
+    To import a module is to run its code, and the author of the results chose the name.
     """
     if "." in name and name not in sys.modules:
         raise UnknownExperiment(f"unknown experiment {name!r}; if it is your own, add --module {name}")

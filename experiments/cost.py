@@ -18,7 +18,15 @@ import pandas as pd
 from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.states import KNOBS, find, interpreted, knobs, methods_on, options_of, rounded
+from lagrange_bench.experiments.measuring.states import (
+    ACCURACY_OPTIONS,
+    accuracy_settings,
+    find,
+    interpreted,
+    methods_on,
+    options_of,
+    rounded,
+)
 from lagrange_bench.integrators import METHODS, Method, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact
@@ -56,7 +64,9 @@ def cells(profile: str) -> list[dict]:
     for round_ in range(ROUNDS[profile]):
         for name, method in methods_on().items():
             step = {"part": "step", "method": name, "round": round_, "repeats": REPEATS}
-            listed += [{**step, **knob} for knob in knobs(method, STEPS[profile], TOLERANCES[profile])]
+            listed += [
+                {**step, **setting} for setting in accuracy_settings(method, STEPS[profile], TOLERANCES[profile])
+            ]
     for name in EXACT:
         listed += [{"part": "periods", "method": name, "periods": p, "repeats": REPEATS} for p in PERIODS[profile]]
     listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
@@ -195,8 +205,8 @@ def raw_heyoka(top, y0):
 
 def quickest(steps: pd.DataFrame) -> pd.DataFrame:
     """Of the rounds of each method, step or tolerance the least of every number."""
-    knobs = [name for name in KNOBS if name in steps]
-    return steps.groupby(["method", *knobs], sort=False, dropna=False).min(numeric_only=True).reset_index()
+    columns = [name for name in ACCURACY_OPTIONS if name in steps]
+    return steps.groupby(["method", *columns], sort=False, dropna=False).min(numeric_only=True).reset_index()
 
 
 @of_part(
@@ -205,7 +215,7 @@ def quickest(steps: pd.DataFrame) -> pd.DataFrame:
     "a stepper in µs; compilation is not included. h and time are in units of the top's time scale",
 )
 def steps(rows: pd.DataFrame) -> pd.DataFrame:
-    columns = [name for name in KNOBS if name in rows]
+    columns = [name for name in ACCURACY_OPTIONS if name in rows]
     measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
     return quickest(rows)[["method", *columns, *measured]].dropna(axis=1, how="all")
 
@@ -251,10 +261,10 @@ def _draw_steps(steps: pd.DataFrame, style):
     places = np.arange(len(names))[::-1]
     least = quickest(steps).groupby("method")
     for ax, (column, text) in zip(axes, PRICES.items(), strict=True):
-        found = least[column].agg(["min", "max"]).loc[names]
+        ends = least[column].agg(["min", "max"]).loc[names]
         colours = [style.bold(name)["color"] for name in names]
-        ax.hlines(places, found["min"], found["max"], colors=colours, linewidth=2.2, alpha=0.35)
-        ax.scatter(found["min"], places, c=colours, s=14, zorder=3)
+        ax.hlines(places, ends["min"], ends["max"], colors=colours, linewidth=2.2, alpha=0.35)
+        ax.scatter(ends["min"], places, c=colours, s=14, zorder=3)
         ax.set_xscale("log")
         ax.margins(x=0.1)  # no dot across the edge
         ax.set_xlabel(text)

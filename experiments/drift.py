@@ -98,14 +98,14 @@ def followed(
     y = np.vstack((y0, after))
     values = top.invariants(y, np.concatenate(((0.0,), times)))
     drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
-    found = dict(zip(top.names, drift[1:].T, strict=True))
+    columns = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = (
         METHODS[cell["method"]].claims.keeps if "uniform" in top.offers else {}
     )  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
-        found[KEPT + own] = (values[1:] - values[0]) / size
-    return times, after, found
+        columns[KEPT + own] = (values[1:] - values[0]) / size
+    return times, after, columns
 
 
 @of_part(
@@ -125,9 +125,9 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
         t = np.sort(group.groupby("t_index").t.median().to_numpy())
         has = {KEPT + quantity for quantity in record.claims.keeps} if record else set()
         for name in (*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())):
-            found = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
-            growth = metrics.growth_exponent(t, found)
-            most = largest(found)
+            errors = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
+            growth = metrics.growth_exponent(t, errors)
+            most = largest(errors)
             quantity = name.removeprefix(KEPT)
             claimed = record is not None and (name.startswith(KEPT) or name in record.kept(LagrangeTop()))
             table.append(

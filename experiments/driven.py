@@ -21,7 +21,7 @@ import pandas as pd
 from lagrange_bench.experiments import script, work_precision
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
-from lagrange_bench.experiments.measuring.states import interpreted, knobs, options_of, rounded
+from lagrange_bench.experiments.measuring.states import accuracy_settings, interpreted, options_of, rounded
 from lagrange_bench.integrators import METHODS, orbiting_tide, prepare, vibrating_pivot
 from lagrange_bench.integrators.interface import Array, Method, StepWarning
 from lagrange_bench.integrators.problem.problem import Problem
@@ -67,8 +67,8 @@ def cells(profile: str) -> list[dict]:
             continue
         steps = [SPANS[problem] / 2**k for k in (powers if full else powers[1:-1:3])]
         for name in (name for name in names if name in methods()):
-            for knob in knobs(METHODS[name], steps, TOLERANCES if full else TOLERANCES[::2]):
-                cell = {"timing": True, "problem": problem, "span": factor * SPANS[problem], "method": name, **knob}
+            for setting in accuracy_settings(METHODS[name], steps, TOLERANCES if full else TOLERANCES[::2]):
+                cell = {"timing": True, "problem": problem, "span": factor * SPANS[problem], "method": name, **setting}
                 listed += [{**cell, "scheme": scheme} for scheme in SCHEMES] if name == OURS else [cell]
     return listed
 
@@ -97,7 +97,7 @@ ORDERS = "Driven tops: orders claimed and measured. Empty where fewer than three
 
 @by_group(("problem", "method", "scheme"), "", ORDERS)
 def orders(problem: str, method: str, scheme: str, run: pd.DataFrame) -> dict:
-    if method not in METHODS or METHODS[method].knob != "h":
+    if method not in METHODS or METHODS[method].accuracy_option != "h":
         return {}
     run = run[run.span <= SPANS[problem]]
     measured = metrics.order(run.h, run.error, floor=1e-13, saturation=1e-2).p

@@ -185,8 +185,8 @@ def cells(profile: str) -> list[dict]:
     return sweep + others
 
 
-def lacks(cell: dict) -> str | None:
-    """What a cell needs, if it is not installed here in the version that is meant."""
+def missing_package(cell: dict) -> str | None:
+    """The package that a cell needs, if it is not installed here in the version that is meant."""
     engine = ENGINES.get(cell.get("engine", ""))
     return None if engine is None or engine.version else engine.needs
 

@@ -65,7 +65,7 @@ SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10
 SPAN = 10_000.0  # time the rivals cover
 RIVALS = {"numba": 128, "heyoka": 64}  # tops they do it with
 JUDGED = 8  # the first tops: their error is measured
-KNOBS: dict[str, dict[str, tuple[float, ...]]] = {
+TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.2,)},
     "full": {
         "backlund": (0.1, 0.25, 1.0, 4.0),
@@ -101,10 +101,10 @@ def cells(profile: str) -> list[dict]:
     listed += [{"part": "lanes", "lanes": lanes} for lanes in WIDTHS[profile]]
     listed += [{"part": "setup", "h": h} for h in SETUP[profile]]
     listed += [{"part": "many", "tops": tops} for tops in MANY[profile]]
-    for method, knobs in KNOBS[profile].items():
+    for method, values in TRIED[profile].items():
         tops = RIVALS[METHODS[method].engine]
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
-        listed += [{**run, METHODS[method].knob: knob} for knob in knobs]
+        listed += [{**run, METHODS[method].accuracy_option: value} for value in values]
     listed.append({"part": "jump", "method": "backlund", "tops": RIVALS["numba"], "span": SPAN})
     for method, steps in IN_FIELD[profile].items():
         run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": FIELD_SPAN}

@@ -69,11 +69,11 @@ def order_miss(x: Any, error: Any, order: int) -> float:
 def show_contraction(top: LagrangeTop, y: Array) -> Shown:
     """2: two spins of the magnet become the top; what is contracted, against ε."""
     lam, eps = parameter(top, y), 2.0 ** -np.arange(6, 15)
-    found = [contraction.deviations(top, y, lam, float(e)) for e in eps]
+    results = [contraction.deviations(top, y, lam, float(e)) for e in eps]
     fig, ax = style.figure("page", 3.2)
     residuals: Residuals = {}
-    for name in found[0]:
-        error = np.array([row[name] for row in found])
+    for name in results[0]:
+        error = np.array([row[name] for row in results])
         ax.loglog(eps, error, marker=".", label=name)
         residuals[f"{name}: order in ε, less 1"] = (order_miss(eps, error, 1), 0.05)
     magnet, spins = contraction.to_magnet(top, y, 0.125)
@@ -302,11 +302,11 @@ def show_discrete(top: LagrangeTop, y: Array) -> Shown:
             rates[name].append(abs(T / period * exact.nutation_period(top, y) / k - 1))
         T = float(interpolating_flow.time_and_turn(top, y, 0.5j * k * math.hypot(*y[3:]))[0])
         rates["backlund_paper"].append(abs(T / k - 1))
-    for name, found in rates.items():
-        residuals[f"clock of {style.label(name)}: order, less 2"] = (order_miss(hs[2:], found[2:], 2), 0.1)
+    for name, errors in rates.items():
+        residuals[f"clock of {style.label(name)}: order, less 2"] = (order_miss(hs[2:], errors[2:], 2), 0.1)
     fig, ax = style.figure("page", 2.9)
-    for name, found in rates.items():
-        ax.loglog(hs / unit, found, **style.of(name))
+    for name, errors in rates.items():
+        ax.loglog(hs / unit, errors, **style.of(name))
     ax.set(xlabel="step, in units of 1/(|J| + √(|α||x|))", ylabel="error of the rate of nutation")
     style.legend_below(fig)
     fig.caption = (

@@ -195,9 +195,9 @@ KEPT = "Tops in a potential: the largest relative error of each invariant that t
 def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
     top = states.of_cell({**run.iloc[0], "state": state})[0]
-    found = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
+    errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
     says = METHODS[method].kept(top) if method in METHODS else ()
-    return {"steps": int(run.steps.max()), **found, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
+    return {"steps": int(run.steps.max()), **errors, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
 
 
 @of_part(

@@ -293,7 +293,7 @@ def best_of_families(rows: pd.DataFrame) -> set[str]:
     if good.empty:
         return set()
     near = good.h.unique()[np.argmin(np.abs(np.log(8 * good.h.unique())))]
-    there = good[good.h == near].assign(family=lambda found: found.method.map(style.family))
+    there = good[good.h == near].assign(family=lambda rows: rows.method.map(style.family))
     return set(there.loc[there.groupby("family").error.idxmin()].method)
 
 

@@ -213,8 +213,8 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
             row[f"{name} low"], row[f"{name} high"] = growth.low, growth.high
         last = group[group.place == group.place.max()]
         row["phase error / t"] = float(np.sqrt(np.mean(np.square((last.time / last.t).to_numpy()))))
-        found = cost[(cost.form == form) & (cost.h == h)]
-        row["ns per step"] = float(found.ns_per_step.min()) if len(found) else np.nan
+        chosen = cost[(cost.form == form) & (cost.h == h)]
+        row["ns per step"] = float(chosen.ns_per_step.min()) if len(chosen) else np.nan
         table.append(row)
     return pd.DataFrame(table)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lagrange_bench.experiments.catalogue import SCALED, load, with_units
-from lagrange_bench.experiments.measuring.states import KNOBS, OPTIONS, find, of_cell
+from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, find, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
 from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method
 from lagrange_bench.support.files import read_toml
@@ -150,7 +150,7 @@ def _check(key: str, word: str, value: Any, template: Cell) -> None:
     if word == "method":
         with _at("methods: "):
             find_method(value)
-    elif word in KNOBS:
+    elif word in ACCURACY_OPTIONS:
         check_step(value, key)
     elif type(template.get(word)) in (int, float):
         check_real(value, key)

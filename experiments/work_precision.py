@@ -67,17 +67,17 @@ def measure(cell: dict) -> list[dict]:
     tolerances = 10.0 ** -np.arange(LOOSEST, TIGHTEST + 0.5, cell["decades"])
     rows: list[dict] = []
     least, in_vain = np.inf, 0
-    for knob in states.knobs(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
+    for setting in states.accuracy_settings(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
         try:
-            row = _run({**cell, **knob})
+            row = _run({**cell, **setting})
         except StepError as refusal:  # of a step too large or a tolerance too small: the curve goes on without it
             row = {"stopped": "refused", "reason": refusal.reason}
         error = row.get("error", np.inf)
         in_vain = 0 if error < 0.9 * least or least > COARSE else in_vain + 1
         least = min(least, error)
-        if in_vain >= FLOOR_RUNS and knob.get("h", 0.0) <= cell.get("state_every", np.inf) and "stopped" not in row:
+        if in_vain >= FLOOR_RUNS and setting.get("h", 0.0) <= cell.get("state_every", np.inf) and "stopped" not in row:
             row["stopped"] = "round-off"
-        rows.append({**{name: states.rounded(value) for name, value in knob.items()}, **row})
+        rows.append({**{name: states.rounded(value) for name, value in setting.items()}, **row})
         if row.get("stopped") in ("too long", "round-off"):
             break
     return rows
@@ -89,7 +89,7 @@ def _run(cell: dict) -> dict:
     unit = top.scales(y0)[2]
     options = states.options_of(cell)
     method = METHODS[cell["method"]]
-    n = round(cell["span"] / cell["h"]) if method.knob == "h" else 16
+    n = round(cell["span"] / cell["h"]) if method.accuracy_option == "h" else 16
     h = cell["span"] * unit / n
     stepper = prepare(top, y0, h, method, **options)
     setups = [stepper.work.setup_seconds]
@@ -128,7 +128,7 @@ def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> 
     """Seconds of the whole run, from the quickest of short ones: a hiccup must neither end a curve nor let it go on."""
     top, y0 = states.of_cell(cell)
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
-    if method.knob == "h":
+    if method.accuracy_option == "h":
         steps = max(round(n * trial / cell["span"]), 1)
         share = n / steps
     else:
@@ -172,17 +172,17 @@ def races(
     """Of each group of useful runs, apart by these columns, and each error that any reaches: its fields, and `best` of it."""
     for values, group in rows.groupby(list(apart), sort=False):
         for target in targets:
-            found = best(group, target, price)
-            if len(found):
-                yield {**dict(zip(apart, values, strict=True)), "error at most": target}, found
+            race = best(group, target, price)
+            if len(race):
+                yield {**dict(zip(apart, values, strict=True)), "error at most": target}, race
 
 
 def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], ours: str) -> pd.DataFrame:
     """Of each race, set-up counted, the cheapest method, and how many times as long as `ours` the best of the others takes."""
     table = []
-    for fields, found in races(rows, apart, targets, "total"):
-        own, others = found[found.method == ours].total, found[found.method != ours]
-        line = {**fields, "cheapest": found.method.iloc[0], "seconds": found.total.iloc[0]}
+    for fields, race in races(rows, apart, targets, "total"):
+        own, others = race[race.method == ours].total, race[race.method != ours]
+        line = {**fields, "cheapest": race.method.iloc[0], "seconds": race.total.iloc[0]}
         line["best of the others"] = others.method.iloc[0] if len(others) else ""
         ratio = others.total.min() / own.min() if len(own) and len(others) else np.nan
         table.append({**line, "times as long as the exact step inside": ratio})
@@ -197,28 +197,28 @@ def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
     both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
     table = []
     for pair in zip(*both, strict=True):
-        for (fields, found), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
-            first = found.iloc[0]
+        for (fields, race), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
+            first = race.iloc[0]
             line = {**fields, "set-up counted": counted, "cheapest": first.method, "seconds": first[price]}
             for name, ratio, others in (
-                ("next", "times as long", found.iloc[1:]),
-                ("next family's best", "times as long as that", found[found.family != first.family]),
+                ("next", "times as long", race.iloc[1:]),
+                ("next family's best", "times as long as that", race[race.family != first.family]),
             ):
                 line[name] = others.method.iloc[0] if len(others) else ""
                 line[ratio] = others[price].iloc[0] / first[price] if len(others) else np.nan
-            table.append({**line, "reached by": f"{len(found)} of {rows.method.nunique()}"})
+            table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
     return pd.DataFrame(table)
 
 
 @of_part("", "Each method at its best step or tolerance")
 def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each method at its best step, in seconds: the knob, what it costs, and what it counts."""
+    """Each method at its best step, in seconds: its step or tolerance, its cost, and its evaluations."""
     table = []
-    for fields, found in races(useful(rows), APART, TARGETS, "seconds"):
-        front = metrics.pareto_front(found.seconds, found.error)
-        set_to = found.reindex(columns=states.KNOBS).to_dict("records")
-        knobs = [", ".join(f"{name} = {value:.3g}" for name, value in run.items() if value == value) for run in set_to]
-        line = found.assign(**{"with": knobs, "on the frontier": np.isin(np.arange(len(found)), front)}, **fields)
+    for fields, race in races(useful(rows), APART, TARGETS, "seconds"):
+        front = metrics.pareto_front(race.seconds, race.error)
+        set_to = race.reindex(columns=states.ACCURACY_OPTIONS).to_dict("records")
+        texts = [", ".join(f"{name} = {value:.3g}" for name, value in run.items() if value == value) for run in set_to]
+        line = race.assign(**{"with": texts, "on the frontier": np.isin(np.arange(len(race)), front)}, **fields)
         columns = [*fields, "method", "with", "error", "seconds", "setup_seconds", "evals", "on the frontier"]
         table.append(line[columns].rename(columns={"setup_seconds": "set-up, s", "evals": "evaluations"}))
     return pd.concat(table, ignore_index=True) if table else pd.DataFrame()
@@ -291,7 +291,7 @@ def draw_frontier(rows: pd.DataFrame, style):
 
 
 def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tuple[int, float], style, named, **shared):
-    """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, found among the values of the columns `by`.
+    """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, which are values of the columns `by`.
 
     size : panels to a row, and its height in inches. named : gives those of a panel's runs.
     The most accurate method is named, too.
@@ -344,7 +344,7 @@ def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
 
     Each run and target error is a race. And the number of races. Source: Dolan and Moré, Math. Program. 91 (2002) 201.
     """
-    run = [found.set_index("method").total / found.total.min() for _, found in races(good, APART, TARGETS, "total")]
+    run = [race.set_index("method").total / race.total.min() for _, race in races(good, APART, TARGETS, "total")]
     return {str(name): np.sort(taken) for name, taken in pd.concat(run).groupby(level=0, sort=False)}, len(run)
 
 
@@ -354,11 +354,11 @@ def _draw_profile(rows: pd.DataFrame, style):
     if not (good.error <= TARGETS[0]).any():
         return None
     fig, ax = style.figure("page", 3.4)
-    found, races = profiles(good)
-    longest = max(1.5 * max(taken[-1] for taken in found.values()), 10.0)
-    for method, look in style.looks(found, champions(good)).items():
-        taken = found[method]
-        share = np.arange(len(taken) + 1) / races
+    factors, count = profiles(good)
+    longest = max(1.5 * max(taken[-1] for taken in factors.values()), 10.0)
+    for method, look in style.looks(factors, champions(good)).items():
+        taken = factors[method]
+        share = np.arange(len(taken) + 1) / count
         above = {"marker": "none", "zorder": 6 if method == OURS else 3}
         ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
     ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
@@ -366,8 +366,8 @@ def _draw_profile(rows: pd.DataFrame, style):
     style.label_ends([ax], 7)
     fig.caption = (
         "How often is a method within a factor τ of the fastest? Left end: how often it wins. Right end: how often it finishes. "
-        f"There are {races} races, each for a top, a length of run and an error from 1e-4 to 1e-12, set-up counted. "
-        f"{style.naming(found, 'bold: the one of each family that is cheapest at most errors')}. Point at a line to see its name."
+        f"There are {count} races, each for a top, a length of run and an error from 1e-4 to 1e-12, set-up counted. "
+        f"{style.naming(factors, 'bold: of each family the cheapest at most errors')}. Point at a line to see its name."
     )
     return fig
 

@@ -214,7 +214,7 @@ class Method:
     claims : Claims
         Symmetry, the bracket, and what is conserved; nothing by default.
     control : str
-        "step": one internal step per h; "tolerance": h is the output grid, tol the knob.
+        "step": one internal step per h; "tolerance": h is the output grid, tol sets the accuracy.
     needs : str
         Of NEEDS: what a problem must offer.
     special : dict
@@ -349,7 +349,7 @@ class Method:
         return frozenset(problem.kept_by(self))
 
     @property
-    def knob(self) -> str:
+    def accuracy_option(self) -> str:
         """The option that trades work for precision: "tol" or "rtol" for control "tolerance", else "h"."""
         return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
 

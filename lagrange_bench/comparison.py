@@ -53,8 +53,8 @@ BODY_TIMES = {"h": "step h, s", "t": "time t, s"}
 ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
 # what tells lines of a method apart
 APART = ("top", "integrator", "setting", *SCHEME_OPTIONS, "options", "variant", "form", "pin", "n", "span_scaled")
-KNOBS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, where a run has many rows
-STEPS = ("h", *KNOBS)  # always on a logarithmic axis, or no slope could be read
+RUN_OPTIONS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, if a run has many rows
+STEPS = ("h", *RUN_OPTIONS)  # always on a logarithmic axis, or no slope could be read
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -210,7 +210,7 @@ class Comparison:
         if race and len(good):
             draw_front(ax, good[x], good[y])
         own = () if "span_scaled" in rows else ("span",)  # of rows in the tops' own units
-        apart = [name for name in (*APART, *own, *(KNOBS if sampled else ())) if name not in (x, y)]
+        apart = [name for name in (*APART, *own, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
         if race:
             each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
             kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]

@@ -8,7 +8,7 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.heavy_top import UNTIL, motion
-from lagrange_bench.experiments.measuring.states import KNOBS, SCHEME_OPTIONS, find
+from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
 from lagrange_bench.integrators import METHODS
 
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
@@ -111,7 +111,7 @@ def line(code: str, run: pd.Series, unit: float) -> str:
     code : the name of the problem. unit : that of stored times, in the time of the problem.
     """
     steps = round(run.span / run.h) if pd.notna(run.get("h")) else STEPS
-    options = {name: run.get(name) for name in (*KNOBS[1:], *SCHEME_OPTIONS) if pd.notna(run.get(name))}
+    options = {name: run.get(name) for name in (*ACCURACY_OPTIONS[1:], *SCHEME_OPTIONS) if pd.notna(run.get(name))}
     words = [f"h={run.span * unit / steps:.6g}", f"steps={steps}", f'method="{run.method}"']
     words += [f"{name}={_literal(value)}" for name, value in options.items()]
     return f'integrate("{code}", {", ".join(words)})'

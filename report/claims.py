@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import declared, load_stored
 from lagrange_bench.experiments.drawing.tables import show
-from lagrange_bench.experiments.measuring.reductions import settled
+from lagrange_bench.experiments.measuring.reductions import with_failures
 
 SIGNS = {"≤": operator.le, "<": operator.lt, "≥": operator.ge, ">": operator.gt}
 GROUPS = ("exactness", "conservation", "cost", "fields", "method")
@@ -194,7 +194,7 @@ def judge(claim: Claim, rows: pd.DataFrame) -> Verdict:
     """The verdict on a claim."""
     if rows.empty:
         return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
-    rows = settled(rows, declared(claim.experiment, "MEASURED", {}))
+    rows = with_failures(rows, declared(claim.experiment, "MEASURED", {}))
     return Verdict(tuple(_judge(bound, rows) for bound in claim.bounds))
 
 

@@ -46,7 +46,7 @@ def export(
         drawn = dict(_drawn(section, width))
         if name in drawn:
             written = {path: replace_file(path, figures.FORMATS[kind](drawn[name]))}
-            return written, _lacking(section), [*_remarks(section), *_without(name, section)]
+            return written, _methods_without_rows(section), [*_remarks(section), *_without(name, section)]
         if choice and name in dict(_drawn(_section(experiment, Store(results)))):
             raise ValueError(f"{name}: no rows of {_words(choice)}")
         known += drawn
@@ -64,7 +64,7 @@ def export_all(
     (stored, problems), written, remarks = _stored(results), dict[Path, str](), list[str]()
     for i, experiment in enumerate(stored):
         section = _section(experiment, Store(results, choice))
-        problems += _lacking(section)
+        problems += _methods_without_rows(section)
         remarks += _remarks(section)
         for k, width in enumerate(widths):
             drawn(i * len(widths) + k, len(stored) * len(widths))
@@ -113,10 +113,10 @@ def _remarks(section: sections.Section) -> list[str]:
     return [*section.notes, *([old] if section.old else [])]
 
 
-def _lacking(section: sections.Section) -> list[str]:
+def _methods_without_rows(section: sections.Section) -> list[str]:
     """The chosen methods that its figures do not show because it has no rows of them."""
-    chosen = replace(section.origin.choice, methods=tuple(section.lacking))
-    return [_no_rows(section.experiment, chosen)] if section.lacking else []
+    chosen = replace(section.origin.choice, methods=tuple(section.without_rows))
+    return [_no_rows(section.experiment, chosen)] if section.without_rows else []
 
 
 def _without(name: str, section: sections.Section) -> list[str]:

@@ -161,8 +161,8 @@ def _make(report: Report, name: str, make: Callable[[], Any]) -> Any:
 
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
-    old = sources.summary(sum((section.ages for section in sections), Counter[str]()))
-    if again := [f"{section.command} --again" for section in sections if section.ages[sources.OUTDATED]]:
+    old = sources.summary(sum((section.source_ages for section in sections), Counter[str]()))
+    if again := [f"{section.command} --again" for section in sections if section.source_ages[sources.OUTDATED]]:
         return f"{old} ({' && '.join(again)} computes them again)"
     folder = shlex.quote(sections[0].origin.folder) if old else ""
     return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
@@ -185,7 +185,7 @@ def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
     store = Store(folder)
     journals = {name: store.open(name) for name in dict.fromkeys(claim.experiment for claim in promises.CLAIMS)}
     judged = judge({name: journal.rows() for name, journal in journals.items()})
-    old = sources.summary(sum((journal.ages() for journal in journals.values()), Counter[str]()))
+    old = sources.summary(sum((journal.source_ages() for journal in journals.values()), Counter[str]()))
     words = f"{origin.named(folder)}: {'; '.join(filter(None, (fare(judged), old)))}"
     return [each.verdict for each in judged], words
 

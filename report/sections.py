@@ -23,7 +23,7 @@ from markupsafe import Markup
 from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
-from lagrange_bench.experiments.measuring.reductions import settled
+from lagrange_bench.experiments.measuring.reductions import with_failures
 from lagrange_bench.integrators.registry import import_modules
 from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
@@ -69,9 +69,11 @@ class Section:
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     profiles: tuple[str, ...] | None = None  # that all its cells belong to
     origin: Origin = PUBLISHED
-    ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.ages`
+    source_ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.source_ages`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
-    lacking: list[str] = field(default_factory=list)  # the methods asked for that it could have, and has no rows of
+    without_rows: list[str] = field(
+        default_factory=list
+    )  # the methods asked for that it could have, and has no rows of
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
@@ -116,7 +118,7 @@ class Section:
     @property
     def old(self) -> str:
         """How many cells are not known to come from the source code that is here."""
-        return sources.summary(self.ages)
+        return sources.summary(self.source_ages)
 
     def ended(self, declined: bool) -> pd.DataFrame:
         """The cells whose method declined the step, a result, or that failed by accident: their fields, and the reason."""
@@ -206,15 +208,15 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
     journal = store.open(section.experiment)
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
     section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
-    section.ages = journal.ages()
+    section.source_ages = journal.source_ages()
     if module is not None:
-        section.rows = settled(section.rows, getattr(module, "MEASURED", {}))
-        section.failures = _with_settled(section.failures, section.rows)
+        section.rows = with_failures(section.rows, getattr(module, "MEASURED", {}))
+        section.failures = _with_incomplete(section.failures, section.rows)
         section.profiles = origin.profiles_of(module, journal.latest)
-        section.lacking = lacking(module, section.rows, store.choice)
+        section.without_rows = without_rows(module, section.rows, store.choice)
 
 
-def _with_settled(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
+def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
     """The failed cells, and those that lack a number."""
     more = rows[(rows["status"] == "failed") & ~rows["key"].isin(failures.get("key", ()))]
     if more.empty:
@@ -225,7 +227,7 @@ def _with_settled(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([failures, more], ignore_index=True)
 
 
-def lacking(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
+def without_rows(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
     """The chosen methods that an experiment could measure, and has no rows of."""
     missing = [name for name in choice.methods if len(rows) and name not in set(rows.get("method", ()))]
     known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)} if missing else ()
@@ -280,7 +282,7 @@ def write(section: Section, output: Path) -> list[Path]:
 def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
     """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
     module, section = load(experiment), Section(experiment)
-    section.rows = settled(Store(results, choice).rows(experiment), getattr(module, "MEASURED", {}))
+    section.rows = with_failures(Store(results, choice).rows(experiment), getattr(module, "MEASURED", {}))
     section.figures = draw_figures(module, section.rows, choice.highlight)
     section.tables = make_tables(module, section.rows)
     return write(section, output)

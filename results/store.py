@@ -260,7 +260,7 @@ class Journal(NamedTuple):
     latest: list[Record]
     problems: list[str]
 
-    def ages(self) -> Counter[str]:
+    def source_ages(self) -> Counter[str]:
         """How many cells are SAME, OTHER, OUTDATED or UNKNOWN, by `sources.judge`."""
         here = Sources()
         return Counter(sources.judge(record, here) for record in self.latest)

@@ -1,1 +1,1 @@
-"""What experiments measure with: initial states, metrics, timing, the claims of a method, golden bits."""
+"""Tools of measurement: initial states, metrics, timing, checks of claims, golden bits."""

@@ -1,9 +1,9 @@
-"""Bits: do the compiled kernels compute here what they computed where `golden.json` was written, to the last bit?
+"""Golden bits: do compiled kernels compute the same bits here as on the machine where `golden.json` was written?
 
-Kernels use + − × ÷ and √ only, which IEEE 754 rounds correctly, in an order that no compiler may change (no fastmath, no
-contraction into fused multiply-adds). So a state after a million steps is the same on every machine. The constants of a
-step come from set-up code, some of it with the C library's functions: where they differ, the states must. Methods with a
-library behind them promise no bits and are not here.
+Kernels use only + − × ÷ and √, which IEEE 754 rounds correctly, in an order that no compiler may change (no fastmath, no
+fused multiply-adds). So a state after a million steps is the same on every machine. The constants of a step come from set-up
+code, which may call functions of the C library. Where the constants differ, the states differ, too. Methods that call a library
+in each step promise no bits and are left out.
 """
 
 import hashlib
@@ -21,37 +21,37 @@ from lagrange_bench.support.files import write_file
 
 GOLDEN = Path(__file__).with_name("golden.json")
 STATES = ("generic", "figure1", "random000")
-COUNTS = (10**3, 10**4, 10**5, 10**6)  # steps after which the state is looked at
-LONGEST = STATES[0]  # goes on to the last count, the others end a power of ten earlier
-LIBRARY = ("theta_functions",)  # not a map that is iterated: each state is made with the C library's sines
+COUNTS = (10**3, 10**4, 10**5, 10**6)  # steps after which a state is compared
+LONGEST = STATES[0]  # this run goes on to the last count, the others end a power of ten earlier
+LIBRARY = ("theta_functions",)  # it computes each state with the C library's sines
 STEP = 0.125  # in units of the top's time scale
 
 Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "state constants" or "state steps" → digest
 
 
 def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str, Any]]]:
-    """(name, method, options) of every kernel of this package: the methods compiled here, and their compensated forms.
+    """(name, method, options) of every kernel of this package: the compiled methods, and their compensated forms.
 
-    `only` names some of them, or methods: no other is compiled.
+    only : names of kernels or methods; no others are compiled.
     """
     chosen = set(METHODS) if only is None else set(only)
-    found: list[tuple[str, str, dict[str, Any]]] = []
+    listed: list[tuple[str, str, dict[str, Any]]] = []
     top, y0 = find(STATES[0])
     for name, method, _ in METHODS.each():
         if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")) or method.takes(top):
             continue
-        builder = getattr(method.prepare, "func", method.prepare)  # of a partial, too
+        builder = getattr(method.prepare, "func", method.prepare)  # a partial has `func`
         if method.engine != "numba" or not builder.__module__.startswith("lagrange_bench.integrators."):
             continue
         if isinstance(prepare(top, y0, STEP, method), FixedStepper):
-            found.append((name, name, {}))
+            listed.append((name, name, {}))
             if "compensated" in method.options:
-                found.append((f"{name} compensated", name, {"compensated": True}))
-    return [kernel for kernel in found if not chosen.isdisjoint(kernel[:2])]
+                listed.append((f"{name} compensated", name, {"compensated": True}))
+    return [kernel for kernel in listed if not chosen.isdisjoint(kernel[:2])]
 
 
 def measured(last: int = COUNTS[-1], only: Iterable[str] | None = None) -> Hashes:
-    """The hashes as this process computes them, up to `last` steps."""
+    """The hashes that this process computes, up to `last` steps."""
     hashes: Hashes = {}
     for kernel, method, options in kernels(only):
         hashes[kernel] = {}
@@ -76,15 +76,15 @@ def golden() -> Hashes:
     return json.loads(GOLDEN.read_text(encoding="utf-8"))
 
 
-def write(found: Hashes) -> None:
-    """Puts the hashes found into the golden file, in the order of the registry; those of other kernels stay."""
-    known = {**golden(), **found}
+def write(hashes: Hashes) -> None:
+    """Write these hashes into the golden file, in the order of the registry. Hashes of other kernels stay."""
+    known = {**golden(), **hashes}
     order = [name for method in METHODS for name in (method, f"{method} compensated") if name in known]
     write_file(GOLDEN, json.dumps({name: known[name] for name in order}, indent=1, ensure_ascii=False) + "\n")
 
 
-if __name__ == "__main__":  # names of methods whose bits are new, or were changed on purpose
-    found = measured(only=sys.argv[1:])
-    if lacking := [name for name in sys.argv[1:] if name not in found] or found == {}:
-        sys.exit(f"no kernel of {lacking}: name methods of the bench that are compiled here")
-    write(found)
+if __name__ == "__main__":  # give the names of methods whose bits are new, or were changed on purpose
+    hashes = measured(only=sys.argv[1:])
+    if unknown := [name for name in sys.argv[1:] if name not in hashes] or hashes == {}:
+        sys.exit(f"no kernel of {unknown}: name methods of the bench that are compiled here")
+    write(hashes)

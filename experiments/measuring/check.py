@@ -1,12 +1,11 @@
-"""Does a method keep what its record claims? Every claim of the contract, tested on the method itself.
+"""Tests the claims of a method, for `lagrange-bench check METHOD` and for the tests of the bench.
 
-`lagrange-bench check METHOD` prints these verdicts, the tests require them of every method in the registry. Nothing here
-knows a method: steppers are made by `Method.prepare` and used through `advance` and `record`. A fresh stepper is prepared
-for every initial state, since a method may belong to a torus. Spans are steps in units of the top's own time scale.
+No method gets special treatment: `Method.prepare` makes the steppers, and only `advance` and `record` are called. A fresh stepper
+is prepared for every initial state, because a stepper may belong to a torus. Spans are steps in units of the top's time scale.
 
-A method that takes a top in a potential is judged there, too, by the same functions: in a tide, which is quadratic and breaks
-the symmetry, and near a charge on the vertical, which is neither. A method of rigid bodies is judged on a `RigidBody`, and any
-method on a problem and a state of the user's own.
+If a method takes tops in a potential, the same functions test it in a tide, which is quadratic and breaks the symmetry, and near
+a charge on the vertical, which is neither quadratic nor breaks the symmetry. A method for rigid bodies is tested on a
+`RigidBody`, and any method on a problem and a state of the user's own.
 """
 
 from __future__ import annotations
@@ -40,24 +39,30 @@ STATES = ("generic", "figure1", "random000", "random001")
 TIDE, CHARGE = " in a tide", " near a charge"  # what `find` takes behind the name of a state
 FIELD_ORDER_STATES = tuple(f"random{i:03d}{kind}" for i in range(8) for kind in (TIDE, CHARGE))
 FIELD_STATES = tuple(f"{name}{kind}" for name in ("generic", "random001") for kind in (TIDE, CHARGE))
-FIELD_STEPS = 1000  # of the runs that tell what is conserved there
+FIELD_STEPS = 1000  # steps of the runs that test conservation there
 SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
 AT = "h_scaled = 0.1, 0.5, 3, {} states"
-LONG_SPANS, LONG_RUNS = (10.0, 30.0, 100.0, 1e4), (1, 10)  # steps that a method may refuse, and how many of them
+LONG_SPANS, LONG_RUNS = (10.0, 30.0, 100.0, 1e4), (1, 10)  # steps that a method may refuse, and how many are taken
 A_UNIT = 256  # ulps for each time scale of a step: its round-off grows with the angle it turns by
-BIAS, WALK = 8, 128  # ulps a step that go the same way, that go either way: what round-off may make of an invariant
-ROUND_OFF = 1.5  # ulps a step, at most: what may be round-off and nothing else
+BIAS, WALK = 8, 128  # ulps a step that round-off may change an invariant by: always the same way, or either way
+ROUND_OFF = 1.5  # ulps a step: up to this, a drift may be round-off and nothing else
 TOLERANCE = 0.15  # of a measured order
 FIELD_TOLERANCE = 0.3  # in a potential, which varies over less than |x|: beyond order 5 the next term shows in doubles
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
-FLOOR, CEILING = 1e-14, 1e-2  # of one-step errors an order is read from: above round-off, below saturation
-POINTS = 8  # the smallest steps above the floor
-RUN, MOST_STEPS = 4.0, 512  # length, in time scales, of the runs that tell the order of a method with memory
-RUN_FLOOR = 1e-12  # of their errors
-ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps an order is looked for among
-LOST = 0.1  # of the scales: a run so far off says nothing about accuracy
-TOGETHER = 32  # steps that tell whether it has one: the starter of a method of high order takes several
-NEAR, STEEPER = 0.25, 1.25  # steps longer than this, in time scales, may show a slope up to that much above the order
+FLOOR, CEILING = 1e-14, 1e-2  # errors of one step between these show the order: above round-off, below saturation
+POINTS = 8  # an order is read off so many of the smallest steps above the floor
+RUN, MOST_STEPS = (
+    4.0,
+    512,
+)  # length in time scales, and most steps, of the runs that show the order of a method with memory
+RUN_FLOOR = 1e-12  # least error of these runs
+ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps among which an order is looked for
+LOST = 0.1  # of the scales: a run with a larger error says nothing about accuracy
+TOGETHER = 32  # steps that show whether a method has memory: the starter of a method of high order takes several
+NEAR, STEEPER = (
+    0.25,
+    1.25,
+)  # if all steps are longer than NEAR time scales, the slope may exceed the order by up to STEEPER
 
 
 NOT_CLAIMED = "not claimed"
@@ -66,7 +71,7 @@ TAKES_A_STEP = "takes a step"  # the only verdict on a method that does not
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one claim. `passed` None: not judged, `how` says why. `at`: where the largest value was measured."""
+    """The verdict on one claim. `passed` None: not judged, and `how` says why. `at`: where the largest value was measured."""
 
     claim: str
     passed: bool | None
@@ -82,17 +87,17 @@ class Verdict:
         return "pass" if self.passed else "fail"
 
     def __str__(self) -> str:
-        found = "" if self.measured is None else f" {self.measured:.4g}, bound {self.bound};"
-        return f"{self.claim}:{found} {self.how}"
+        measured = "" if self.measured is None else f" {self.measured:.4g}, bound {self.bound};"
+        return f"{self.claim}:{measured} {self.how}"
 
 
 class Worst(NamedTuple):
-    """The largest of several errors, and at which top and step. NaN counts as infinite."""
+    """The largest of several errors, with its top and step. NaN counts as infinite."""
 
     size: float = 0.0
     at: str = ""
 
-    def or_(self, size: float, name: Start, span: float) -> Worst:
+    def worse_of(self, size: float, name: Start, span: float) -> Worst:
         size = float("inf") if np.isnan(size) else float(size)
         return self if self.at and size <= self.size else Worst(size, f"{label(name)}, h_scaled = {span:g}")
 
@@ -107,10 +112,10 @@ Starts = tuple[Start, ...]
 
 
 def check(method: str | Method, quick: bool = False, problem: Any = None, y0: ArrayLike | None = None) -> list[Verdict]:
-    """All verdicts on one method: its claims, put to the test.
+    """Test all claims of one method.
 
-    A check that ends in an exception is a claim that failed; no claim is left out for it. Only where the very first step ends
-    in one there is nothing to judge. By its name a step of the user's own method is also tested without Numba.
+    A check that raises an exception counts as a failed claim, and the other claims are tested all the same. But if the first step
+    raises one, nothing else is tested. If `method` is a name, one step of the user's own method is also taken without Numba.
 
     Parameters
     ----------
@@ -151,12 +156,12 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
 def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator[Verdict]:
     """The error of one step grows like h^(p+1).
 
-    Of one step and not of many, because round-off does not accumulate then; as the geometric mean over states and over
-    both signs of h, because the next term of the error, of relative size h, has another sign in each and drops out. So
-    order 20 can be read off in doubles. Not always: where the leading term is made very small (Verner's formulas), the next
-    ones show as long as the error is above round-off, and the slope is steeper than the order. Then it is not judged.
+    One step is taken, and not many, so that round-off does not accumulate. The error is the geometric mean over states and over
+    both signs of h: the next term of the error, of relative size h, changes its sign with h and drops out. So order 20 can be
+    read off in doubles. There is one exception. If the leading term is very small (Verner's formulas), the next terms show as
+    long as the error is above round-off, and the slope is steeper than the order. Then the order is not judged.
 
-    One step of a method that remembers others (e.g. Adams) is a step of its starter: there runs of one length decide.
+    For a method with memory (e.g. Adams), one step would be a step of its starter. There runs of one length are taken.
     """
     claimed = method.order
     if claimed is None:
@@ -182,18 +187,18 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
 
 
 class OrderPoints(NamedTuple):
-    """Falling steps, in time scales, and errors of one step that an order p is read from, error ~ h^(p+1)."""
+    """Falling steps, in time scales, and errors of one step. They give the order p: error ~ h^(p+1)."""
 
     spans: Array
     errors: Array
-    runs: bool  # whether they are those of runs of length RUN, divided by the number of steps
+    runs: bool  # whether the errors are those of runs of length RUN, divided by the number of steps
     exact: bool = False  # whether all steps are exact up to round-off: then there are no points
 
 
 def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> OrderPoints:
-    """The smallest steps among `spans` (falling) whose errors, geometric means over states and signs, are no round-off.
+    """The smallest steps among `spans` (falling) with errors above round-off, as geometric means over states and signs.
 
-    A state on which no step has more than round-off, such as an equilibrium, does not count.
+    A state does not count if all its errors are round-off, as at an equilibrium.
     """
     runs, counts = remembers(method, names[:2]), np.ones(1)
     if runs:
@@ -213,7 +218,7 @@ def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> 
 
 
 def remembers(method: Method, names: Starts = ORDER_STATES[:2]) -> bool:
-    """Whether n steps are anything else than one step n times, but for what is carried of round-off."""
+    """Whether n steps together differ from one step n times by more than round-off: whether the method has memory."""
     for name in names:
         top, y0 = find(name)
         for span in (0.25, -0.5):
@@ -230,7 +235,7 @@ def remembers(method: Method, names: Starts = ORDER_STATES[:2]) -> bool:
 
 
 def run_errors(method: Method, names: Starts, counts: Array) -> Array:
-    """Errors after RUN time scales in so many steps, both ways, (2 len(names), len(counts)); NaN where a run fails."""
+    """Errors after ±RUN time scales in `counts` steps, (2 len(names), len(counts)); NaN if a run fails."""
     errors = np.full((2 * len(names), len(counts)), np.nan)
     for row, (name, sign) in enumerate(product(names, (1, -1))):
         for i, n in enumerate(counts):
@@ -240,7 +245,7 @@ def run_errors(method: Method, names: Starts, counts: Array) -> Array:
 
 
 def one_step_errors(method: Method, names: Starts, spans: Array) -> Array:
-    """Errors of one step of ± `spans` (falling), (2 len(names), len(spans)); NaN where a step fails or is pure round-off."""
+    """Errors of one step of ± `spans` (falling), (2 len(names), len(spans)); NaN if a step fails or is pure round-off."""
     errors = np.full((2 * len(names), len(spans)), np.nan)
     for row, (name, sign) in enumerate(product(names, (1, -1))):
         top, y0 = find(name)
@@ -258,11 +263,11 @@ def one_step_errors(method: Method, names: Starts, spans: Array) -> Array:
 
 
 def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
-    """What order says nothing about: methods exact in time, methods that control their own error, and h < 0."""
+    """Accuracy that order says nothing about: of methods exact in time, of methods that control their error, and for h < 0."""
     there, back_again = Worst(), Worst()
     for name in names:
-        there = there.or_(run_error(method, name, 0.25, 80), name, 0.25)
-        back_again = back_again.or_(return_error(method, name, 0.25, 80), name, -0.25)
+        there = there.worse_of(run_error(method, name, 0.25, 80), name, 0.25)
+        back_again = back_again.worse_of(return_error(method, name, 0.25, 80), name, -0.25)
     ahead, back = there.size, back_again.size
     if method.control == "step" and method.order is None:
         how = f"80 steps against the {_truth(names)}, h_scaled = 0.25, {len(names)} states{there.where}"
@@ -285,16 +290,16 @@ def run_error(method: Method, name: Start, span: float, n: int) -> float:
 
 
 def return_error(method: Method, name: Start, span: float, n: int) -> float:
-    """The error of n steps back to the start, from the state where the true motion is after n steps."""
+    """The error of n steps back to the start, from the exact state after n steps."""
     top, y0 = find(name)
     h = span * top.scales(y0)[2]
     end = truths.after_steps(top, y0, h, [n])[0]
-    y = prepared(method, later(top, n * h), end, -h).advance(end, n)
+    y = prepared(method, starting_later(top, n * h), end, -h).advance(end, n)
     return float(metrics.scaled_error(top, y0, y, y0))
 
 
-def later(problem: Any, t: float) -> Any:
-    """The problem as it is after a time t, for a motion that goes on from there."""
+def starting_later(problem: Any, t: float) -> Any:
+    """The problem with its start moved by t, for a run that begins there."""
     return problem.starting(problem.start + t) if getattr(problem, "timed", False) else problem
 
 
@@ -302,7 +307,7 @@ def later(problem: Any, t: float) -> Any:
 
 
 def steps_on(names: Starts) -> Iterator[tuple[Start, float, Any, Array, float]]:
-    """Each start with each of SPANS: its name, the step in time scales, the problem, the state and the step."""
+    """For each start and each of SPANS: the start, the step in time scales, the problem, the state and the step."""
     for name in names:
         top, y0 = find(name)
         for span in SPANS:
@@ -311,7 +316,7 @@ def steps_on(names: Starts) -> Iterator[tuple[Start, float, Any, Array, float]]:
 
 @contextlib.contextmanager
 def declines_long_steps(span: float) -> Iterator[None]:
-    """A StepError inside is a fault only where the step is short."""
+    """Ignore a StepError in the block if the step is long."""
     try:
         yield
     except StepError:
@@ -328,10 +333,10 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
     for name, span, top, y0, h in steps_on(names):
         with declines_long_steps(span):
             there = prepared(method, top, y0, h).advance(y0, 1)
-            back = prepared(method, later(top, h), there, -h).advance(there, 1)
-            worst = worst.or_(float(metrics.scaled_error(top, y0, back, y0)), name, span)
-    # two steps of some hundred roundings; a method of order 8 that is not symmetric misses it by far. At a state of the user's
-    # own a rounding may weigh more
+            back = prepared(method, starting_later(top, h), there, -h).advance(there, 1)
+            worst = worst.worse_of(float(metrics.scaled_error(top, y0, back, y0)), name, span)
+    # two steps of some hundred roundings; a method of order 8 that is not symmetric is far beyond. A rounding may weigh more at a
+    # state of the user's own
     bound = (256 if isinstance(names[0], str) else 1024) * EPS
     how = f"a step and its inverse, {AT.format(len(names))}{worst.where}"
     yield Verdict("symmetric", worst.size <= bound, worst.size, f"≤ {bound:.1e}", how, worst.at)
@@ -346,24 +351,24 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
     names = names[:2] if quick else names
     for name, span, top, y0, h in steps_on(names):
         with declines_long_steps(span):
-            found = metrics.poisson_defect(lambda y: prepared(method, top, y, h).advance(y, 1), top, y0)  # noqa: B023
-            if span < 1 or found.error <= bound:  # else the map bends too much for differences
-                worst = worst.or_(found.defect, name, span)
+            result = metrics.poisson_defect(lambda y: prepared(method, top, y, h).advance(y, 1), top, y0)  # noqa: B023
+            if span < 1 or result.error <= bound:  # else the map bends too much for differences
+                worst = worst.worse_of(result.defect, name, span)
     how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}{worst.where}"
     yield Verdict("Poisson map", worst.size <= bound, worst.size, f"≤ {bound:g}", how, worst.at)
 
 
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
-    """The invariants the record names stay at round-off for small and large h; the others are only reported.
+    """The claimed invariants change by round-off only, for small and large h. Other invariants are only reported.
 
-    Roundings that go either way add up like √n, those that always go the same way like n: these are a fault.
-    After 10⁵ steps 0.4 ulps a step are found.
+    Roundings that go either way add up like √n. Roundings that always go the same way add up like n: they are a fault, which
+    shows after 10⁵ steps if it is 0.4 ulps a step.
     """
     n = steps or (10_000 if quick else 100_000)
     if method.control == "tolerance":
-        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # of many natural steps each
+        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # each takes many steps of the method's own
     n = max(n, 10)
-    # of what is claimed, by "quantity"; of what else the motion conserves, by "(quantity)"
+    # "quantity" if the method claims it, "(quantity)" if only the motion conserves it
     worst: defaultdict[str, Worst] = defaultdict(Worst)
     stopped: dict[tuple[float, str], list[str]] = {}
     claimed: dict[str, list[str]] = {}
@@ -381,15 +386,15 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
                 stopped.setdefault((span, error.reason), []).append(label(name))
             continue
         times = h * (n // 10) * np.arange(len(y))
-        with np.errstate(over="ignore", invalid="ignore"):  # the bench's own, of a run that has gone astray
+        with np.errstate(over="ignore", invalid="ignore"):  # a run may have gone astray
             drift = np.abs(metrics.relative_drift(top.invariants(y, times), top.invariant_scales(y0)))
         sizes = dict(zip(top.names, np.max(drift, axis=0), strict=True))
-        found = {word if word in kept else f"({word})": sizes[word] for word in top.names if word in top.conserved}
+        drifts = {word if word in kept else f"({word})": sizes[word] for word in top.names if word in top.conserved}
         for quantity, value in keeps.items():
             values, unit = value(top, h, y)
-            found[quantity] = np.max(np.abs(values - values[0]) / unit)
-        for quantity, size in found.items():
-            worst[quantity] = worst[quantity].or_(size, name, span)
+            drifts[quantity] = np.max(np.abs(values - values[0]) / unit)
+        for quantity, size in drifts.items():
+            worst[quantity] = worst[quantity].worse_of(size, name, span)
     at = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
@@ -415,7 +420,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
 
 
 def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
-    """What is claimed for every h is kept in very long steps, too, and next to the upright top; or the step is refused."""
+    """The invariants are also conserved in very long steps and next to the upright top, unless the step is refused."""
     starts = (*names, *((LagrangeTop(1.0), np.array((tilt, 0.0, 0.3, tilt, 0.0, 1.0))) for tilt in (1e-3, 1e-9)))
     worst = Worst()
     for name, span, steps in product(starts, LONG_SPANS, LONG_RUNS) if method.control == "step" else ():
@@ -425,7 +430,7 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
             y = prepared(method, top, y0, span * top.scales(y0)[2]).record(y0, steps, 1)
             with np.errstate(over="ignore", invalid="ignore"):
                 drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, kept]
-            worst = worst.or_(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), name, span)
+            worst = worst.worse_of(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), name, span)
     if worst.at:
         how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it{worst.where}"
         yield Verdict("conserves in long steps", worst.size <= 1.0, worst.size, "≤ 1", how, worst.at)
@@ -435,55 +440,55 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
 
 
 def purity(method: Method, quick: bool, names: Starts = ("generic", "figure1")) -> Iterator[Verdict]:
-    """Steppers are functions of their arguments: they modify nothing, remember nothing, share nothing."""
+    """Steppers are functions of their arguments. They modify nothing, remember nothing, and share nothing."""
     (top, y0), (other, z0) = map(find, names[:2])
     h, k = 0.25 * top.scales(y0)[2], -0.4 * other.scales(z0)[2]
     y = y0.copy()
     stepper = prepared(method, top, y, h)
     first = stepper.advance(y, 50)
     rows = stepper.record(y, 50, 10)
-    yield told("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
+    yield verdict("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
     y.flags.writeable = False
     again = (stepper.advance(y, 50), prepared(method, top, y, h).advance(y, 50))
     how = "advance twice, and with a second stepper"
-    yield told("same input, same bits", all(same(a, first) for a in again), how)
+    yield verdict("same input, same bits", all(same(a, first) for a in again), how)
     stranger = prepared(method, other, z0, k)
     alone = stranger.advance(z0, 50)
     stepper, stranger = prepared(method, top, y0, h), prepared(method, other, z0, k)
     turns = [(stepper.advance(y0, 50), stranger.advance(z0, 50)) for _ in range(2)]
     shared_nothing = all(same(a, first) and same(b, alone) for a, b in turns)
-    yield told("two steppers share nothing", shared_nothing, "two tops in turns, against each alone")
+    yield verdict("two steppers share nothing", shared_nothing, "two tops in turns, against each alone")
     apart = first is not again[0] and not np.shares_memory(first, again[0]) and not np.shares_memory(first, y0)
-    yield told("results are fresh arrays", apart, "memory of two results and of the input")
+    yield verdict("results are fresh arrays", apart, "memory of two results and of the input")
     yield from recording(method, stepper, y0, first, rows)
 
 
 def recording(method: Method, stepper: Stepper, y0: Array, last: Array, rows: Array) -> Iterator[Verdict]:
     shape = rows.shape == (6, len(y0)) and same(rows[0], y0) and rows.dtype == np.float64 and last.shape == y0.shape
     nothing = same(stepper.advance(y0, 0), y0) and same(stepper.record(y0, 0, 1), y0[None])
-    yield told("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
+    yield verdict("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
     decided = isinstance(getattr(stepper, "from_start", None), bool)
-    yield told("from_start is True or False", decided, "an attribute; False in classes that derive from Stepper")
+    yield verdict("from_start is True or False", decided, "an attribute; False in classes that derive from Stepper")
     if method.control == "step":
         ends = (stepper.record(y0, 50, every)[-1] for every in (1, 25, 50))
-        yield told("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")
+        yield verdict("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")
         before = stepper.work.steps
         stepper.advance(y0, 7)
         stepper.record(y0, 6, 3)
-        yield told("work counts steps", stepper.work.steps == before + 13, "7 steps advanced, 6 recorded")
+        yield verdict("work counts steps", stepper.work.steps == before + 13, "7 steps advanced, 6 recorded")
 
 
 Extreme = tuple[str, Any, Array, float]  # a label, a top, a state, a step
 
 
 def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None) -> Iterator[Verdict]:
-    """From whatever finite state and step: finite numbers or a StepError that says why."""
+    """From any finite state and step come finite numbers, or a StepError that says why."""
     bad: dict[str, list[str]] = {}  # what is wrong → the runs
     runs, raised = 0, []
     for label, top, y0, h in extreme_cases() if cases is None else cases:
         runs += 1
         try:
-            with np.errstate(all="ignore"):  # NumPy warns of an overflow where finite numbers may still come out
+            with np.errstate(all="ignore"):  # after an overflow the result may still be finite
                 y = prepared(method, top, y0, h).record(y0, 4, 2)
             if not np.all(np.isfinite(y)):
                 bad.setdefault(str(y[-1].tolist()), []).append(label)
@@ -505,8 +510,8 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
             how += "give FixedStepper, or StepError, the record's name"
         elif not all(error.reason for error in raised):
             others, how = {"": None}, "one of them has no reason"
-        yield told("StepErrors name the method", not others, how)
-        yield told("StepErrors survive pickling", kept, f"{len(raised)} of them")
+        yield verdict("StepErrors name the method", not others, how)
+        yield verdict("StepErrors survive pickling", kept, f"{len(raised)} of them")
 
 
 def extreme_cases() -> Iterator[Extreme]:
@@ -529,7 +534,7 @@ def extreme_cases() -> Iterator[Extreme]:
 
 
 def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
-    """The same claims on tops in a potential, of a method that takes them."""
+    """The same claims on tops in a potential, if the method takes them."""
     refused = {name: method.takes(find(name)[0]) for name in (*FIELD_ORDER_STATES, *FIELD_STATES)}
     ordered, names = (tuple(n for n in listed if not refused[n]) for listed in (FIELD_ORDER_STATES, FIELD_STATES))
     if not names:
@@ -541,7 +546,7 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
 def _claims(
     method: Method, quick: bool, where: str, ordered: Starts, solved: Starts, names: Starts
 ) -> Iterator[Verdict]:
-    """The claims on problems other than a top in a uniform field: of order, of accuracy, and the others."""
+    """All claims, on problems other than a top in a uniform field. ordered, solved, names : states for the three groups."""
     for verdict in (
         *order(method, quick, ordered),
         *solution(method, quick, solved),
@@ -562,20 +567,20 @@ NEAR_STATES = 8
 
 
 def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
-    """The same claims on a body of any shape, of a method that is for these only."""
+    """The same claims on a body of any shape, for methods that take only bodies."""
     if method.takes(BODY) is None:
         yield from _on(BODY, BODY_START, method)(method, quick)
 
 
 def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
-    """The claims on a problem at a state and near it. ValueError: it is none, the method does not take it, or y0 is no state."""
+    """A check of all claims on a problem, at y0 and near it. ValueError if the problem, the method and y0 do not fit."""
     if not hasattr(problem, "offers"):
         raise ValueError(f"problem must be a Problem or a top; got {type(problem).__name__}")
     if reason := method.takes(problem):
         raise ValueError(f"problem: {reason}")
     if y0 is None:
         raise ValueError("y0: give a state of the problem")
-    starts = tuple((problem, y) for y in near(problem, y0))
+    starts = tuple((problem, y) for y in random_states_near(problem, y0))
 
     def claims(method: Method, quick: bool) -> Iterator[Verdict]:
         yield from _claims(method, quick, getattr(problem, "name", str(problem)), starts, starts[:2], starts[:4])
@@ -583,18 +588,18 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method) -> Check:
     return claims
 
 
-def near(problem: Any, y0: ArrayLike) -> list[Array]:
-    """A state and others that differ from it by up to a fifth of its scales."""
+def random_states_near(problem: Any, y0: ArrayLike) -> list[Array]:
+    """NEAR_STATES states: y0, and others that differ from it by up to a fifth of its scales."""
     y = problem.check_state(y0)
     draw = random.Random("near a state")
-    found = [y]
-    while len(found) < NEAR_STATES:
+    near = [y]
+    while len(near) < NEAR_STATES:
         other = y + 0.2 * problem.sizes(y) * np.array([draw.uniform(-1, 1) for _ in y])
         if "body" in problem.offers:
             other[:4] /= np.linalg.norm(other[:4])
         with contextlib.suppress(ValueError):  # where H is not finite
-            found.append(problem.check_state(other))
-    return found
+            near.append(problem.check_state(other))
+    return near
 
 
 def extreme_fields(names: Starts) -> Iterator[Extreme]:
@@ -626,14 +631,14 @@ CHECKS: tuple[Check, ...] = (order, solution, symmetric, conserves, long_steps, 
 
 
 def label(start: Start) -> str:
-    """What messages call a start."""
+    """The name of a start in messages."""
     if isinstance(start, str):
         return start
     return f"{getattr(start[0], 'name', start[0])} from {np.round(start[1], 3).tolist()}"
 
 
 def find(name: Start) -> tuple[Any, Array]:
-    """As `states.find`; also "NAME in a tide" and "NAME near a charge", or a problem and its state."""
+    """As `states.find`, also for "NAME in a tide", "NAME near a charge", and a pair (problem, state)."""
     if not isinstance(name, str):
         return name[0], name[1].copy()
     for kind in (TIDE, CHARGE):
@@ -656,5 +661,5 @@ def same(a: Array, b: Array) -> bool:
     return a.shape == b.shape and a.tobytes() == b.tobytes()
 
 
-def told(claim: str, passed: bool, how: str) -> Verdict:
+def verdict(claim: str, passed: bool, how: str) -> Verdict:
     return Verdict(claim, bool(passed), None, "", how)

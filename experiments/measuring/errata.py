@@ -1,4 +1,4 @@
-"""The errata of the paper, measured: how far each statement misses as printed and as corrected, at random points."""
+"""Measures the errata of the paper: by how much each statement misses at random points, as printed and as corrected."""
 
 import math
 from collections.abc import Iterable
@@ -8,14 +8,14 @@ from random import Random
 
 from lagrange_bench.integrators.paper import errata
 
-POINTS, SEED = 8, 0  # what the command and the page take by default
+POINTS, SEED = 8, 0  # defaults of the command and the page
 
 
 @dataclass(frozen=True)
 class Measured:
-    """One erratum. `printed` is the smallest residual over the points, `corrected` the largest.
+    """One erratum. `printed` is its smallest residual over the points, `corrected` the largest.
 
-    `prose`: a sentence is wrong, and the formulas beside it are right.
+    prose : whether a sentence is wrong, and the formulas beside it are right.
     """
 
     equation: str
@@ -30,20 +30,20 @@ class Measured:
 @cache
 def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
     """Every erratum in the order of the paper, at `points` random points each, drawn from seed, seed + 1, …"""
-    found = []
+    listed = []
     for e in errata.errata():
         printed = min(e.residual(Random(seed + k), True) for k in range(points))
         corrected = max(e.residual(Random(seed + k), False) for k in range(points))
-        found.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
-    return tuple(found)
+        listed.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
+    return tuple(listed)
 
 
-def count(found: Iterable[Measured]) -> str:
+def count(measured: Iterable[Measured]) -> str:
     """“3 wrong formulas and 2 wrong sentences”."""
-    prose = [e.prose for e in found]
+    prose = [e.prose for e in measured]
     return f"{prose.count(False)} wrong formulas and {prose.count(True)} wrong sentences"
 
 
 def magnitude(residual: float) -> float:
-    """The power of ten above a residual: what of it does not depend on the machine, but for bad luck."""
+    """The power of ten above a residual, which hardly ever depends on the machine."""
     return 0.0 if residual == 0 else float(f"1e{math.ceil(math.log10(residual))}")

@@ -1,4 +1,4 @@
-"""The first step of a method, before all else: a kernel that cannot take it has one fault, reported once."""
+"""Tries the first step of a method. If it fails, the fault is reported once, with the line of the user's code."""
 
 import traceback
 import warnings
@@ -17,9 +17,9 @@ from lagrange_bench.support.words import suggestion
 
 
 def problem(method: Method, word: str | None) -> str | None:
-    """Why the method cannot take its first step, in one line; None if it can, or has a StepError.
+    """One line that says why the method cannot take its first step; None if it can, or if it raises StepError.
 
-    word : its name or module:METHOD; None: it has none.
+    word : the name of the method, or module:METHOD; None if it has no name.
     """
     for named in (TOPS["generic"], PERTURBED_TOPS["moderate_tide"]):
         if method.takes(named.top) is not None:
@@ -30,7 +30,7 @@ def problem(method: Method, word: str | None) -> str | None:
                 warnings.simplefilter("ignore")
                 build = method.prepare_for(top)
                 stepper: Any = build(top, y0.copy(), 0.1 * top.scales(y0)[2])
-                watched(method.name, stepper, len(y0))  # what it finds in calls has verdicts of its own
+                watched(method.name, stepper, len(y0))
                 if not getattr(build, "func", build).__module__.startswith("lagrange_bench."):
                     _interpreted(stepper, y0)
                 check_rows(method.name, "record", stepper.record(y0.copy(), 1, 1), (2, len(y0)))
@@ -43,7 +43,7 @@ def problem(method: Method, word: str | None) -> str | None:
 
 
 def _interpreted(stepper: Any, y0: Any) -> None:
-    """One step of a kernel without the compiler. IndexError: it reads beyond its arrays, which compiled code does not notice."""
+    """Take one step without the compiler. IndexError if the kernel reads beyond its arrays: compiled code does not notice."""
     kernel = getattr(getattr(stepper, "step", None), "py_func", None)
     if kernel is None:
         return
@@ -51,12 +51,12 @@ def _interpreted(stepper: Any, y0: Any) -> None:
         kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.tally)))
     except IndexError:
         raise
-    except Exception:  # what only compiled code can call
+    except Exception:  # the kernel calls a function that only compiled code can call
         return
 
 
 def describe(error: BaseException, method: Method, word: str | None) -> str:
-    """An error in one line, with the innermost line of the method's own code."""
+    """An error as one line of text, with the innermost line of the method's own code."""
     if isinstance(error, loops.KernelError):
         return f"the kernel cannot be compiled: {useful_lines(error.__cause__)}"
     if isinstance(error, NumbaError):

@@ -1,7 +1,7 @@
-"""What errors are measured by. Pure functions on arrays; each is tested on synthetic signals before it is trusted.
+"""Measures of errors, as pure functions of arrays. Each is tested on synthetic signals.
 
-Drift is judged by how the root-mean-square error over many initial states grows, phase by a split of the error
-along the two flows of the torus, order by the points that lie between round-off and saturation.
+Drift is judged by the growth of the root-mean-square error over many initial states. Phase is judged by splitting the error
+along the two flows of the torus. Order is judged by the points between round-off and saturation.
 """
 
 from __future__ import annotations
@@ -30,26 +30,26 @@ def _floats(values: ArrayLike) -> Array:
 
 
 def relative_drift(invariants: ArrayLike, scales: ArrayLike) -> Array:
-    """(I − I[0])/scale of invariants (N, 4) with scales (4,), see `LagrangeTop.invariant_scales`; shape (N, 4)."""
+    """(I − I[0])/scale, (N, 4), of invariants (N, 4). scales : (4,), see `LagrangeTop.invariant_scales`."""
     I = _floats(invariants)
     drift: Array = (I - I[0]) / _floats(scales)
     return drift
 
 
 def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
-    """I − I[0] in units of the last place of the scale; shape (N, 4)."""
+    """I − I[0] in units of the last place of the scale, (N, 4)."""
     I = _floats(invariants)
     units: Array = (I - I[0]) / np.spacing(np.abs(_floats(scales)))
     return units
 
 
 def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
-    """The largest |δvector|/scale, of a top of δJ and δx, of states (..., n); the scales are those of y0; shape (...,)."""
+    """The largest |δvector|/scale of states (..., n), with the scales of y0; shape (...,). A top has the vectors J and x."""
     return scaled_distance(problem, y0, _floats(y), _floats(y_exact))
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
-    """Indices (M,), by growing cost, of the points (N,) no other point beats in both; points that are not finite never count."""
+    """Indices (M,), by growing cost, of the points (N,) that no other beats in both. Points must be finite to count."""
     cost, error = _floats(cost), _floats(error)
     finite = np.flatnonzero(np.isfinite(cost) & np.isfinite(error))
     order = finite[np.lexsort((error[finite], cost[finite]))]
@@ -61,15 +61,15 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
 
 
 def block_maxima(t: ArrayLike, e: ArrayLike, blocks: int = 24) -> tuple[Array, Array]:
-    """Maxima of |e| over log-spaced blocks of time, for drawing.
+    """Maxima of |e| over log-spaced blocks of time, for figures.
 
     Parameters
     ----------
-    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : from the first t > 0 to the last.
+    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : how many, from the first t > 0 to the last.
 
     Returns
     -------
-    time of the end of each block (B,) and maxima (..., B); blocks without a sample are left out, so B ≤ `blocks`.
+    The time of the end of each block (B,) and the maxima (..., B). Blocks without a sample are left out, so B ≤ `blocks`.
     NaN in a block stays NaN.
     """
     t, e = _floats(t), _floats(e)
@@ -96,16 +96,18 @@ def growth_exponent(
 ) -> Growth:
     """Exponent of the growth of an error, from many initial states.
 
-    A straight line through log RMS against log t, where RMS is taken over the states and over the samples in
-    each of the log-spaced blocks of the last `decades` of the run. Not block maxima: the maximum of noise grows
-    with the number of samples in a block, the RMS does not. Not the whole run: what a drift hides behind early
-    (the oscillation, the rounding of the first steps) would pull p down.
+    p is the slope of a straight line through log RMS against log t. The RMS is taken over the states and over the samples in
+    each of the log-spaced blocks of the last `decades` of the run. Block maxima would not do: the maximum of noise grows
+    with the number of samples in a block, the RMS does not. The whole run would not do either: early on, oscillation and the
+    rounding of the first steps hide a drift, and would pull p down.
+
+    The interval is a bootstrap over states (expanded percentiles; seeded), and NaN for fewer than 4 states. It takes at least
+    16 states to make the interval shorter than the gap between ½ and 1.
 
     Parameters
     ----------
-    t : (N,), growing. E : (n_states, N), relative errors, signed or not. floor : RMS below which a block says
-    nothing and is left out. The interval is a bootstrap over states (expanded percentiles; seeded), NaN for
-    fewer than 4 states. At least 16 states are needed for an interval shorter than the gap between ½ and 1.
+    t : (N,), growing. E : (n_states, N), relative errors, signed or not.
+    floor : blocks with an RMS below this are left out.
     """
     t, E = _floats(t), np.atleast_2d(_floats(E))
     nothing = Growth(np.nan, np.nan, np.nan)
@@ -123,16 +125,16 @@ def growth_exponent(
     if n < 4:
         return Growth(p, np.nan, np.nan)
     weights = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), size=resamples) / n
-    # resamples that drew only states without any error have no logarithm: the floor stands in for it
+    # resamples of states without any error have no logarithm: take that of the floor
     slopes = _slope(x, np.log(np.maximum(weights @ V, floor**2 + np.finfo(float).tiny)) / 2)
-    # percentiles moved out as far as Student's t with n − 1 degrees of freedom reaches beyond the bootstrap's normal
+    # expanded percentiles: Student's t with n − 1 degrees of freedom reaches further out than a normal distribution
     tail = scipy.stats.norm.cdf(np.sqrt(n / (n - 1)) * scipy.stats.t.ppf(0.025, n - 1))
     low, high = np.quantile(slopes, (tail, 1 - tail))
     return Growth(p, min(p, float(low)), max(p, float(high)))
 
 
 def verdict(p: float, low: float, high: float, max_error: float, floor: float = 4 * ROUND_OFF) -> str:
-    """What a growth exponent with interval [low, high] means, in words.
+    """The meaning of a growth exponent with the interval [low, high], in words.
 
     "exact": no error at all. "round-off": never above `floor`. "bounded": p < ¼ and high < ½.
     "random walk": ¼ ≤ p < ¾, 0 < low, high < 1 (Brouwer's law). "biased": p ≥ ¾ and low > ½.
@@ -154,7 +156,7 @@ def verdict(p: float, low: float, high: float, max_error: float, floor: float = 
 
 
 def _log_blocks(t: Array, start: float, blocks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and one-past-last index of the samples in each block that has any, from `start` to t[-1]."""
+    """First and one-past-last index of the samples in each block from `start` to t[-1], without empty blocks."""
     if t.ndim != 1 or np.any(np.diff(t) <= 0):
         raise ValueError("t must be one-dimensional and growing")
     if not 0 < start <= t[-1]:
@@ -175,9 +177,9 @@ def _slope(x: Array, y: Array) -> Array:
 
 
 def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
-    """How many times as large a change of y0 is at `times` (N,): the largest of six, in scaled units, (N,).
+    """By which factor a change of y0 has grown at `times` (N,): the largest over the six components, in scaled units, (N,).
 
-    From differences of exact solutions, each component of y0 changed by 1e-11 of its scale: good to 1e-3.
+    From differences of exact solutions, after changing a component of y0 by 1e-11 of its scale; good to 1e-3.
     """
     rate, size, _ = top.scales(y0)
     truth, grown = exact.solution(top, y0, times), []
@@ -189,12 +191,14 @@ def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
 
 
 def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[str, Array]:
-    """Splits an error into shifts along the torus and drift off it.
+    """Split an error into shifts along the torus and drift off it:
 
-    The state y is close to the exact state at t + `time`, rotated about e3 by `angle`, plus the other four terms of
-    e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2. The vectors are taken half-way between y_exact and y.
-    What is left out is then of third order in e; at y_exact it would be of second. Each basis vector is scaled to
-    length 1 in scaled units. Singular values below 1e-7 of the largest are dropped, and the shortest solution is taken.
+        e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2
+
+    So y is close to the exact state at t + `time`, rotated about e3 by `angle`, plus four terms that leave the torus. The
+    vectors are taken half-way between y_exact and y. The remainder is then of third order in e; at y_exact it would be of
+    second. Each basis vector has length 1 in scaled units. Singular values below 1e-7 of the largest are dropped, and the
+    shortest solution is taken.
 
     Parameters
     ----------
@@ -203,9 +207,9 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
 
     Returns
     -------
-    "time" (units of t: the nutation phase), "angle" (rad: the precession phase), "H", "J3", "C1", "C2" and "rank",
-    each (N,). A "rank" below 6 marks states where the flows or the gradients are dependent (regular precession,
-    sleeping). There "time" and "angle" cannot be separated.
+    "time" (nutation phase, in units of t), "angle" (precession phase, in rad), "H", "J3", "C1", "C2" and "rank", each (N,).
+    A "rank" below 6 marks states whose flows or gradients are dependent (regular precession, sleeping). There "time" and
+    "angle" cannot be separated.
     """
     y = np.atleast_2d(_floats(y_exact))
     e = np.atleast_2d(_floats(error))
@@ -239,14 +243,14 @@ class FrequencyShift(NamedTuple):
     """δφ(t) = slope·t + residual(t)."""
 
     slope: float  # δω
-    residual_size: float  # max |residual|; with its mean, for an offset is no frequency
+    residual_size: float  # max |residual|, with the offset, which is no frequency
 
 
 def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
-    """Splits a phase error (N,) into a constant frequency shift and what is left.
+    """Split a phase error (N,) into a constant frequency shift and a residual.
 
-    Least squares for slope and offset: without the offset an oscillation that starts at an extreme would count
-    as a frequency. Samples that are not finite are left out of the fit. NaN for fewer than three samples.
+    The fit is least squares for slope and offset. Without the offset, an oscillation that starts at an extreme would count as
+    a frequency. Samples that are not finite are left out of the fit. NaN for fewer than three samples.
     """
     t, dphi = _floats(t), _floats(dphi)
     good = np.isfinite(dphi)
@@ -260,7 +264,7 @@ def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
 
 
 class Order(NamedTuple):
-    """Exponent of error ~ h^p, its standard error, and which points were used (in the order given)."""
+    """Exponent of error ~ h^p, its standard error, and which points were used."""
 
     p: float
     stderr: float
@@ -268,11 +272,11 @@ class Order(NamedTuple):
 
 
 def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation: float = 0.1) -> Order:
-    """Order of convergence from errors at several h.
+    """Order of convergence, from errors at several h.
 
-    Left out: errors at or below 10 `floor`, above `saturation`, zero or not finite. Of the rest the longest run of
-    neighbours is used whose local slopes agree (within ½ or 20 % of their median, which must exceed ½), so that
-    neither a round-off plateau nor steps too large for the asymptotic law take part. NaN for fewer than 3 points.
+    Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. Of the others, the longest
+    run of neighbours counts whose local slopes agree within ½ or 20 % of their median, which must exceed ½. So neither a
+    round-off plateau nor too large steps take part. NaN for fewer than 3 points.
     """
     steps, errors = np.abs(_floats(h)), _floats(error)
     usable = np.isfinite(errors) & (errors > 0) & (errors <= saturation)
@@ -292,7 +296,7 @@ def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation
 
 
 def _straight_run(slopes: Array) -> tuple[int, int]:
-    """(a, b) such that slopes[a:b] is the longest run that agrees; of several, the one at the largest h."""
+    """(a, b) so that slopes[a:b] is the longest run of slopes that agree; of several, the one at the largest h."""
     best = (0, 0)
     for a in range(len(slopes)):
         for b in range(a + 1, len(slopes) + 1):
@@ -307,17 +311,17 @@ def _straight_run(slopes: Array) -> tuple[int, int]:
 
 
 class PoissonDefect(NamedTuple):
-    """How far a map is from preserving the Poisson tensor, and how well that is known."""
+    """By how much a map fails to preserve the Poisson tensor, and how well that is known."""
 
     defect: float  # max |D P(y) Dᵀ − P(ỹ)| / max |P(ỹ)|, in scaled units
     error: float  # of `defect`, from two differencing steps: a defect below it says nothing
 
 
 def poisson_defect(step: Callable[[Array], Array], problem: Any, y: ArrayLike) -> PoissonDefect:
-    """‖D P(y) Dᵀ − P(ỹ)‖ of ỹ = step(y), D its derivative by central differences of order 6.
+    """‖D P(y) Dᵀ − P(ỹ)‖ for ỹ = step(y), with D its derivative by central differences of order 6.
 
     `step` must be defined in a neighbourhood of y (a stepper made for one torus is not). It is called 72 times for a top.
-    Compiled maps take no complex step; of several real ones the two that agree best are used.
+    Compiled maps take no complex steps, so several real ones are tried; the two that agree best are used.
     """
     y = _floats(y)
     sizes = problem.sizes(y)

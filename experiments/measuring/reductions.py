@@ -1,8 +1,9 @@
-"""Reductions over measured rows. NaN in a row that is done is a failure: pandas would skip it, and hide it among good numbers.
+"""Reduces measured rows to numbers for tables and claims, without hiding failures.
 
-A missing row was not measured, so nothing can be said of it. A row that is done but lacks a number that every row of its
-part has (`MEASURED` of the experiment) is another matter: its cell failed. A row may say why it lacks one (`reason`,
-`predicted`); the time of a run with an error above USEFUL is not measured.
+NaN in a measured row is a failure. pandas would skip it, and hide it among good numbers. A missing row was not measured, so
+nothing is said about it. But if a measured row misses a number that every row of its part has (`MEASURED` of the experiment),
+its cell has failed. There are two exceptions: a row may give the reason (`reason`, `predicted`), and a run with an error above
+USEFUL is not timed.
 """
 
 from __future__ import annotations
@@ -16,21 +17,21 @@ from numpy.typing import ArrayLike
 
 USEFUL = 0.1  # an error above this is no solution
 EXCUSES = ("reason", "predicted")
-TIMED = ("seconds", "setup_seconds", "steps", "evals", "iterations")  # of a run: only where its error is useful
+TIMED = ("seconds", "setup_seconds", "steps", "evals", "iterations")  # measured only if the error is useful
 
 
-def settled(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.DataFrame:
-    """The rows, each cell that lacks a number as one failed row; the same object if none does.
+def with_failures(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.DataFrame:
+    """The rows, with one failed row in place of each cell that misses a number; the same object if none does.
 
-    measured : part of the experiment ("" for rows of none) → the numbers that every row of it has.
+    measured : part of the experiment ("" for rows without a part) → the numbers that each of its rows must have.
     """
-    lacks = lacking(rows, measured)
-    if (lacks == "").all():
+    missing = missing_value(rows, measured)
+    if (missing == "").all():
         return rows
     cells = rows["key"] if "key" in rows else pd.Series(rows.index, index=rows.index)
-    failed = cells.isin(cells[lacks != ""])
+    failed = cells.isin(cells[missing != ""])
     heads = rows[failed & ~cells.duplicated()].copy()
-    why = lacks[lacks != ""].groupby(cells).first()
+    why = missing[missing != ""].groupby(cells).first()
     heads["failure"] = "NotANumber: " + cells[heads.index].map(why)
     heads["status"] = "failed"
     for part, names in measured.items():
@@ -39,11 +40,11 @@ def settled(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Dat
     return pd.concat([rows[~failed], heads]).sort_index()
 
 
-def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Series:
-    """Of each row that is done the first number that it lacks, or ""."""
-    found = np.full(len(rows), "", dtype=object)
+def missing_value(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Series:
+    """For each measured row the name of the first missing number, or ""."""
+    missing = np.full(len(rows), "", dtype=object)
     if "status" not in rows:
-        return pd.Series(found, index=rows.index)
+        return pd.Series(missing, index=rows.index)
     done = (rows["status"] == "done").to_numpy()
     for name in EXCUSES:
         if name in rows:
@@ -53,19 +54,19 @@ def lacking(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Ser
         here = done & in_part(rows, part).to_numpy()
         for name in names:
             if name in rows:
-                found[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (found == "")] = name
-    return pd.Series(found, index=rows.index)
+                missing[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (missing == "")] = name
+    return pd.Series(missing, index=rows.index)
 
 
 def in_part(rows: pd.DataFrame, part: str) -> pd.Series:
-    """Which rows are of a part; "": of none."""
+    """Which rows belong to a part; "": to no part."""
     if "part" not in rows:
         return pd.Series(not part, index=rows.index)
     return rows["part"].eq(part) if part else rows["part"].isna()
 
 
 def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:
-    """The rows of one part ("": all) that are done; none where no part has this name."""
+    """The measured rows of one part ("": all); none if no part has this name."""
     if "status" not in rows or (part and "part" not in rows):
         return rows[:0]
     return rows[rows["status"].eq("done") & (rows["part"].eq(part) if part else True)]
@@ -77,7 +78,7 @@ def largest(values: ArrayLike) -> float:
 
 
 def worst(rows: pd.DataFrame, names: Iterable[str]) -> pd.Series:
-    """Row by row the largest absolute value of these columns; NaN if there is a NaN."""
+    """For each row the largest absolute value of these columns; NaN if there is a NaN."""
     return rows[list(names)].abs().max(axis=1, skipna=False)
 
 

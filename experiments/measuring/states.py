@@ -1,4 +1,4 @@
-"""The initial states of the experiments, by name: the named tops, and generic ones for statistics."""
+"""Initial states by name, and runs from them: what the experiments share."""
 
 from __future__ import annotations
 
@@ -22,24 +22,30 @@ from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.support.words import numbers, suggestion
 
-RANDOM = tuple(f"random{i:03d}" for i in range(16))  # for statistics; any other number works too
-CLOSE = tuple(f"close{i:03d}" for i in range(32))  # to the separatrix; likewise
-WIDE = tuple(f"wide{i:03d}" for i in range(200))  # of every kind; likewise
-RELEASED = tuple(f"released{i:03d}" for i in range(200))  # with pure spin; likewise
-SPINNING = tuple(f"spinning{i:03d}" for i in range(100))  # released, too, with a fast spin; likewise
+# names of drawn tops; `find` takes any three digits
+RANDOM = tuple(f"random{i:03d}" for i in range(16))  # generic tops, for statistics
+CLOSE = tuple(f"close{i:03d}" for i in range(32))  # close to the separatrix
+WIDE = tuple(f"wide{i:03d}" for i in range(200))  # tops of every kind
+RELEASED = tuple(f"released{i:03d}" for i in range(200))  # released with pure spin
+SPINNING = tuple(f"spinning{i:03d}" for i in range(100))  # released with pure and fast spin
 DRAWN = ("random", "wide", "released", "spinning", "close")
 SPINS = {"wide": (-3, 3), "released": (-3, 2), "spinning": (2, 3)}  # least and largest log10 of |J|²/(|alpha||x|)
-PROBLEMS = ("free_body", "vibrating_pivot", "kirchhoff_body", "central_spin")  # what is no top in a fixed field
+PROBLEMS = (
+    "free_body",
+    "vibrating_pivot",
+    "kirchhoff_body",
+    "central_spin",
+)  # problems other than a top in a fixed field
 
 
 def is_drawn(name: str) -> bool:
-    """Whether it names a top that `find` draws."""
+    """Whether this is the name of a top that `find` draws."""
     return re.fullmatch(rf"({'|'.join(DRAWN)})\d{{3}}", name) is not None
 
 
 @cache
 def problem(name: str) -> tuple[Any, Array]:
-    """Problem and initial state of a name in PROBLEMS: four spins, and one of each kind of `problem`."""
+    """The problem and the initial state of a name in PROBLEMS."""
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
     from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 
@@ -60,17 +66,17 @@ def free_body(t: Any, y: Any, p: Any) -> Any:
 
 
 def central_spin(t: Any, y: Any, p: Any) -> Any:
-    """A spin in a field, coupled to others that feel none, with the strengths p: H = s_1³ + Σ p_k s_1·s_k."""
+    """One spin in a field, coupled with the strengths p to others without a field: H = s_1³ + Σ p_k s_1·s_k."""
     return y[2] + sum(A * (y[:3] @ y[3 * k : 3 * k + 3]) for k, A in enumerate(p, start=1))
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """Top and initial state (6,) of a named top or a `problem`, or of a drawn top, such as "random000" … "random999".
+    """The problem and initial state with this name: a named top, a `problem`, or a drawn top such as "random000".
 
-    The random ones have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]; the generator is Python's own,
-    whose `random()` never changes. The wide ones have either sign of alpha and |J|²/(|alpha||x|) from 1e-3 to 1e3. So have the
-    released and spinning ones, from 1e-3 to 100 and from 100 to 1e3, but J is parallel to x, or antiparallel. The close ones are
-    on the separatrix but for a part of 1e-1 to 1e-8 of J. ValueError : no such name.
+    Drawn tops have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2], drawn by Python's own generator, whose `random()`
+    never changes. "wide" tops have either sign of alpha, and |J|²/(|alpha||x|) from 1e-3 to 1e3. "released" and "spinning" tops
+    have J parallel or antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and from 100 to 1e3. For "close" tops, J
+    misses the separatrix by a part of 1e-1 to 1e-8. ValueError : no such name.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
@@ -100,9 +106,9 @@ def find(name: str) -> tuple[Any, Array]:
 
 
 def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_potential) -> tuple[Any, Array]:
-    """Top and initial state of a cell: of its `state`, or, on a top of a TOML file, by the numbers that the cell carries.
+    """The top and initial state of a cell, by the name in its `state`; of a top in a TOML file, by the numbers in the cell.
 
-    potential : gives the potential of a name. ValueError : no such top or potential.
+    potential : finds a potential by its name. ValueError : no such top or potential.
     """
     if not isinstance(cell.get("y0"), str):  # NaN in a row of a frame
         return find(cell["state"])
@@ -114,12 +120,12 @@ def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_pote
 
 
 def label(state: str) -> str:
-    """What figures call a top."""
+    """The name of a top in figures."""
     return str(NAMED_TOPS[state].label) if state in NAMED_TOPS else state
 
 
 def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
-    """J that would lead up to the unstable sleeping top, J3 being a share of what is possible; its rest is off by a part."""
+    """A J close to the separatrix. J3 is this `share` of its maximum; J1 and J2 are `off` by this part."""
     size, flat = math.hypot(*x), math.hypot(x[0], x[1])
     J3 = share * math.sqrt(2 * alpha * (size + x[2]))
     along = J3 * (size - x[2]) / flat  # from J·x = J3 |x|
@@ -129,10 +135,10 @@ def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[f
 
 
 def methods_on(state: str | None = None) -> dict[str, Method]:
-    """The methods that are measured on a state, by name; None: on any top in a uniform field.
+    """The methods that take a state, by name; None: that take a top in a uniform field.
 
-    In a uniform field `backlund_splitting` is `backlund`, and left out.
-    A plug-in that cannot be loaded is left out: `lagrange-bench methods` says why.
+    `backlund_splitting` is left out in a uniform field, where it is `backlund`. A plug-in that cannot be loaded is left out, too:
+    `lagrange-bench methods` says why.
     """
     from lagrange_bench.integrators import METHODS
 
@@ -144,16 +150,16 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:
-    """Whole numbers from 1 to `last`, `per_octave` to each doubling (as far as there are so many), and `last`."""
+    """Whole numbers from 1 to `last`, about `per_octave` in each doubling."""
     counts = {round(2 ** (k / per_octave)) for k in range(per_octave * last.bit_length() + 1)}
     return sorted(n for n in counts | {last} if n <= last)
 
 
 def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int], **options) -> tuple[Array, Array]:
-    """States of `method` at the times counts·h, (N,) and (N, 6); the start is not among them.
+    """The times counts·h (N,), and the states of `method` at these times (N, 6).
 
-    A method that steps by h is advanced from count to count. One that chooses its own steps runs through in
-    one go, with dense output: restarting it at every sample would change what it does.
+    A method that steps by h is advanced from count to count. A method that chooses its own steps runs once, with dense output:
+    to restart it at every sample would change its steps.
     """
     from lagrange_bench.integrators import METHODS, prepare
     from lagrange_bench.integrators.api import integrate
@@ -166,10 +172,10 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
 
 
 def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple[Array, float]]:
-    """The state after each of `counts` steps (rising), and the seconds of stepping it took to get there."""
+    """The state after each of `counts` steps (rising), and the seconds spent on stepping so far."""
     y, done, seconds = y0, 0, 0.0
     for n in counts:
-        if stepper.from_start:  # carried on, it would be judged by where it was interrupted
+        if stepper.from_start:  # if it went on from here, the interruption would be judged, too
             y, done, seconds = y0, 0, 0.0
         start = perf_counter()
         y, done = stepper.advance(y, n - done), n
@@ -178,40 +184,44 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
 
 
 def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
-    """The exact states (N, 6) after n steps of h. What steps by h is at n·h itself, which no double need be."""
+    """The exact states (N, 6) after `counts` steps of h. A method that steps by h is at n·h itself, not at the next double."""
     if method.control == "tolerance":
         return truths.solution(top, y0, h * np.asarray(counts, dtype=float), longest=math.inf)
     return truths.after_steps(top, y0, h, counts, longest=math.inf)
 
 
-KNOBS = ("h", "tol", "rtol")
-SCHEME_OPTIONS = ("scheme", "corrector", "modified_kick")  # options that make another method of one
+ACCURACY_OPTIONS = ("h", "tol", "rtol")
+SCHEME_OPTIONS = ("scheme", "corrector", "modified_kick")  # options that make a method another method
 OPTIONS = ("tol", "rtol", "pin", *SCHEME_OPTIONS)
-LEAST_RTOL = 1e-13  # of the sweeps: SciPy takes no less than 100 eps
+LEAST_RTOL = 1e-13  # SciPy takes no less than 100 eps
 
 
 def interpreted(method: Method) -> bool:
-    """Whether every step goes through the Python interpreter: a thousand times the price of a compiled one."""
+    """Whether every step goes through the Python interpreter, which costs a thousand times as much as compiled code."""
     return method.engine in ("scipy", "python")
 
 
 def affordable(method: Method, steps: int, full: bool) -> int:
-    """Steps of a long run: `steps`, but interpreted ones are limited, implicit ones of these to a tenth of that."""
+    """The number of steps of a long run: `steps`, or less for interpreted methods, and a tenth of that if they are implicit."""
     if not interpreted(method):
         return steps
     limit = 20_000 if full else 2_000
     return min(steps, limit // 10 if method.family == "implicit" else limit)
 
 
-def knobs(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
-    """What a sweep sets, one cell field each: the step, or the tolerance where the method has one."""
-    if method.knob == "h":
+def accuracy_settings(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
+    """Fields of cells, one for each run of a sweep: the steps, or the tolerances if the method has one."""
+    if method.accuracy_option == "h":
         return [{"h": h} for h in steps]
-    return [{method.knob: tol} for tol in tolerances if method.knob == "tol" or tol > 0.99 * LEAST_RTOL]
+    return [
+        {method.accuracy_option: tol}
+        for tol in tolerances
+        if method.accuracy_option == "tol" or tol > 0.99 * LEAST_RTOL
+    ]
 
 
 def options_of(cell: dict[str, Any]) -> dict[str, Any]:
-    """The options a cell sets: those of `OPTIONS`, and an atol of a thousandth of an rtol."""
+    """The options of a method that a cell sets: those in `OPTIONS`, and atol = rtol/1000."""
     from lagrange_bench.integrators import METHODS
 
     options: dict[str, Any] = {name: cell[name] for name in OPTIONS if name in cell}
@@ -221,15 +231,15 @@ def options_of(cell: dict[str, Any]) -> dict[str, Any]:
 
 
 def places(steps: int, parts: int = 16) -> list[int]:
-    """The steps at the ends of so many equal parts of a run: an error is not small there by chance."""
+    """The steps at the ends of `parts` equal parts of a run. The largest error there is hardly ever small by chance."""
     return sorted({max(steps * k // parts, 1) for k in range(1, parts + 1)})
 
 
 def as_rows(columns: Mapping[str, Array]) -> list[dict[str, float]]:
-    """Rows of measured columns of one length, rounded."""
+    """Rows from measured columns of one length, with rounded numbers."""
     return [dict(zip(columns, map(rounded, values), strict=True)) for values in zip(*columns.values(), strict=True)]
 
 
 def rounded(value: float, digits: int = 5) -> float:
-    """To `digits` significant digits: what a figure can show, and a journal should store."""
+    """The value with `digits` significant digits, which is enough for figures and journals."""
     return float(f"{value:.{digits - 1}e}")

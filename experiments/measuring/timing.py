@@ -1,7 +1,7 @@
-"""Timing of short functions: calibrated, repeated, interleaved, raw samples kept.
+"""Times short functions: calibrated, repeated, in turn, with all samples kept.
 
-The minimum is the figure to quote (it repeats within a few per cent between processes, the mean does not); the
-median and the spread say how quiet the machine was. The first call, which compiles, is in no sample.
+Quote the minimum. It repeats within a few per cent between processes; the mean does not. The median and the spread say how quiet
+the machine was. The first call compiles and is never part of a sample.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from numpy.typing import NDArray
 
 from lagrange_bench.integrators.compiling import interpreted
 
-UNSTABLE = 0.1  # coefficient of variation above which a timing is called unstable
+UNSTABLE = 0.1  # a timing with a larger coefficient of variation counts as unstable
 
 
 def compile_at_once() -> None:
-    """From here on this process compiles what it calls: reported times are those of compiled code, set-up included."""
+    """Let this process compile set-up code at its first call, so that only compiled code is timed."""
     interpreted.PATIENCE = 0.0
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Samples of one function, in s per call, each the mean over `loops` calls in a row."""
+    """Samples of one function, in s per call. Each is the mean over `loops` calls in a row."""
 
     loops: int
     samples: tuple[float, ...]
@@ -42,25 +42,25 @@ class Timing:
 
     @property
     def unstable(self) -> bool:
-        """Whether the samples vary, standard deviation / mean, by more than UNSTABLE."""
+        """Whether the standard deviation of the samples is more than UNSTABLE of their mean."""
         return len(self.samples) > 1 and stdev(self.samples) > UNSTABLE * mean(self.samples)
 
     def ratios(self, reference: Timing) -> NDArray[np.float64]:
-        """Seconds over those of another function that was timed in turn with this one, round by round."""
+        """The seconds divided by those of another function, round by round. Both were timed in turn."""
         return np.array(self.samples) / np.array(reference.samples)
 
 
 def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: int = 7) -> Timing:
-    """Times `function()`; see `interleave`."""
+    """Time `function()`; see `interleave`."""
     return interleave({"": function}, min_time, repeats)[""]
 
 
 def interleave(
     functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7
 ) -> dict[str, Timing]:
-    """Times several functions in one process in turn (ABAB…), so that what the machine does meets all of them.
+    """Time several functions in one process in turn (ABAB…), so that all of them meet the same disturbances.
 
-    Every other round takes them in reverse order, so that none of them always comes first. No garbage is collected meanwhile.
+    Every other round takes them in reverse order, so that no function always comes first. No garbage is collected meanwhile.
 
     Parameters
     ----------
@@ -81,9 +81,9 @@ def interleave(
 
 
 def _calibrate(timer: timeit.Timer, min_time: float) -> int:
-    """Number of calls in a row that takes at least `min_time`, with a fifth to spare.
+    """How many calls in a row take at least `min_time`, with a fifth to spare.
 
-    It has to do so twice, unless it takes far longer: a sample the machine interrupted is long for no reason of the function's.
+    They must take so long twice, unless they take far longer: one sample may be long because the machine was interrupted.
     """
     loops = 1
     while (seconds := timer.timeit(loops)) < min_time or (

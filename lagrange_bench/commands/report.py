@@ -53,7 +53,7 @@ def run(options: argparse.Namespace) -> Answer:
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)
         path = page.write(report, output).resolve()
-    notes = [f"{s.experiment}: no rows of {', '.join(s.lacking)}" for s in report.sections if s.lacking]
+    notes = [f"{s.experiment}: no rows of {', '.join(s.without_rows)}" for s in report.sections if s.without_rows]
     notes += [report.old] if report.old else []
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{path.stat().st_size / 1e6:.1f} MB" + (f", claims: {page.fare(report.claims)}" if report.claims else "")

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import lacks, load, with_units
+from lagrange_bench.experiments.catalogue import load, missing_package, with_units
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
@@ -195,7 +195,7 @@ def _missing(
         age = sources.compared(done.get(key), digest)
         if key in done and (age == sources.SAME or not again):
             skipped = None
-        elif package := _lacks(cell.get("method")) or lacks(experiment, cell):
+        elif package := _missing_package(cell.get("method")) or missing_package(experiment, cell):
             skipped = f"{cell.get('method', f'a part of {experiment}')} needs {package}, which is not installed here"
         elif cell.get("timing") and not timings:
             skipped = f"the timing cells of {experiment}, as asked"
@@ -212,7 +212,7 @@ def _missing(
 
 
 @cache
-def _lacks(method: Any) -> str | None:
+def _missing_package(method: Any) -> str | None:
     """The package that a method needs and that is not installed here; None if there is none."""
     from lagrange_bench.integrators.registry import METHODS, available
 

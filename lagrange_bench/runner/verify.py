@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lacks, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, load_stored, missing_package
 from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
@@ -122,8 +122,8 @@ def _sample(
                 continue
             if record["version"] != module.VERSION:
                 outdated.add(experiment)
-            elif lacking := _absent(cell) or lacks(experiment, cell):
-                absent.add(lacking)
+            elif reason := _absent(cell) or missing_package(experiment, cell):
+                absent.add(reason)
             elif record["seconds"] > longest:
                 long += 1
             elif _comparable(record, getattr(module, "TIMES", ())):

@@ -106,7 +106,7 @@ def test_no_number_is_made_up_where_one_is_missing(name):
     """A table of rows in which every measured number is NaN has no finite error."""
     module, rows = load(name), rows_of(name)
     numbers = {column for names in module.MEASURED.values() for column in names} & set(rows) - {"t", "h", "fraction"}
-    spoiled = reductions.settled(rows.assign(**dict.fromkeys(numbers, float("nan"))), module.MEASURED)
+    spoiled = reductions.with_failures(rows.assign(**dict.fromkeys(numbers, float("nan"))), module.MEASURED)
     for table in module.tables(spoiled).values():
         for column in table:
             if "error" in str(column) and "at most" not in str(column) and table[column].dtype == float:

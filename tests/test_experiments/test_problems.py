@@ -201,7 +201,7 @@ def test_an_energy_and_a_spin_that_are_lost():
 
 
 def test_each_engine_says_what_it_needs():
-    found = {name: engines.lacks({"engine": name}) for name in engines.ENGINES}
+    found = {name: engines.missing_package({"engine": name}) for name in engines.ENGINES}
     assert (found["lagrange-bench"], found["MuJoCo 3.6"]) == (None, "mujoco==3.6.*")
     cells = engines.cells("full")
     assert {cell["engine"] for cell in cells} == set(engines.ENGINES)

@@ -145,10 +145,10 @@ def test_a_process_that_lost_its_parent_in_a_compiled_call_ends_itself(toy, monk
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
     ghost = Method("ghost", "", "", 1, "", lambda: None, requires="no_such_package")
-    engine._lacks.cache_clear()
+    engine._missing_package.cache_clear()
     with registry.METHODS.temporarily_registered(ghost):
         summary = toy(squares(1, 2, method="ghost") + squares(3))
-    engine._lacks.cache_clear()
+    engine._missing_package.cache_clear()
     assert (tally(summary), summary.experiments[TOY].unavailable, summary.exit_code) == ((1, 0, 0), 2, 0)
     assert str(summary).count("ghost needs no_such_package") == 1
 

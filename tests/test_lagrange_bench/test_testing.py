@@ -79,7 +79,7 @@ def test_a_run_that_ends_early_or_is_not_finite():
     run = testing.Run("generic", "h = 0.1", [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
-    worst = check.Worst().or_(1.0, "a", 0.1).or_(np.nan, "b", 0.2).or_(2.0, "c", 0.3)
+    worst = check.Worst().worse_of(1.0, "a", 0.1).worse_of(np.nan, "b", 0.2).worse_of(2.0, "c", 0.3)
     assert (worst.size, worst.at) == (np.inf, "b, h_scaled = 0.2")
 
 

@@ -81,8 +81,8 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, 
             always = {name for name in done if done[name].dtype.kind == "f" and done[name].notna().all()}
             assert always - cell - {"x1"} <= set(names), (experiment, part)
             for name in set(names) & set(numbers(experiment, done, cell)):
-                assert (reductions.lacking(with_nan(done, [name]), {part: names}) == name).any()
-        assert reductions.settled(rows, load(experiment).MEASURED) is rows
+                assert (reductions.missing_value(with_nan(done, [name]), {part: names}) == name).any()
+        assert reductions.with_failures(rows, load(experiment).MEASURED) is rows
 
 
 def judge(rows, bound):
@@ -105,7 +105,7 @@ def test_a_bound_that_is_met_exactly():
 
 def test_only_times_may_be_missing_of_a_run_that_is_far_off():
     rows = pd.DataFrame({"status": "done", "error": [0.2, 0.2], "seconds": [np.nan, 1.0], "C1": [1.0, np.nan]})
-    assert reductions.lacking(rows, {"": ("seconds", "C1")}).tolist() == ["", "C1"]
+    assert reductions.missing_value(rows, {"": ("seconds", "C1")}).tolist() == ["", "C1"]
 
 
 def test_a_run_that_fails_or_is_declined_refutes_every_claim_about_it_and_no_other():
