@@ -1,9 +1,8 @@
-"""Cost: what a step, a unit of time, a set-up and a compilation take.
+"""Cost: how much time do a step, a unit of time, a set-up and a compilation take?
 
-Timing cells run one at a time in one process; samples are calibrated and repeated, the minimum is the figure to quote.
-Compilation is timed in fresh processes, once with nothing cached and once as the next process finds it. The headline
-runs the exact Bäcklund step and heyoka in turn, over the same time, from the same state. Times and steps are in units of
-1/(|J| + √(|alpha||x|)).
+Timing cells run one at a time in one process. Samples are calibrated and repeated; quote the minimum. Compilation is timed in
+fresh processes, first with an empty cache, then with the cache that this left. The headline runs the exact Bäcklund step and
+heyoka in turn, over the same time, from the same state. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import json
@@ -49,13 +48,13 @@ ROUNDS = {"quick": 1, "full": 2}
 REPEATS = 5
 EXACT = ("backlund", "backlund_unpinned")
 PERIODS = {"quick": (1.0,), "full": (0.3, 0.49, 0.51, 1.0, 1.3, 2.5)}  # steps of the exact ones, in nutation periods
-START = {"quick": ("backlund", "taylor"), "full": ()}  # none: all
-HEADLINE_TIME = 1e6  # of a cell without a `time` of its own
+START = {"quick": ("backlund", "taylor"), "full": ()}  # (): all methods
+HEADLINE_TIME = 1e6  # of cells without a `time`
 HEADLINES = {  # h as a fraction of the nutation period
     "quick": ({"fraction": 0.5, "time": 1e5},),
     "full": tuple({"fraction": fraction} for fraction in (0.125, 0.5, 0.95, 2.5)),
 }
-# h in one call of `advance`, so that a call costs nothing beside it: fixed steps, own steps, interpreted, implicit too
+# how many h one call of `advance` takes, so that the cost of the call itself does not matter; by kind of method
 CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
 
 
@@ -131,7 +130,7 @@ print(json.dumps({"import_s": imported - start, "first_s": seconds[0], "second_s
 
 
 def _measure_start(cell: dict) -> list[dict]:
-    """Import, first and second use in a fresh process: with empty caches, and as the next process finds them."""
+    """Time import, first and second use in a fresh process: first with empty caches, then with full ones."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "LAGRANGE_BENCH_CACHE": folder, "HEYOKA_CACHE_DIR": folder}
@@ -146,7 +145,7 @@ def _measure_start(cell: dict) -> list[dict]:
 
 
 def _measure_headline(cell: dict) -> list[dict]:
-    """The exact step against raw heyoka at tol = eps over a long time, interleaved, with the errors of both."""
+    """The exact step and raw heyoka at tol = eps over a long time, timed in turn, with the errors of both."""
     top, y0 = find(STATE)
     unit = top.scales(y0)[2]
     t = cell.get("time", HEADLINE_TIME) * unit
@@ -178,7 +177,7 @@ def _measure_headline(cell: dict) -> list[dict]:
 
 
 def raw_heyoka(top, y0):
-    """heyoka with nothing around it: the function t → state, as its documentation would have it written."""
+    """heyoka without this bench, as in its documentation: a function t → state."""
     import heyoka as hy
 
     J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
@@ -204,7 +203,7 @@ def raw_heyoka(top, y0):
 
 
 def quickest(steps: pd.DataFrame) -> pd.DataFrame:
-    """Of the rounds of each method, step or tolerance the least of every number."""
+    """The least of every number over the rounds of each method, step or tolerance."""
     columns = [name for name in ACCURACY_OPTIONS if name in steps]
     return steps.groupby(["method", *columns], sort=False, dropna=False).min(numeric_only=True).reset_index()
 
@@ -253,7 +252,7 @@ PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 @of_part("step")
 def _draw_steps(steps: pd.DataFrame, style):
-    """A line for each method, by family, and within it from cheap to dear: no legend, no two labels in one place."""
+    """Draw a line for each method, by family, and within a family from cheap to dear. It needs no legend."""
     level = steps.groupby("method").ns_per_step.min()
     families = [*style.FAMILIES, style.OTHERS]
     names = sorted(level.index, key=lambda name: (families.index(style.family(name)), level[name]))

@@ -1,11 +1,10 @@
-"""Drift: do H, J3, C1 and C2 stay where they were, and what else a method claims to keep?
+"""Drift: do H, J3, C1 and C2 stay constant, and whatever else a method claims to conserve?
 
-Every method follows sixteen random tops and the named ones; the relative error of each invariant is recorded at
-log-spaced times. How its root-mean-square over the sixteen grows, error ~ t^p, gives the verdict: bounded (p near 0),
-a random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). Quantities a method keeps of its own, such as a
-modified energy, are followed beside the four. A second part varies h at a fixed length of run. A third takes the exact
-Bäcklund steps of about half a nutation period and more, on tops of every kind. Times and steps are in units of
-1/(|J| + √(|alpha||x|)).
+Every method follows sixteen random tops and the named ones. The relative error of each invariant is recorded at log-spaced
+times. The verdict comes from the growth of its root mean square over the sixteen tops, error ~ t^p: bounded (p near 0), a
+random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). If a method conserves a quantity of its own, such as a
+modified energy, this is followed, too. A second part varies h at a fixed length of run. A third part takes exact Bäcklund steps
+of about half a nutation period and more, on tops of every kind. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from collections.abc import Sequence
@@ -24,21 +23,24 @@ from lagrange_bench.integrators.truth import exact
 
 VERSION = 2
 SCALED_TIMES = True
-MEASURED = {  # the numbers in every row that is done, by part: one without them failed, see `reductions`
+MEASURED = {  # part → the numbers that each of its rows must have, see `reductions`
     "time": ("t", *INVARIANTS),
     "h": INVARIANTS,
     "long": ("fraction", *INVARIANTS),
 }
 
-KEPT = "kept: "  # before the name of a quantity of a method's own, in the name of its column
+KEPT = "kept: "  # begins the name of a column with a quantity of a method's own
 STEP = 0.125  # of the runs against time
-STEPS = (10**5, 10**7)  # their number in the quick, in the full profile
-NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # of the named tops, those of the quick profile
+STEPS = (10**5, 10**7)  # how many steps, in the quick and in the full profile
+NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # named tops of the quick profile
 SIZES = {"quick": (1 / 4, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
-SPAN = 10**4  # length of the runs against h: the quick profile's are some of the full one's
+SPAN = 10**4  # length of the runs against h
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
-LONG = {"quick": (16, 10**4), "full": (len(states.WIDE), 10**6)}  # tops that take them, and how many each
+LONG = {
+    "quick": (16, 10**4),
+    "full": (len(states.WIDE), 10**6),
+}  # how many tops take long steps, and how many steps each
 FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
 
 
@@ -49,7 +51,9 @@ def cells(profile: str) -> list[dict]:
     for state in (*states.RANDOM, *(TOPS if full else NAMED)):
         for name, method in methods.items():
             steps = states.affordable(method, STEPS[full], full)
-            if state in TOPS and method.order is not None:  # only who is exact in time goes all the way on each of them
+            if (
+                state in TOPS and method.order is not None
+            ):  # only methods exact in time take all steps on each named top
                 steps //= 10
             listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
     for state in H_STATES[profile]:
@@ -77,13 +81,13 @@ def measure(cell: dict) -> list[dict]:
 
 
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
-    """A row of errors after each of `counts` steps."""
+    """Rows of errors, one after each of `counts` steps."""
     times, _, drift = followed(cell, top, y0, h, counts)
     return states.as_rows({"t": times * top.scales(y0)[0], **drift})
 
 
 def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> dict[str, float]:
-    """The largest of each error after `counts` steps."""
+    """The largest value of each error over `counts` steps."""
     _, _, drift = followed(cell, top, y0, h, counts)
     return {name: states.rounded(np.max(np.abs(error))) for name, error in drift.items()}
 
@@ -91,7 +95,7 @@ def _largest(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> di
 def followed(
     cell: dict, top, y0: np.ndarray, h: float, counts: list[int]
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Times, states, and relative errors: of the problem's invariants, and of what the method keeps of its own."""
+    """Times, states, and relative errors of the problem's invariants and of the method's own conserved quantities."""
     from lagrange_bench.integrators import METHODS
 
     times, after = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
@@ -114,7 +118,7 @@ def followed(
     "claims to conserve",
 )
 def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
-    """Per method and quantity: claimed or not, exponent with interval, largest error, verdict; the sixteen states."""
+    """For each method and quantity: whether it is claimed, the exponent with its interval, the largest error, the verdict."""
     from lagrange_bench.integrators import METHODS
 
     rows = indexed(rows[rows.state.isin(states.RANDOM)])
@@ -147,7 +151,7 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def indexed(rows: pd.DataFrame) -> pd.DataFrame:
-    """Adds the position of each sample in its run, the same for all states of a method."""
+    """The rows with the position of each sample in its run, which is the same for all states of a method."""
     return rows.assign(t_index=rows.groupby("key", sort=False).cumcount())
 
 

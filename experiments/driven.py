@@ -1,14 +1,13 @@
-"""Driven tops: which method is best where the Hamiltonian depends on time?
+"""Driven tops: which method is best if the Hamiltonian depends on time?
 
 `kapitza` is Kapitza's top: upright, too slow to stand, and held by a pivot that vibrates fast and strongly. `weak_pivot` is a
-heavy top whose pivot vibrates a little. `tide` is a planet or satellite that spins about one and a half times in each of its
-orbits, of eccentricity 0.2, in a weak tide; in `strong_tide` the tide is a hundred times as strong. Times are in units of
-the problems.
+heavy top whose pivot vibrates a little. `tide` is a planet or satellite in a weak tide; it spins about one and a half times in
+each orbit of eccentricity 0.2. In `strong_tide` the tide is a hundred times as strong. Times are in units of the problems.
 
-Every compiled method that takes the problems follows them with ever smaller steps, or tolerances. Errors at the end are those
-against the reference in quadruple precision, which has the time as one more variable. Wall time is the least of several
-runs, set-up counted: it weighs less in runs that are eight times as long, by the methods that are near the first places. The
-splitting with the exact step kicks by what depends on time: where that is weak it can take long steps.
+Every compiled method that takes the problems follows them with ever smaller steps or tolerances. The error is taken at the end,
+against the reference in quadruple precision, which has the time as one more variable. Wall time is the least of several runs,
+with set-up. The best methods also make runs that are eight times as long, in which set-up matters less. The splitting with the
+exact step kicks by the part that depends on time. If this part is weak, the splitting can take long steps.
 """
 
 import warnings
@@ -37,20 +36,23 @@ PROBLEMS: dict[str, Problem] = {
     "strong_tide": orbiting_tide(0.1, 0.2, 1.0),
 }
 STARTS = {"kapitza": (0.05, -0.02, 0.3, 0.08, 0.06, 0.995), "weak_pivot": (0.3, -0.2, 1.1, 0.48, 0.6, 0.64)}
-SPINNING = (0.3, -0.2, 1.4, 0.36, 0.48, 0.8)  # of the tides
+SPINNING = (0.3, -0.2, 1.4, 0.36, 0.48, 0.8)  # start in the tides
 SPANS = {"kapitza": 32.0, "weak_pivot": 64.0, "tide": 128.0, "strong_tide": 128.0}
-# of 2, steps
+# runs take 2^k steps
 POWERS = {"kapitza": range(9, 16), "weak_pivot": range(5, 13), "tide": range(5, 13), "strong_tide": range(7, 15)}
 TOLERANCES = (1e-5, 1e-8, 1e-11, 1e-14)
 QUICK = (OURS, "rk4", "strang", "blanes_moan4", "taylor")
-QUICK_PROBLEM = "kapitza"  # the one of the quick profile: each takes seconds to compile
-LONGER, CHAOTIC = 8, "strong_tide"  # times as long, but there: no method follows it so far
-RIVALS = ("blanes_moan4", "blanes_moan6", "verner9_fixed", "dop853_fixed", "kahan_li8", "taylor")  # that run so long
+QUICK_PROBLEM = "kapitza"  # the only one in the quick profile, since each takes seconds to compile
+LONGER, CHAOTIC = (
+    8,
+    "strong_tide",
+)  # some runs are 8 times as long, but not on this problem: no method follows it so far
+RIVALS = ("blanes_moan4", "blanes_moan6", "verner9_fixed", "dop853_fixed", "kahan_li8", "taylor")  # in the longer runs
 NAMED = (OURS, "rk4", "strang", "blanes_moan6", "gauss8", "dop853_fixed", "taylor")  # in the figure
 
 
 def methods() -> dict[str, Method]:
-    """Those that are compiled and take every problem."""
+    """The compiled methods that take every problem."""
     loaded = {name: method for name, method, _ in METHODS.each() if method and not interpreted(method)}
     return {n: m for n, m in loaded.items() if all(m.takes(problem) is None for problem in PROBLEMS.values())}
 
@@ -82,7 +84,7 @@ def measure(cell: dict) -> list[dict]:
         return prepare(problem, y0, span / n, method, **options_of(cell))
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepWarning)  # what depends on time may be strong here
+        warnings.simplefilter("ignore", StepWarning)  # the part that depends on time may be strong here
         stepper = ready()
         end = stepper.advance(y0, n)
         seconds = timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=5).min

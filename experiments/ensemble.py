@@ -1,13 +1,14 @@
-"""Ensembles: what a step of one top costs among thousands, each with an alpha, a torus and a λ(h) of its own.
+"""Ensembles: how much does a step cost among thousands of tops, each with its own alpha, torus and λ(h)?
 
-The scalar step is held against its bound: a chain of as many additions, products and divisions, each waiting for the last,
-as lie between one state and the next. Its SIMD form is timed against the number of tops, of lanes and of threads; set-up
-(λ(h) and all constants, in double-double) against h; memory against the arrays of states. The rivals are heyoka in
-batch mode, and splittings and a Runge-Kutta formula, one top after another: in SIMD lanes, which the bench once had for
-them, they took 0.1 to 0.4 of that. All cover the same time with tops of the same kind. Nanoseconds for a top and a unit of
-time, set-up included, are shown against the error. Output far away by one jump is a row of its own. Tops in a weak tide,
-each with a strength of its own, are followed by the exact step inside a splitting and by its rivals. Times are in the units
-of the tops themselves: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+The scalar step is compared with its bound: a chain of as many additions, products and divisions as lie between one state and
+the next, each waiting for the last. The SIMD form is timed against the number of tops, lanes and threads. Set-up, which is λ(h)
+and all constants in double-double, is timed against h. Memory is measured in arrays of states.
+
+The rivals are heyoka in batch mode, and splittings and a Runge-Kutta formula, one top after another. (In SIMD lanes, which the
+bench once had for them, they took 0.1 to 0.4 of this time.) All cover the same time with tops of the same kind. Nanoseconds per
+top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own. Tops in a weak tide,
+each with its own strength, are followed by the exact step inside a splitting and by its rivals. Times are in the units of the
+tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
 import tracemalloc
@@ -56,15 +57,15 @@ MEASURED = {
 }
 
 STEP = 0.1
-BUDGET = 2e7  # steps of a top in one sample of throughput
+BUDGET = 2e7  # steps of all tops together in one sample
 TOPS = {"quick": (32, 8192), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
 WIDTHS = {"quick": (8, 32), "full": (8, 16, 32, 64, 128, 256)}
-FEW = 8  # steps of the runs that measure set-up, memory and growth
+FEW = 8  # steps of a short run
 MANY = {"quick": (10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
 SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
-SPAN = 10_000.0  # time the rivals cover
-RIVALS = {"numba": 128, "heyoka": 64}  # tops they do it with
-JUDGED = 8  # the first tops: their error is measured
+SPAN = 10_000.0  # length of the rivals' runs
+RIVALS = {"numba": 128, "heyoka": 64}  # how many tops, by engine
+JUDGED = 8  # errors are measured on so many tops, the first ones
 TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.2,)},
     "full": {
@@ -88,7 +89,7 @@ IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of a
     },
 }
 FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes some 3 s for each top
-STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide, more or less by half
+STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half
 
 
 def cells(profile: str) -> list[dict]:
@@ -143,7 +144,7 @@ def step_chain(x, a, b):
 
 @compiled
 def pin_chain(x, a, b):
-    """The same for `real_map.pin`: eleven additions, six products, one division."""
+    """The same for the function that restores the invariants: eleven additions, six products, one division."""
     y = x * x
     y = y + a
     y = y + a
@@ -166,7 +167,7 @@ def pin_chain(x, a, b):
 
 @compiled
 def chains(n, block, x, a, b):
-    """n steps, with a pin before every `block` of them if that is not 0."""
+    """n steps; the invariants are restored before every `block` of them, unless that is 0."""
     if block == 0:
         for _ in range(n):
             x = step_chain(x, a, b)
@@ -179,7 +180,7 @@ def chains(n, block, x, a, b):
 
 
 def _measure_bound(cell: dict) -> dict:
-    """The scalar step and the chain in turn, so that both meet the same machine."""
+    """Time the scalar step and the chain in turn, so that both meet the same disturbances."""
     (alpha,), (y0,) = alphas_and_states(1)
     one, n, block = LagrangeTop(alpha), 80_000, 8
     pinned, free = prepare(one, y0, STEP), prepare(one, y0, STEP, "backlund_unpinned")
@@ -200,7 +201,7 @@ def _measure_bound(cell: dict) -> dict:
 
 
 def _measure_tops(cell: dict) -> dict:
-    """Steps of a long run: what set-up costs is taken off by the difference to the shortest run with the same set-up."""
+    """The time of a step, from the difference between a long run and the shortest run with the same set-up."""
     alphas, Y = alphas_and_states(cell["tops"])
     top = LagrangeTop(alphas)
     steps = max(2000, round(cell["budget"] / cell["tops"]))
@@ -248,7 +249,7 @@ def _measure_setup(cell: dict) -> dict:
 
 
 def _measure_many(cell: dict) -> dict:
-    """Seconds and memory of few steps of very many tops; memory beyond Y0 in units of one array of states."""
+    """Seconds and memory of a short run of very many tops; memory in units of one array of states."""
     alphas, Y = alphas_and_states(cell["tops"])
     top = LagrangeTop(alphas)
     integrate_ensemble(LagrangeTop(alphas[:1]), Y[:1], STEP, 1)
@@ -277,7 +278,7 @@ def _measure_many(cell: dict) -> dict:
 
 
 def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Callable[[], Array]:
-    """What follows the tops by heyoka's batch mode: one top in each lane of a SIMD register, on natural steps of its own."""
+    """A function that follows the tops in heyoka's batch mode: one top in each SIMD lane, with its own steps."""
     import heyoka as hy
 
     width = hy.recommended_simd_size()
@@ -324,7 +325,7 @@ def _measure_jump(cell: dict) -> dict:
 
 
 def _measure_perturbed(cell: dict) -> dict:
-    """Each top in a tide of its own; a kick and the flow before it from the difference to a run of one step."""
+    """Tops in tides of different strengths. The time of a kick comes from the difference to a run of one step."""
     n, method, span = cell["tops"], cell["method"], cell["span"]
     (alphas, Y), steps = alphas_and_states(n), round(span / cell["h"])
     h = span / steps
@@ -348,7 +349,7 @@ def _measure_perturbed(cell: dict) -> dict:
 def _judged(
     run: Callable[[], Any], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
 ) -> dict[str, float]:
-    """Cost on one core, and the errors of the first of the tops `ones`; `right` is where a top should be."""
+    """Cost on one core, and the errors of the first JUDGED tops of `ones`. right : gives the true end of a top."""
     end = run()
     judged = list(zip(ones, Y, end, strict=False))[:JUDGED]
     errors = [float(metrics.scaled_error(one, y0, y, right(one, y0))) for one, y0, y in judged]
@@ -414,13 +415,13 @@ SHOWN = {  # part → its columns in a table, and the caption
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made = {}
+    frames = {}
     for part, (columns, caption) in SHOWN.items():
         here = rows[(rows.part == part) & (rows.status == "done")]
         if len(here):
-            made[part] = here[list(columns)]
-            made[part].attrs["caption"] = caption
-    return made | tabulated(rivals)(rows)
+            frames[part] = here[list(columns)]
+            frames[part].attrs["caption"] = caption
+    return frames | tabulated(rivals)(rows)
 
 
 @of_part()

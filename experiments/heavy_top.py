@@ -1,12 +1,12 @@
 """Heavy tops of multibody dynamics: how well do integrators follow position and rotation of a whole body?
 
-Every method with a fixed step that takes a `RigidBody` follows four motions: `bruels`, the usual test of codes for multibody
-dynamics, 300 rad of spin; `slow`, the same with a fifteenth of the spin; `simo_wong`; and Kovalevskaya's body, which is not
-symmetric. Errors at the end are those of the centre of mass (m), of the rotation (rad), of a symmetric body also of its spin
-(rad); beside them are those of energy and of the momentum about the vertical, relative to their terms. Truth is the closed
-form; for Kovalevskaya's body Taylor series in integers, and her integral K is one more test.
+Every method with a fixed step that takes a `RigidBody` follows four motions. `bruels` is the usual test of multibody codes, with
+300 rad of spin. `slow` has a fifteenth of this spin. The others are `simo_wong` and Kovalevskaya's body, which is not symmetric.
+Measured are the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
+Beside them are the largest errors of the energy and of the momentum about the vertical, relative to their terms. The truth is the
+closed form. For Kovalevskaya's body it is a Taylor series in integers, and her integral K is one more test.
 
-With A = B = 2C and the centre of mass on the first axis K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|².
+With A = B = 2C and the centre of mass on the first axis, K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|².
 
 Source of K: Kowalevski, Acta Math. 12 (1889) 177.
 """
@@ -34,17 +34,17 @@ KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
 # rotation, body to world; angular velocity in the body
 START = (((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)), (1.5, -1.0, 2.0))
 UNTIL = {"bruels": 2.0, "slow": 2.0, "simo_wong": 10.0, "kovalevskaya": 10.0}
-# of 2, steps
+# runs take 2^k steps
 POWERS = {"bruels": range(9, 17), "slow": range(5, 13), "simo_wong": range(8, 16), "kovalevskaya": range(6, 14)}
-QUICK = ("bruels", "kovalevskaya")  # in the quick profile
-CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # likewise
-NAMED = (*CHOSEN, "gauss8", "blanes_moan6", "verner9_fixed")  # by name in the figure
-FLOOR = 1e-13  # of errors that tell an order
-TIMED = 2000  # steps in a call that is timed, at most
+QUICK = ("bruels", "kovalevskaya")  # motions of the quick profile
+CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # its methods
+NAMED = (*CHOSEN, "gauss8", "blanes_moan6", "verner9_fixed")  # named in the figure
+FLOOR = 1e-13  # smaller errors do not show the order
+TIMED = 2000  # at most so many steps in a call that is timed
 
 
 def methods() -> dict[str, Method]:
-    """Those with a fixed step that take a whole body."""
+    """The methods with a fixed step that take a whole body."""
     body = motion("kovalevskaya")[0]
     loaded = ((name, method) for name, method, _ in METHODS.each() if method)  # a plug-in may be broken
     usable = {name: method for name, method in loaded if method.control == "step" and available(method)}
@@ -81,7 +81,7 @@ def end(case: str) -> Array:
 
 
 def kovalevskaya(y: Array) -> Array:
-    """Her integral at states (N, 7) of her body."""
+    """Kovalevskaya's integral K (N,) at states (N, 7) of her body."""
     body = motion("kovalevskaya")[0]
     omega, up = body.angular_velocity(y), body.rotations(y).apply((0.0, 0.0, 1.0), inverse=True)
     z = (omega[:, 0] + 1j * omega[:, 1]) ** 2 - body.weight[0] / body.inertia[2] * (up[:, 0] + 1j * up[:, 1])
@@ -119,7 +119,7 @@ def orders(case: str, method: str, group: pd.DataFrame) -> dict:
 
 
 def measured_orders(group: pd.DataFrame) -> dict[str, float]:
-    """Of both errors. Those at smaller steps than the least error are round-off: they tell how large that is."""
+    """The orders of both errors. Errors at steps below the best one are round-off, and show its size."""
     orders = {}
     for name in ("position", "rotation"):
         error = group[name]
@@ -152,7 +152,7 @@ def _draw_work(rows: pd.DataFrame, style):
 
 
 def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
-    """Both errors against a column, by case."""
+    """Draw both errors against a column, with a row of panels for each case."""
     cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
     looks = style.looks(rows.method, NAMED)
     size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}

@@ -1,11 +1,11 @@
-"""The paper's two figures: its program beside the real, pole-free form of the same map. And the exact step of n spins.
+"""The paper's two figures, by its own program and by the real form of its map; and the exact step of n spins.
 
 Figure 1 of Kuznetsov, Petrera and Ragnisco iterates the two-point map with λ = 0.02i a thousand times, Figure 2 with
-λ = 500 + 5000i four thousand times. Both maps, the paper's MATLAB program with its complex divisions and the real form,
-are iterated here from the same data; what is judged is how far H, J3, |x|² and x·J move.
+λ = 500 + 5000i four thousand times. The paper's MATLAB program divides complex numbers; the real form has no poles. Both are
+iterated here from the same data, and the changes of H, J3, |x|² and x·J are measured.
 
-"magnet" is the test of the exact step of the Gaudin magnet: one step of 5 to 80 units of time, on random magnets, against the
-reference solution of n spins. A unit is 1/√(Σ A_k² |s_k|²), A_k the couplings of the site that moves.
+Part “magnet” tests the exact step of the Gaudin magnet: one step of 5 to 80 units of time, on random magnets, against the
+reference solution of n spins. A unit is 1/√(Σ A_k² |s_k|²), with A_k the couplings of the site that moves.
 """
 
 import math
@@ -39,7 +39,7 @@ FORMS = {  # name in tables: method, its options
 }
 
 
-UNITS = (5.0, 20.0, 80.0)  # of time, the steps
+UNITS = (5.0, 20.0, 80.0)  # lengths of steps, in units of time
 SPINS, SEEDS = {"quick": (2, 3), "full": range(2, 9)}, {"quick": range(1), "full": range(10)}
 
 
@@ -58,7 +58,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def random_magnet(n: int, seed: int) -> tuple[GaudinMagnet, Array]:
-    """A magnet and its spins (n, 3) of 0.2 to 1.5: sites at distances of 0.3 to 1, the moving one anywhere among them."""
+    """A magnet and its spins (n, 3) of lengths 0.2 to 1.5. Sites are 0.3 to 1 apart; any of them may be the moving one."""
     draw = Random(f"magnet{n}/{seed}")
     sites = np.cumsum([draw.uniform(0.3, 1.0) for _ in range(n)]).tolist()
     draw.shuffle(sites)

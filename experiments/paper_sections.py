@@ -1,7 +1,7 @@
-"""The paper, section by section, run at one top: a picture of what it says, and what its formulas miss by.
+"""Runs the paper, section by section, for `lagrange-bench paper`: a picture, and by how much each formula misses.
 
-Each function takes a top and a real state and gives residuals, name → (found, allowed), and a figure. Errors are absolute
-in units where the state has size one. Nothing is stored: `lagrange-bench paper` runs a section in seconds.
+Each function takes a top and a real state. It returns residuals, name → (residual, allowed), and a figure. Errors are absolute,
+in units in which the state has size one. Nothing is stored, because a section runs in seconds.
 """
 
 import math
@@ -42,27 +42,27 @@ def size(a: Any) -> float:
 
 
 def miss(a: Any, b: Any, *terms: Any) -> float:
-    """Largest |a − b| of any row, relative to 1 + the largest number in that row of a, b and the terms behind them."""
+    """The largest |a − b| of any row, relative to 1 + the largest numbers of a, b and `terms` in this row."""
     arrays = [np.asarray(v, dtype=complex) for v in (a, b, *terms)]
     largest = [np.abs(v).reshape(len(v), -1).max(axis=1) for v in (arrays[0] - arrays[1], *arrays)]
     return float(np.max(largest[0] / (1 + sum(largest[1:]))))
 
 
 def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
-    """A λ well above the real axis, closer to it than any root of Q."""
+    """A λ well above the real axis, with |λ| below that of any root of Q."""
     roots = np.roots([complex(c) for c in lax.spectral_polynomial(top, y)][::-1])
     return share * min(abs(roots)) * complex(math.cos(1.2), math.sin(1.2))
 
 
 def orbit(top: LagrangeTop, y: Array, nutations: float, points: int) -> tuple[Array, Array]:
-    """Times and states of the exact motion."""
+    """Times and states of the exact motion over so many nutations."""
     period = exact.nutation_period(top, y)
     t = np.linspace(0.0, nutations * (period if math.isfinite(period) else 10 * top.scales(y)[2]), points)
     return t, exact.solution(top, y, t)
 
 
 def order_miss(x: Any, error: Any, order: int) -> float:
-    """How far the slope of log error against log x, least squares, is from `order`."""
+    """The distance between `order` and the slope of log error against log x, by least squares."""
     return float(abs(np.polyfit(np.log(x), np.log(error), 1)[0] - order))
 
 
@@ -328,7 +328,7 @@ SECTIONS: dict[str, tuple[str, Callable[[LagrangeTop, Array], Shown]]] = {
 
 
 def title(name: str) -> str:
-    """What a section shows, in one line."""
+    """The title of a section, in one line."""
     text = SECTIONS[name][1].__doc__ or ""
     return text.strip().partition(": ")[2].rstrip(".")
 

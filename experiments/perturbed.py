@@ -1,4 +1,4 @@
-"""Perturbed tops and other problems: which method is best where an integrator is needed?
+"""Perturbed tops and other problems: which method is best if there is no closed form?
 
 A top in a uniform field has a closed form and needs no integrator. In most other fields (a tilted tide, a magnet, an uneven
 field) it has none. The full profile has ten such tops, the quick profile one, in a weak tide. Most are nearly integrable: a
@@ -9,13 +9,14 @@ Who wins depends on ε, on the length of the run and on the error asked for. A s
 error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The
 map of winners shows where the border is.
 
-Part “drift” asks what each method that takes a potential keeps of H, J3, C1 and C2, part “order” how its error falls with the
-step. Part “work” asks of the compiled ones what an error costs on runs of 10³ and 10⁴ units of time, on one top also of 10⁵ by
-the methods that are near the first place. Part “tolerance” gives the splitting with the exact step an error in place of a
-step, on random tops in tides and near charges, and compares it with the true error. Part “problem” follows what is no top in a
-fixed field (a free body, a vibrating pivot, Kirchhoff's body, four spins). Errors are those against the reference in quadruple
-precision; on a chaotic orbit up to the time at which an ulp has grown to 1e-6. Times and steps are in units of
-1/(|J| + √(|alpha||x|)).
+Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “order” measures how its error
+falls with the step. Part “work” measures what an error costs: all compiled methods run over 10³ and 10⁴ units of time, and the
+best of them also over 10⁵ on one top. Part “tolerance” gives the splitting with the exact step a tolerance in place of a step, on
+random tops in tides and near charges, and compares it with the true error. Part “problem” follows problems other than a top in a
+fixed field: a free body, a vibrating pivot, Kirchhoff's body, four spins.
+
+Errors are measured against the reference in quadruple precision; on a chaotic orbit only until an ulp has grown to 1e-6. Times
+and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import random
@@ -51,16 +52,16 @@ SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK, QUICK_TOLERANCE = ("weak_tide",), ("random tides", 1e-8)  # each field and tolerance has kernels of its own
 SLOW = ("gauss6", "gauss12")  # to compile: left out of the quick profile, where gauss4 and gauss8 stand for them
-# span: longest run in s; steps to an octave, decades of tolerance between two
+# span: longest run in s
 WORK = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
-LONGEST = 1e5  # a race on one top, among those that were near the first place over 1e4: its reference takes minutes
+LONGEST = 1e5  # only on one top and for the best methods, since its reference takes minutes
 LONG = ("weak_tide",)
 RIVALS = ("blanes_moan4", "blanes_moan6", "sofroniou_spaletta10", "force_gradient6", "verner9_projected", "taylor")
-GRID = {"quick": (1, 3), "full": (2, 1)}
-LOST = 1e-6  # an ulp has grown to this where a chaotic orbit is given up
+GRID = {"quick": (1, 3), "full": (2, 1)}  # steps in an octave, decades of tolerance between two runs
+LOST = 1e-6  # when an ulp has grown to this, a chaotic orbit is given up
 OURS = "backlund_splitting"
-# ways of one method that race for it
+# a method races in these variants
 VARIANTS: dict[str, tuple[dict, ...]] = {
     OURS: ({"scheme": "strang"}, {"scheme": "strang", "modified_kick": False}, {"scheme": "processed6"})
 }
@@ -68,9 +69,9 @@ FIELDS = {"random tides": TIDE, "random charges": CHARGE}  # of the tolerance pa
 TOLERANCES = (1e-6, 1e-8)
 LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scales of each top
 DRAWS = {"quick": 8, "full": 60}  # tops in each field, for each length and tolerance
-SENSITIVE = 0.01  # of tol: an orbit on which an ulp grows to it is chaotic, and not followed
-ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour so near shows how an ulp grows
-EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # of one top in one tide
+SENSITIVE = 0.01  # an orbit is chaotic, and left out, if an ulp grows to this part of tol
+ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour at the distance NEAR shows how an ulp grows
+EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # strengths of one tide
 
 
 def cells(profile: str) -> list[dict]:
@@ -107,7 +108,7 @@ def cells(profile: str) -> list[dict]:
 
 
 def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
-    """A random top, and its state: k log-uniform from 1e-6 to 1e-2; a charge 0.03, 0.1 or 0.3 beyond the sphere of the axis."""
+    """A random top and its state. k is log-uniform from 1e-6 to 1e-2; a charge is 0.03, 0.1 or 0.3 outside the axis's sphere."""
     draw = random.Random(f"{field} {number}")
 
     def direction() -> np.ndarray:
@@ -121,9 +122,9 @@ def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
 
 
 def to_tolerance(cell: dict) -> list[dict]:
-    """For each top the error, or that the run was refused, or is chaotic.
+    """A row for each top: the error, or that the run was refused or is chaotic.
 
-    The truth is Taylor's method, which is within 1e-12 where an ulp stays below 1e-10: the reference would take an hour.
+    Taylor's method serves as the truth. It is right to 1e-12 if an ulp stays below 1e-10. The reference would take an hour.
     """
     rows: list[dict] = []
     for number in range(cell["tops"]):
@@ -146,7 +147,7 @@ def to_tolerance(cell: dict) -> list[dict]:
 
 
 def racing(method: Method, state: str, span: float) -> bool:
-    """Whether a method takes part. What is interpreted is a thousand times behind: every run would be too long."""
+    """Whether a method takes part. Interpreted methods do not: they are a thousand times as slow."""
     return not states.interpreted(method) and (span < LONGEST or (state in LONG and method.name in (OURS, *RIVALS)))
 
 
@@ -161,7 +162,7 @@ def measure(cell: dict) -> list[dict]:
         counts = states.log_counts(cell["steps"], per_octave=2)
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
     span = cell.get("span", SPAN)
-    # the longest race is on a top that is not chaotic: its reference, of two runs, would show it, as that of any `Problem`
+    # the longest race needs no test: its top is not chaotic. For other problems the reference itself shows chaos
     follow = "force" in top.offers and span < LONGEST
     if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
@@ -175,7 +176,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def any_problem(cell: dict) -> dict:
-    """The error at the end of a run, and the largest of the invariants that the method says it keeps, and of the others."""
+    """The error at the end of a run, and the largest error of the invariants that the method claims, and of the others."""
     problem, y0 = states.of_cell(cell)
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
@@ -193,7 +194,7 @@ KEPT = "Tops in a potential: the largest relative error of each invariant that t
 
 @by_group(("state", "method"), "drift", KEPT)
 def kept(state: str, method: str, run: pd.DataFrame) -> dict:
-    """The largest error of each invariant by method and top; an invariant that the top has not got is left out."""
+    """The largest error of each invariant that the top has, by method and top."""
     top = states.of_cell({**run.iloc[0], "state": state})[0]
     errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
     says = METHODS[method].kept(top) if method in METHODS else ()
@@ -206,7 +207,7 @@ def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     "that a method says it keeps, and of the others, over all steps",
 )
 def problems(rows: pd.DataFrame) -> pd.DataFrame:
-    """Of each method and problem that is no top in a fixed field: the order, and the largest error of its invariants."""
+    """For each method and problem: the order, and the largest error of its invariants."""
     table = _orders(rows, (1e-10, 0.1))
     moved = rows.groupby(["state", "method"], sort=False)[["kept", "others"]].agg(largest)
     names = {"kept": "invariants it claims", "others": "its other invariants"}
@@ -224,7 +225,7 @@ def orders(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
-    """The order of each method on each problem, from the steps whose errors are `between` round-off and saturation."""
+    """The order of each method on each problem, from errors `between` round-off and saturation."""
     table = []
     if "stopped" in good:
         good = good[good.stopped.isna()]
@@ -240,7 +241,7 @@ def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
 
 @of_part("work", "Tops in a potential: the cheapest method, set-up counted, and the best of the others")
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and error the cheapest method, set-up counted, and how many times as long the best of the others takes."""
+    """For each run and error the cheapest method with set-up, and how many times as long the best of the others takes."""
     targets = work_precision.TARGETS[:-1]
     return work_precision.against_ours(work_precision.useful(rows), work_precision.APART, targets, OURS)
 
@@ -252,15 +253,15 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     f"refuses, and the largest error. Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
 )
 def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict:
-    """For each field, length and error asked for: how many tops were answered, refused and given up, and how well."""
-    given = group.reindex(columns=["answer", "error"])[group.answer == "given"]
+    """For each field, length and tolerance: how many tops were answered, refused and chaotic, and the largest error."""
+    answered = group.reindex(columns=["answer", "error"])[group.answer == "given"]
     refused = int((group.answer == "refused").sum())
     return {
-        "answered": len(given),
+        "answered": len(answered),
         "refused": refused,
-        "share refused": refused / max(refused + len(given), 1),
+        "share refused": refused / max(refused + len(answered), 1),
         "chaotic": int((group.answer == "chaotic").sum()),
-        "largest error / tol": float(np.max(given.error.to_numpy() / tol, initial=0.0)),
+        "largest error / tol": float(np.max(answered.error.to_numpy() / tol, initial=0.0)),
     }
 
 
@@ -287,7 +288,7 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
 
 @of_part("work")
 def _draw_winner(rows: pd.DataFrame, style):
-    """A map over (ε, error): how many times as long the best of the others takes."""
+    """Draw a map over (ε, error): how many times as long the best of the others takes."""
     from matplotlib import colors
 
     table = winners(rows[rows.state.isin(EPSILON)])

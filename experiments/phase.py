@@ -1,13 +1,15 @@
-"""Phase: where on its torus is the top, compared with where it should be?
+"""Phase: how far is the top from its true place on the torus?
 
-A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is
-split along the two flows of the torus: a time error (nutation phase) and an angle error (precession phase); what is
-left is drift off the torus. Against time they split into a constant frequency shift and a residual. Orders are
-measured on single steps. One part tests the exact Bäcklund step on every named top, four hundred others, three hundred that
-are released with pure spin and thirty-two close to the separatrix (quick profile: 32, 32 and 8), on those of every kind and
-those released without pins, too. Its error is no larger than that of an initial state changed by some ulps. The
-last part compares every other step with backward error analysis: `predicted_phase` says where the method will be.
-Times are in units of 1/(|J| + √(|alpha||x|)).
+A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is split along
+the two flows of the torus: a time error (nutation phase) and an angle error (precession phase). The rest is drift off the torus.
+Both phases are fitted by a constant frequency shift and a residual. Orders are measured on single steps.
+
+Part “promise” tests the exact Bäcklund step: its error must be no larger than that of an initial state changed by some ulps. It
+runs on every named top, on 400 others, on 300 that are released with pure spin, and on 32 close to the separatrix (quick profile:
+32, 32 and 8). On tops of every kind and on released ones it also runs without pins.
+
+Part “theory” compares other methods with backward error analysis: `predicted_phase` says where the method will be. Times are in
+units of 1/(|J| + √(|alpha||x|)).
 """
 
 from itertools import product
@@ -42,13 +44,13 @@ SPAN = 64.0  # length of the runs against h
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
-PROMISE_STEPS = 2000  # real steps, of each of these sizes
+PROMISE_STEPS = 2000  # so many steps of each size
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
-PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # and of these fractions of the nutation period
-PROMISE_RANDOM = {"quick": 16, "full": 200}  # as many of them, and as many of every kind
-UNSTABLE_SPAN = 20.0  # of orbits without a period: there errors grow exponentially
+PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # more sizes, as fractions of the nutation period
+PROMISE_RANDOM = {"quick": 16, "full": 200}  # so many tops of each drawn kind
+UNSTABLE_SPAN = 20.0  # length of runs on orbits without a period, where errors grow exponentially
 THEORY_STATES = {"quick": ("generic",), "full": STATES["full"]}
-THEORY_SPAN = 512.0  # length of the runs that are held against theory
+THEORY_SPAN = 512.0  # length of the runs that are compared with theory
 
 
 def cells(profile: str) -> list[dict]:
@@ -87,10 +89,10 @@ def measure(cell: dict) -> list[dict]:
 
 
 def _one_step(name: str) -> list[dict]:
-    """Errors of single steps, geometric mean over eight tops and both signs of h, where they are no round-off.
+    """Errors of single steps above round-off, as geometric means over eight tops and both signs of h.
 
-    An order is read off these and not off runs, in which a method of high order may show the next one, or round-off. Only
-    where a step depends on those before it they are errors of short runs, for each of their steps: rows with `run`.
+    Orders are read off single steps. In long runs a method of high order may show the next order, or round-off. If a step
+    depends on earlier ones, the errors are those of short runs, divided by the number of steps: rows with `run`.
     """
     points = check.order_points(METHODS[name], check.ORDER_SPANS)
     length = {"run": check.RUN} if points.runs else {}
@@ -99,12 +101,12 @@ def _one_step(name: str) -> list[dict]:
 
 
 def theory_steps(order: int | None) -> tuple[float, ...]:
-    """Two steps at which a method of this order is neither far off nor as good as exact in runs of `THEORY_SPAN`."""
+    """Two steps at which a method of this order has a small error above round-off in runs of `THEORY_SPAN`."""
     return () if order is None else tuple(states.rounded(2.0 ** (k + 1 - 15 / order)) for k in (1, 0))
 
 
 def _against_theory(cell: dict, top, y0) -> list[dict]:
-    """Phase errors of a run, measured and predicted, and what is left of its error beside the state that theory predicts."""
+    """Phase errors of a run, measured and predicted, and the distance of its states from the predicted ones (`left`)."""
     rate, _, unit = top.scales(y0)
     predicted = predicted_phase(top, y0, cell["h"] * unit, METHODS[cell["method"]])
     if predicted.clock is None:
@@ -120,9 +122,9 @@ def _against_theory(cell: dict, top, y0) -> list[dict]:
 
 
 def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Times, states, and errors: time and angle (in radians of their own phase), off the torus, and the whole, all scaled.
+    """Times, states and scaled errors: of time and angle (in radians of their own phase), off the torus, and the whole.
 
-    Only a top in a uniform field has a known torus; of any other problem this is the whole error alone.
+    Only a top in a uniform field has a known torus. For any other problem only the whole error is given.
     """
     h, method = cell["h"] * top.scales(y0)[2], METHODS[cell["method"]]
     times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
@@ -139,7 +141,7 @@ def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.nd
 
 
 def promised_errors(top, y0, method) -> list[dict]:
-    """For each step the largest error at twenty places of 2000 real steps, and as the ulps of y0 that would do the same."""
+    """For each step size the largest error at twenty places of 2000 steps, and the ulps of y0 that make the same error."""
     period = exact.nutation_period(top, y0) * top.scales(y0)[0]
     steps = [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
     return [_promised_error(top, y0, method, h) for h in steps]
@@ -156,7 +158,7 @@ def _promised_error(top, y0, method, h) -> dict:
     return {"h": h, "error": states.rounded(np.max(error)), "ulps": states.rounded(np.max(ulps))}
 
 
-SMALL = 0.1  # errors up to here are split to first order in earnest
+SMALL = 0.1  # larger errors cannot be split to first order
 
 
 @of_part(
@@ -165,7 +167,7 @@ SMALL = 0.1  # errors up to here are split to first order in earnest
     "scales of J and x; hidden: the leading term is too small to show",
 )
 def orders(good: pd.DataFrame) -> pd.DataFrame:
-    """Measured order of each method with a step: off single steps; without them off the runs, top by top."""
+    """The measured order of each method with a step: from single steps, or else from the runs on each top."""
     table = []
 
     def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
@@ -226,7 +228,7 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
     return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
 
-RANGE = (1e-9, 1e-2)  # errors of runs that say how good the theory is: no round-off, and of first order
+RANGE = (1e-9, 1e-2)  # runs with such errors show how good the theory is: above round-off, and of first order
 
 
 @by_group(
@@ -242,13 +244,13 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
         return {"reason": first.reason}
     rates = {name.replace("_", " "): first[name] for name in ("clock", "turn", "clock_growth", "turn_growth")}
     error, left = largest(run.error), largest(run.left)
-    judged = not (error < RANGE[0] or error > RANGE[1])  # NaN says that the run failed, not that it says nothing
+    judged = not (error < RANGE[0] or error > RANGE[1])  # a run that failed (NaN) is judged, too
     return {**rates, "error": error, "left": left, "share left": left / error, "in range": judged}
 
 
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
-    """The page's first figure: every method thin, one of each family bold and named."""
+    """The page's first figure. Every method is a thin line; one of each family is bold and named."""
     tops = [state for state in STATES["quick"] if (rows.state == state).any()] or list(dict.fromkeys(rows.state))[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     best = best_of_families(rows[rows.state == tops[0]])
@@ -273,7 +275,7 @@ def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 
 
 def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
-    """Into one panel the error of every method against the step, on one top; the best bold."""
+    """Draw the error of every method against the step, on one top, into one panel; the best ones bold."""
     here = rows[(rows.part == "h") & rows.h.notna()].sort_values("h")
     for method, look in style.looks(here.method, best).items():
         chosen = here[(here.method == method) & (here.error > 0)]
@@ -286,15 +288,15 @@ def draw_steps(ax, rows: pd.DataFrame, best: set[str], style) -> None:
 
 
 def best_of_families(rows: pd.DataFrame) -> set[str]:
-    """Of each family the method with the smallest error at the step nearest to 1/8."""
+    """From each family the method with the smallest error at the step nearest to 1/8."""
     from lagrange_bench.experiments.drawing import style
 
     good = rows[(rows.part == "h") & (rows.status == "done") & rows.error.notna() & rows.h.notna()]
     if good.empty:
         return set()
     near = good.h.unique()[np.argmin(np.abs(np.log(8 * good.h.unique())))]
-    there = good[good.h == near].assign(family=lambda rows: rows.method.map(style.family))
-    return set(there.loc[there.groupby("family").error.idxmin()].method)
+    runs = good[good.h == near].assign(family=lambda rows: rows.method.map(style.family))
+    return set(runs.loc[runs.groupby("family").error.idxmin()].method)
 
 
 @of_part("h", failed=True)

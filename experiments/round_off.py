@@ -1,10 +1,9 @@
-"""Round-off: the exact Bäcklund step written in different ways, and what each of them lets drift.
+"""Round-off: which way of writing the exact Bäcklund step drifts least?
 
-In exact arithmetic all forms here are one map; what differs is rounding. Sixteen random tops take ten
-million steps with each: how do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias), how far is the
-phase off, and what does a step cost? Steps of half a nutation period and more are tried too. A second part takes a
-thousand million steps of the exact Bäcklund map beside heyoka, which gets the same wall time. Steps and times are in
-units of 1/(|J| + √(|alpha||x|)).
+In exact arithmetic all forms here are the same map; only rounding differs. Sixteen random tops take ten million steps with each
+form. How do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias)? How far is the phase off, and how much does a
+step cost? Steps of half a nutation period and more are tried, too. A second part takes a thousand million steps of the exact
+Bäcklund map, and gives heyoka the same wall time. Steps and times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import math
@@ -47,14 +46,14 @@ MEASURED = {"drift": ERRORS, "cost": ("ns_per_step", "ns_per_step_median"), "lon
 
 
 class FormStepper(real_map.TorusStepper):
-    """Takes any state: a form that leaves its torus is what is measured here."""
+    """A stepper that also takes states off its torus, because some forms drift away from it."""
 
     def enter(self, y: Array) -> Array:
         return self.units.enter(y)
 
 
 def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
-    """Builder of a stepper with exact λ(h), this kernel, and a pin every so many steps."""
+    """A builder of steppers with exact λ(h) and this kernel. pin : restore the invariants before every so many steps."""
 
     def build(top, y0, h):
         units = Units(top, y0, h)
@@ -67,7 +66,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
 
 
 def program(top, y0, h):
-    """The paper's program with the exact λ(h)."""
+    """A stepper of the paper's program, with the exact λ(h)."""
     units = Units(top, y0, h)
     c, _ = real_map.exact_constants(units.alpha, tuple(units.enter(y0)), units.time(h))
     shift = units.length - units.rate
@@ -117,7 +116,7 @@ def _follow(top, y0, stepper, h: float, counts: list[int]) -> list[dict]:
 
 
 def judged(top, y0, times, states, truth) -> list[dict]:
-    """Relative errors of the invariants; time and angle phase, and the whole error, in scaled units."""
+    """Rows of the relative errors of the invariants, the phase errors (time, angle) and the whole error, in scaled units."""
     rate = top.scales(y0)[0]
     split = metrics.phase_split(top, truth, states - truth)
     drift = metrics.relative_drift(top.invariants(np.vstack((y0, states))), top.invariant_scales(y0))[1:]
@@ -135,7 +134,7 @@ def _drift(cell: dict) -> list[dict]:
 
 
 def _cost(cell: dict) -> list[dict]:
-    """All forms in turn in one process."""
+    """Time all forms in turn in one process."""
     top, y0 = find(LONG_STATE)
     h, n = cell["h"] * top.scales(y0)[2], 20_000
     runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in FORMS.items()}
@@ -152,7 +151,7 @@ def _cost(cell: dict) -> list[dict]:
 
 
 def _long(cell: dict) -> list[dict]:
-    """The exact Bäcklund map over all steps; then heyoka, on its natural steps, for as long a time on the clock."""
+    """Run the exact Bäcklund map over all steps; then heyoka, with its own steps, for the same time on the clock."""
     top, y0 = find(cell["state"])
     h = cell["h"] * top.scales(y0)[2]
     counts = log_counts(cell["steps"], per_octave=1)
@@ -177,7 +176,7 @@ def _long(cell: dict) -> list[dict]:
 
 
 def _heyoka(top, y0) -> Callable[[float], Any]:
-    """heyoka carried on from time to time; a last step shortened at each doubling of the time changes nothing of note."""
+    """heyoka as a function of time that goes on from the last time; each time its last step is shortened."""
     from lagrange_bench.integrators.methods.taylor import EPS, integrator_here
 
     ta = integrator_here(EPS, False)

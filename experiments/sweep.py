@@ -1,8 +1,8 @@
-"""Sweeps: cells of an experiment that a TOML file lists, with tops, methods and steps of your own.
+"""Sweeps: a TOML file lists cells of an experiment, with tops, methods and steps of your own.
 
-docs/sweeps.md explains such a file. The experiment measures, stores and draws its cells as it does its own. What the file leaves
-out is as in the first cell of that part of the experiment. A cell on a top of the file carries its numbers: no file is needed to
-compute it again, or to draw it.
+docs/sweeps.md explains such a file. The experiment measures, stores and draws the cells like its own. Fields that the file leaves
+out are taken from the first cell of this part of the experiment. If a cell uses a top of the file, it holds the numbers of that
+top, so that it can be computed and drawn again without the file.
 """
 
 import re
@@ -20,14 +20,11 @@ from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
 
 Cell = dict[str, Any]
-LISTS = {
-    "method": "methods",
-    "state": "tops",
-}  # fields of a cell and keys of a table, where they differ; see also `with_units`
+LISTS = {"method": "methods", "state": "tops"}  # field of a cell → key in a table, where they differ; see also `with_units`
 
 
 class Sweep(NamedTuple):
-    """What a file asks for: cells of an experiment, and a name for their results."""
+    """The content of a file: cells of an experiment, and a name for their results."""
 
     name: str
     experiment: str
@@ -35,7 +32,7 @@ class Sweep(NamedTuple):
 
 
 def read(path: Path) -> Sweep:
-    """Read a file.
+    """Read a sweep from a TOML file.
 
     Parameters
     ----------
@@ -50,7 +47,7 @@ def read(path: Path) -> Sweep:
     Raises
     ------
     ValueError
-        What is wrong, and where in the file; and what may have been meant.
+        Says what is wrong and where in the file, and suggests what may have been meant.
     """
     with _at(f"{path}, "):
         content = read_toml(path)
@@ -73,7 +70,7 @@ def read(path: Path) -> Sweep:
 
 @contextmanager
 def _at(place: str) -> Iterator[None]:
-    """What goes wrong inside is said with its place in the file."""
+    """Add the place in the file to the message of an error in the block."""
     try:
         yield
     except (ValueError, TypeError, NotInstalled) as error:
@@ -93,7 +90,7 @@ def _table(value: Any) -> Cell:
 
 
 def _top(name: str, table: Any) -> Cell:
-    """What a cell says of a top of the file."""
+    """The fields of a cell on a top of the file."""
     with _at(f"[tops.{name}], "):
         if name in NAMED_TOPS or re.fullmatch(r"(random|wide|close)\d{3}", name):
             raise ValueError("the bench has a top of this name; choose another")
@@ -115,7 +112,7 @@ def _text(values: Iterable[float]) -> str:
 
 
 def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Mapping[str, Cell]) -> Iterator[Cell]:
-    """The cells of a table: all combinations of what it lists."""
+    """The cells of a table: all combinations of its lists."""
     part = _table(table).get("part", next(iter(templates)))
     if part not in templates:
         raise ValueError(f"part: unknown {part!r}{suggestion(str(part), templates)} Known: {', '.join(templates)}")
@@ -146,7 +143,7 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
 
 
 def _check(key: str, word: str, value: Any, template: Cell) -> None:
-    """ValueError for a value of another kind than the experiment's own, and for a method that there is not."""
+    """ValueError if a value is of another type than the experiment's own, or if there is no such method."""
     if word == "method":
         with _at("methods: "):
             find_method(value)

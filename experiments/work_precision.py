@@ -1,13 +1,14 @@
 """Work against precision: what does an error cost, over short, long and very long runs?
 
-Each method runs with ever smaller steps or tolerances, from the coarsest on. Its curve ends where one run would take
-longer than the limit of its length (estimated from a short one), where the error has stopped falling, or at the tightest
-tolerance: 1e-15, and 1e-13 for Runge-Kutta pairs and SciPy's solvers. This rule is the same for every method; but curves of
-methods that are exact in time go on to steps of one unit, to be compared where all give a state every unit. The error is the
-largest at four places of the last fifth of the run, against the exact solution, relative to the scales of J and x. Wall
-time is the least of several compiled runs; set-up, the λ(h) of a torus for instance, is in a column of its own and is counted
-or not, as a table says. Nonlinear equations are solved to round-off. "Evaluations" are right-hand sides, for methods that
-have any. Times are in units of 1/(|J| + √(|alpha||x|)).
+Each method runs with ever smaller steps or tolerances, from the coarsest on. Its curve ends for one of three reasons: a run would
+take too long (estimated from a short one), the error falls no more, or the tightest tolerance is reached. That is 1e-15, and
+1e-13 for Runge-Kutta pairs and SciPy's solvers. The rule is the same for every method, with one exception: methods that are exact
+in time go on to steps of one unit, so that runs with a state every unit can be compared.
+
+The error is the largest at four places in the last fifth of the run, against the exact solution, relative to the scales of J and
+x. Wall time is the least of several compiled runs. Set-up, such as the λ(h) of a torus, has a column of its own; each table says
+whether it is counted. Nonlinear equations are solved to round-off. "Evaluations" are right-hand sides, for methods that have
+any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -28,7 +29,7 @@ VERSION = 3
 SCALED_TIMES = True
 MEASURED = {"": ("error", "seconds", "setup_seconds", "steps", "evals", "iterations")}
 
-# span: (states, steps to an octave, decades of tolerance between two, longest run in s)
+# span: (states, steps in an octave, decades of tolerance between two runs, longest run in s)
 SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
     "quick": {100.0: (("generic",), 1, 3, 0.02), 10_000.0: (("generic",), 1, 3, 0.02)},
     "full": {
@@ -38,14 +39,14 @@ SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
         1_000_000.0: (("generic",), 1, 1, 3.0),
     },
 }
-COARSEST, FINEST = 16.0, 2.0**-24  # steps; nobody gets to the last
+COARSEST, FINEST = 16.0, 2.0**-24  # steps; no method gets to the finest
 STATE_EVERY = 1.0  # the longest step with which the curve of an exact method may end
 LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
 OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
-COARSE, FLOOR_RUNS = 1e-4, 3  # below this error, runs in a row that do not lower the least one so far end a curve
-TRIALS = 4  # short runs, each once and twice as long, that tell how long a run would take
-SAMPLE = 0.005  # s, the least length of a timing sample: shorter runs are repeated in one
+COARSE, FLOOR_RUNS = 1e-4, 3  # below the error COARSE, so many runs in a row without a smaller error end a curve
+TRIALS = 4  # how often short runs are timed, to estimate how long a run takes
+SAMPLE = 0.005  # s, the least length of a timing sample; shorter runs are repeated
 
 
 def cells(profile: str) -> list[dict]:
@@ -60,7 +61,7 @@ def cells(profile: str) -> list[dict]:
 
 
 def measure(cell: dict) -> list[dict]:
-    """The whole curve of one method: a row for each step or tolerance, the last one says why there are no more."""
+    """The curve of one method: a row for each step or tolerance. The last row says why the curve ends."""
     timing.compile_at_once()
     method = METHODS[cell["method"]]
     steps = COARSEST * 2.0 ** -np.arange(0, np.log2(COARSEST / FINEST) + 0.01, 1 / cell["per_octave"])
@@ -70,7 +71,7 @@ def measure(cell: dict) -> list[dict]:
     for setting in states.accuracy_settings(method, steps[steps <= cell["span"]].tolist(), tolerances.tolist()):
         try:
             row = _run({**cell, **setting})
-        except StepError as refusal:  # of a step too large or a tolerance too small: the curve goes on without it
+        except StepError as refusal:  # the step is too large or the tolerance too small: go on with the next
             row = {"stopped": "refused", "reason": refusal.reason}
         error = row.get("error", np.inf)
         in_vain = 0 if error < 0.9 * least or least > COARSE else in_vain + 1
@@ -84,7 +85,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def _run(cell: dict) -> dict:
-    """One run: its error, and its time if the error is useful."""
+    """The error of one run, and its time if the error is useful."""
     top, y0 = states.of_cell(cell)
     unit = top.scales(y0)[2]
     options = states.options_of(cell)
@@ -96,7 +97,7 @@ def _run(cell: dict) -> dict:
     predicted = _predicted(cell, method, stepper, h, n, options)
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": states.rounded(predicted)}
-    # in a potential at the end only: every other time would need a reference solution of its own
+    # in a potential only at the end: every time needs a reference solution of its own
     counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if "uniform" in top.offers else [n]
     _, y = states.sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
@@ -125,7 +126,7 @@ def _run(cell: dict) -> dict:
 
 
 def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
-    """Seconds of the whole run, from the quickest of short ones: a hiccup must neither end a curve nor let it go on."""
+    """An estimate of the seconds of a run, from the quickest of several short ones, so that a disturbance does not matter."""
     top, y0 = states.of_cell(cell)
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
     if method.accuracy_option == "h":
@@ -136,7 +137,7 @@ def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> 
     once = twice = np.inf
     for _ in range(TRIALS):
         once, twice = min(once, _seconds(stepper, y0, steps)), min(twice, _seconds(stepper, y0, 2 * steps))
-    return once + max(twice - once, 0.0) * (share - 1)  # what a call costs whatever its length is paid once
+    return once + max(twice - once, 0.0) * (share - 1)  # the fixed cost of a call is counted once
 
 
 def _seconds(stepper, y0, n) -> float:
@@ -145,15 +146,15 @@ def _seconds(stepper, y0, n) -> float:
     return perf_counter() - start
 
 
-APART = ["span", "state"]  # runs that are compared have these in common
+APART = ["span", "state"]  # runs are compared only if they have these in common
 SHADED = "Shaded: the time of one call from Python, which every run pays. "
-SHORT = 100.0  # the quickest run up to this length takes hardly longer than the call
+SHORT = 100.0  # in runs up to this length, the quickest takes hardly longer than a call
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 def useful(rows: pd.DataFrame) -> pd.DataFrame:
-    """The runs that were timed, with the time that counts set-up."""
+    """The runs that were timed, with `total`, the time that includes set-up."""
     rows = rows.assign(**{name: np.nan for name in ("error", "seconds", "setup_seconds") if name not in rows})
     good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
     families = {name: METHODS[name].family if name in METHODS else "others" for name in set(good.method)}
@@ -161,7 +162,7 @@ def useful(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFrame:
-    """Of every method the cheapest run with an error of at most `target`, cheapest method first."""
+    """The cheapest run of every method with an error of at most `target`, the cheapest method first."""
     reached = good[good.error <= target]
     return reached.loc[reached.groupby("method")[price].idxmin()].sort_values(price)
 
@@ -169,7 +170,7 @@ def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFr
 def races(
     rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], price: str
 ) -> Iterator[tuple[dict, pd.DataFrame]]:
-    """Of each group of useful runs, apart by these columns, and each error that any reaches: its fields, and `best` of it."""
+    """For each group of runs (by the columns `apart`) and each error that a run reaches: its fields, and its `best` runs."""
     for values, group in rows.groupby(list(apart), sort=False):
         for target in targets:
             race = best(group, target, price)
@@ -178,7 +179,7 @@ def races(
 
 
 def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], ours: str) -> pd.DataFrame:
-    """Of each race, set-up counted, the cheapest method, and how many times as long as `ours` the best of the others takes."""
+    """For each race the cheapest method with set-up, and how many times as long as `ours` the best other one takes."""
     table = []
     for fields, race in races(rows, apart, targets, "total"):
         own, others = race[race.method == ours].total, race[race.method != ours]
@@ -193,7 +194,7 @@ def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[flo
     "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
 )
 def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and target error the cheapest method, the next, and the next of another family; set-up or not."""
+    """For each run and target error the cheapest method, the next, and the next of another family; with set-up and without."""
     both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
     table = []
     for pair in zip(*both, strict=True):
@@ -241,7 +242,7 @@ def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
 
 
 def champions(good: pd.DataFrame) -> list[str]:
-    """Of each family the method that is its cheapest at the most of the target errors; of the Bäcklund maps the exact one."""
+    """From each family the method that is the cheapest at most target errors; of the Bäcklund maps the exact one."""
     wins: dict[str, dict[str, int]] = {}
     for target in TARGETS:
         for family, group in best(good, target).groupby("family", sort=False):
@@ -256,7 +257,7 @@ def champions(good: pd.DataFrame) -> list[str]:
 
 @of_part(failed=True)
 def draw_frontier(rows: pd.DataFrame, style):
-    """Error against time of runs on the first top, a panel for each length in which any is useful."""
+    """Draw error against time of runs on the first top, with a panel for each length that has useful runs."""
     rows = rows[rows.state == rows.state.iloc[0]]
     good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
     if good.empty:
@@ -291,9 +292,9 @@ def draw_frontier(rows: pd.DataFrame, style):
 
 
 def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tuple[int, float], style, named, **shared):
-    """The figure of `draw_runs`, set-up counted: a panel for each key of `titles`, which are values of the columns `by`.
+    """A figure of runs with set-up. It has a panel for each key of `titles`; the keys are values of the columns `by`.
 
-    size : panels to a row, and its height in inches. named : gives those of a panel's runs.
+    size : panels in a row, and its height in inches. named : function from the runs of a panel to the methods that are named.
     The most accurate method is named, too.
     """
     xlabel = "wall time of the run with set-up, s"
@@ -308,11 +309,11 @@ def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tup
 
 
 def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style, ours: str = OURS) -> None:
-    """Into one panel each method's Pareto-optimal runs of one length, error against time; some bold and named."""
+    """Draw each method's Pareto-optimal runs of one length into one panel, error against time; some bold and named."""
     for method, look in style.looks(good.method, named).items():
         runs = good[good.method == method]
         runs = runs.iloc[metrics.pareto_front(runs.seconds, runs.error)]
-        if method in named and len(runs) < 3:  # hardly a line, or none
+        if method in named and len(runs) < 3:  # hardly a line
             look["marker"] = "o"
         elif len(runs) == 1:
             look |= {"marker": ".", "markersize": 2.5}
@@ -321,13 +322,13 @@ def draw_runs(ax, good: pd.DataFrame, named: Collection[str], style, ours: str =
 
 
 def draw_front(ax, seconds: pd.Series, error: pd.Series) -> None:
-    """A wide pale line through the runs that no other beats in both."""
+    """Draw a wide pale line through the runs that no other beats in both."""
     front = metrics.pareto_front(seconds, error)
     ax.loglog(seconds.iloc[front], error.iloc[front], color="#dedede", linewidth=9, zorder=1, label="_frontier")
 
 
 def shade_calls(ax, call: float, style) -> None:
-    """What no run can be faster than: the least time of any. It stays where it is if the limits change."""
+    """Shade the times that no run can reach, because a call from Python takes longer."""
     low = ax.get_xlim()[0]
     if low > call:
         return
@@ -340,9 +341,10 @@ def shade_calls(ax, call: float, style) -> None:
 
 
 def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
-    """How many times as long as the cheapest each method takes, set-up counted, where it reaches an error at all; in order.
+    """For each method, in rising order: how many times as long as the cheapest it takes in the races that it finishes.
 
-    Each run and target error is a race. And the number of races. Source: Dolan and Moré, Math. Program. 91 (2002) 201.
+    Each run and target error is a race; set-up is counted. The second value is the number of races.
+    Source: Dolan and Moré, Math. Program. 91 (2002) 201.
     """
     run = [race.set_index("method").total / race.total.min() for _, race in races(good, APART, TARGETS, "total")]
     return {str(name): np.sort(taken) for name, taken in pd.concat(run).groupby(level=0, sort=False)}, len(run)
