@@ -64,8 +64,8 @@ def load(name: str) -> ModuleType:
         why = f"{type(error).__name__}: {error}"
         raise UnknownExperiment(f"experiment {name!r} cannot be loaded: {why}") from error
     here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
-    if missing := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise UnknownExperiment(f"{here} lacks {', '.join(missing)}")
+    if absent := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
+        raise UnknownExperiment(f"{here} lacks {', '.join(absent)}")
     if type(module.VERSION) not in (int, float):
         raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
     return module
