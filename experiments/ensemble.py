@@ -228,7 +228,10 @@ def _measure_lanes(cell: dict) -> dict:
     forms, out = np.empty(n, dtype=np.int64), np.empty((1, n, 6))
     real_map.many_constants(alphas, Y, STEP, states, c, units, forms, np.empty((n, 4)))
     tops, row = np.flatnonzero(forms == 0), {}
-    for name, kernel in (("pinned", (real_map.step, real_map.pin, 8)), ("free", (real_map.step, None, 1 << 62))):
+    for name, kernel in (
+        ("pinned", (real_map.step, real_map.restore_invariants, 8)),
+        ("free", (real_map.step, None, 1 << 62)),
+    ):
 
         def run(kernel=kernel, steps=steps):
             run_lanes(kernel, states, c, tops, steps, steps, out, lambda: False, lanes=cell["lanes"])

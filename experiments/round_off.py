@@ -59,7 +59,7 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
         units = Units(top, y0, h)
         state = units.enter(y0)
         c, turn = real_map.exact_constants(units.alpha, tuple(state), units.time(h))
-        back, block = (real_map.pin, pin) if pin else (None, NEVER)
+        back, block = (real_map.restore_invariants, pin) if pin else (None, NEVER)
         return FormStepper("form", h, units, c, kernel, back, block, turn=turn)
 
     return build

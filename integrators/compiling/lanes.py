@@ -19,7 +19,7 @@ LANES = 32  # tops that take a step together: some SIMD registers full, so that 
 
 
 @cache
-def compile_lanes(step: Callable, pin: Callable | None, size: int, memory: int, lanes: int) -> Callable:
+def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: int, lanes: int) -> Callable:
     """The loop around one kernel for `lanes` tops at a time, each with `size` constants, and `memory` numbers from step to step.
 
     If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
@@ -39,16 +39,16 @@ def compile_lanes(step: Callable, pin: Callable | None, size: int, memory: int, 
             i = first
             row = i // every
             next_row = (row + 1) * every
-            next_pin = (i + block - 1) // block * block
+            next_restore = (i + block - 1) // block * block
             while i < last:
-                if i == next_pin:
-                    next_pin += block
-                    if pin is not None:
+                if i == next_restore:
+                    next_restore += block
+                    if restore is not None:
                         for j in range(lanes):
                             s = column(columns, origin + j, 6, lanes)
                             c = column(columns, constants + j, size, lanes)
-                            put_column(columns, origin + j, pin(s, c), lanes)
-                stop = min(last, next_row, next_pin)
+                            put_column(columns, origin + j, restore(s, c), lanes)
+                stop = min(last, next_row, next_restore)
                 for _ in range(i, stop):
                     for j in range(lanes):
                         s = column(columns, origin + j, 6, lanes)
@@ -101,13 +101,13 @@ def run_lanes(
     `constants` (m, k) are those of each top, `memory` says how many numbers the kernel carries from step to step. Rows of `out`
     (steps // every, m, 6) are the states after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
     """
-    step, pin, block = kernel
+    step, restore, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # tops over again in the lanes left over
     columns = np.empty(len(places) * (6 + memory + constants.shape[1]))
     fill(columns, states, constants, places, memory, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, pin, constants.shape[1], memory, lanes)
+        run = compile_lanes(step, restore, constants.shape[1], memory, lanes)
         run(columns, 0, 0, 1, 1, places, out)
     stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):

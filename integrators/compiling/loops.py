@@ -1,7 +1,7 @@
 """The time loop of every compiled method.
 
 A compiled method is a pair of Numba functions on a tuple of numbers: `step(s, c, tally) -> s` and, where a method
-pins its state, `pin(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
+pins its state, `restore(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
 has been stepped since it was pinned. `c` is the method's array of constants, `tally` counts (see below). State lives in
 registers; nothing is allocated. `lanes` has the loop of many tops, `methods.dop853` the one of kernels that choose their steps.
 """
@@ -40,7 +40,7 @@ def finite(numbers):
 
 
 @cache
-def compile_loop(step: Callable, pin: Callable | None, size: int = 6, timed: bool = False) -> Callable:
+def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed: bool = False) -> Callable:
     """The loop around one kernel of `size` numbers; False where a step fails, or the last state is not finite."""
 
     @jit
@@ -52,13 +52,13 @@ def compile_loop(step: Callable, pin: Callable | None, size: int = 6, timed: boo
         i = first
         row = i // every
         next_row = (row + 1) * every
-        next_pin = (i + block - 1) // block * block
+        next_restore = (i + block - 1) // block * block
         while i < last:
-            if i == next_pin:
-                next_pin += block
-                if pin is not None:
-                    s = pin(s, c)
-            stop = min(last, next_row, next_pin)
+            if i == next_restore:
+                next_restore += block
+                if restore is not None:
+                    s = restore(s, c)
+            stop = min(last, next_row, next_restore)
             for k in range(i, stop):
                 if timed:
                     tally[CLOCK] = k
@@ -78,13 +78,13 @@ def compile_loop(step: Callable, pin: Callable | None, size: int = 6, timed: boo
 
 
 @cache
-def compiled_loop(step: Callable, pin: Callable | None, dtype: np.dtype, size: int, timed: bool) -> Callable:
+def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, size: int, timed: bool) -> Callable:
     """`compile_loop`, compiled for numbers of that type. ValueError: it cannot be."""
-    for kernel in (step, pin):
+    for kernel in (step, restore):
         if kernel is not None and not is_compiled(kernel):
             name = getattr(kernel, "__name__", repr(kernel))
             raise ValueError(f"the kernel {name} is not compiled: put @compiled above it")
-    run = compile_loop(step, pin, size, timed)
+    run = compile_loop(step, restore, size, timed)
     state = np.zeros(size, dtype)
     try:
         run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, size), dtype))
@@ -121,7 +121,7 @@ class FixedStepper(Stepper):
     pin : callable, optional
         Compiled, pin(s, c) → s, called every `block` steps.
     block : int
-        Steps between two calls of `pin`.
+        Steps between two calls of `restore`.
     enter, leave : callable, optional
         They turn a state into the kernel's own units and back, exactly or not at all.
     rhs_per_step : int
@@ -152,7 +152,7 @@ class FixedStepper(Stepper):
         h: float,
         constants: Array,
         step: Callable,
-        pin: Callable | None = None,
+        restore: Callable | None = None,
         block: int = NEVER,
         *,
         enter: Callable[[Array], Array] | None = None,
@@ -168,11 +168,11 @@ class FixedStepper(Stepper):
         self.name, self.h, self.constants, self.block = name, h, constants, block
         self._enter, self._leave = enter, leave
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self.step, self.pin = step, pin
+        self.step, self.restore = step, restore
         self.size = size
         if timed:  # else it is for the class to say
             self.from_start = True
-        self._run = compiled_loop(step, pin, constants.dtype, size, timed)
+        self._run = compiled_loop(step, restore, constants.dtype, size, timed)
         self.work, self.tally = Work(), np.zeros(max(SIZE, MEMORY + memory))
 
     def __reduce_ex__(self, protocol: Any) -> Any:

@@ -291,7 +291,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     c, least = first_constants(units.alpha, tuple(state.tolist()), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    onto_torus = real_map.pin_of(state, units.alpha) if block else None
+    onto_torus = real_map.restorer_of(state, units.alpha) if block else None
     return AdditionStepper(name, h, units, c, step, onto_torus, block or NEVER)
 
 

@@ -43,7 +43,7 @@ LONGEST_TURN = 16.0
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 
-first_form, first_flow = at_first_interpreted(real_map.form), at_first_interpreted(ts.flow)
+first_form, first_flow = at_first_interpreted(real_map.form), at_first_interpreted(ts.exact_flow)
 first_nutation_period = at_first_interpreted(ts.nutation_period)
 
 
@@ -51,7 +51,7 @@ def _stepper(
     name: str, h: float, units: Units, state: Array, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
 ) -> FixedStepper:
     real_map.check_constants(name, c, h)
-    back, block = (real_map.pin_of(state, units.alpha), pin) if pin else (None, NEVER)
+    back, block = (real_map.restorer_of(state, units.alpha), pin) if pin else (None, NEVER)
     return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn)
 
 
@@ -130,7 +130,7 @@ def many(
         if len(tops):
             form = 0 if number == HALVES else number
             step, memory = real_map.KERNELS[form], real_map.CARRIED[form]
-            back = real_map.precise_pin if precise else real_map.pin
+            back = real_map.restore_invariants_precisely if precise else real_map.restore_invariants
             kernel = (step, back, pin) if pin else (step, None, NEVER)
             run_lanes(kernel, states, c, tops, parts * steps, parts * every, out, stopped, memory)
     real_map.leave_many(out, forms, turns, every, units)

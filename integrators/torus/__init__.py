@@ -1,1 +1,1 @@
-"""The exact step: the two-point map with the parameter of the torus."""
+"""The exact step of the top: the two-point map, with the λ that makes it a step of time h."""

@@ -1,4 +1,4 @@
-"""The two-point map with any parameter λ: constants of a step, the paper's choice of λ, and one step by itself."""
+"""The two-point map with any λ, also the paper's choice. Its constants, and one single step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lagrange_bench.integrators.torus.real_map import KERNELS, check_constants, 
 
 
 def papers_parameter(name: str, y0: Array, h: float) -> complex:
-    """λ = i h √C1/2, for |h|: h < 0 takes the inverse map."""
+    """λ = i |h| √C1/2. For h < 0 the inverse map is used."""
     eta = abs(h) / 2 * math.hypot(*y0[3:])
     if not 0.0 < eta < math.inf:
         raise StepError(name, f"λ = i h √C1/2 is {eta} i: beyond the range of doubles", h=h)
@@ -23,7 +23,7 @@ def papers_parameter(name: str, y0: Array, h: float) -> complex:
 
 
 def check_parameter(lam: complex) -> complex:
-    """λ as a finite complex number in the upper half-plane."""
+    """λ as a finite complex number in the upper half-plane; else ValueError."""
     try:
         lam = complex(lam)
     except (TypeError, ValueError, OverflowError):
@@ -34,7 +34,7 @@ def check_parameter(lam: complex) -> complex:
 
 
 def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Array:
-    """Constants for any λ: m = √Q(λ), continuous from +√C1 along the segment from 0 to λ (sheet 1)."""
+    """The constants for any λ. On sheet 1, m = √Q(λ) is continuous from +√C1 along the segment from 0 to λ."""
     q, (re, im) = ts.curve_point(alpha, tuple(state), lam.real, lam.imag, *branch_guess(alpha, state, lam))
     m = (re, im) if sheet > 0 else ((-re[0], -re[1]), (-im[0], -im[1]))
     return constants(alpha, tuple(state), q, ((lam.real, 0.0), (lam.imag, 0.0)), m)
@@ -43,16 +43,16 @@ def plain_constants(alpha: float, state: Array, lam: complex, sheet: int) -> Arr
 def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float]:
     """√Q(λ) in double on the branch continuous from √C1: √C1 Π √(1 − λ/u) over the roots u of Q.
 
-    Along the segment each factor runs from 1 straight to 1 − λ/u and meets the cut of the principal root only if
-    the segment runs through u itself.
+    Along the segment each factor runs straight from 1 to 1 − λ/u. It meets the cut of the principal root only if the segment
+    runs through u.
     """
     q = [c[0] for c in ts.spectral_polynomial(alpha, tuple(state))]
     if not all(map(math.isfinite, q)):
-        return math.nan, math.nan  # refused with the constants it ends in
-    while abs(q[-1]) < 1e-60 * q[0]:  # roots far beyond any λ that keeps digits, and beyond what np.roots can do
+        return math.nan, math.nan  # `check_constants` refuses these
+    while abs(q[-1]) < 1e-60 * q[0]:  # roots far beyond any useful λ, and beyond what np.roots can do
         q.pop()
     product = complex(math.sqrt(q[0]))
-    with np.errstate(all="ignore"):  # what overflows is refused with the constants it ends in
+    with np.errstate(all="ignore"):  # `check_constants` refuses constants that overflow
         for inverse in np.roots(q):  # ascending coefficients: the inverses of the roots of Q
             product *= np.sqrt(1 - lam * inverse)
     return float(product.real), float(product.imag)

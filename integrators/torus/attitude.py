@@ -1,16 +1,16 @@
-"""The attitude of the frame that turns with J, exactly, one Bäcklund step at a time.
+"""The exact attitude of the frame that turns with J, one Bäcklund step at a time.
 
 Let g be the unit quaternion of the frame with angular velocity J, g' = J g/2. Over one step with (λ, m), T = h, Θ = 0,
 
     g̃ = q · rot(x/|x|, χ) · g        q = (−Re λ, −w)/|λ|
 
-where the angle χ depends on the torus alone. For small h it is the power series of
-χ = −2 √C1 Im ∫_0^λ (1/√Q − 1/√C1) du/u − 2 arg λ; doubling the time (see `time_step`) doubles it up to the angle of the
-complex number A(0) − i√C1, A the interpolating cubic:
+The angle χ depends only on the torus. For small h it comes from the power series of
+χ = −2 √C1 Im ∫_0^λ (1/√Q − 1/√C1) du/u − 2 arg λ. When the time is doubled (see `time_step`), χ is doubled up to the angle of
+the complex number A(0) − i√C1, with A the interpolating cubic:
 
     exp(iχ'/2) = exp(iχ/2)² (A(0) − i√C1)/|A(0) − i√C1|
 
-because two dressing matrices M(0) and the third that replaces them differ by the value of A − i√Q · L(0)/√C1 there.
+For two dressing matrices M(0) and the third that replaces them differ by the value of A − i√Q · L(0)/√C1 at 0.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from lagrange_bench.integrators.torus import time_step as ts
 
 @jit
 def unit(z):
-    """A complex double-double made to length one."""
+    """A complex double-double, scaled to length one."""
     n = sqrt(add(mul(z[0], z[0]), mul(z[1], z[1])))
     return div(z[0], n), div(z[1], n)
 
 
 @jit
 def doubled_spin(q, lam, m, spin):
-    """exp(iχ/2) of twice the time, from λ, m and exp(iχ/2) of once."""
+    """exp(iχ/2) for twice the time, from λ, m and exp(iχ/2)."""
     R, eta = lam
     a1, b0, b1 = ts.cubic(q, lam, m)
     norm = add(mul(R, R), mul(eta, eta))
@@ -50,7 +50,7 @@ def first_spin(q, lam):
         s = cmul((add(s[0], term[0]), s[1]), lam)
     c, d = small_turn(neg(mul(sqrt(q[0]), s[1])), len(g) + 3)
     direction = unit(lam)
-    return cmul((neg(c), neg(d)), (direction[0], neg(direction[1])))  # the sign that has g → +1 for h → 0
+    return cmul((neg(c), neg(d)), (direction[0], neg(direction[1])))  # with this sign g → +1 for h → 0
 
 
 @jit
@@ -67,14 +67,14 @@ def spin_parameter(q, h):
 
 @jit
 def step_spin(alpha, y, h):
-    """exp(iχ/2) as doubles (cos, sin) of the exact step over h on the torus of y, |h| below the nutation period."""
+    """exp(iχ/2) as doubles (cos, sin), for the exact step over h on the torus of y; |h| is below the nutation period."""
     spin = spin_parameter(ts.spectral_polynomial(alpha, y), dd(abs(h)))[2]
     return spin[0][0], spin[1][0] if h > 0.0 else -spin[1][0]
 
 
 @jit
 def turn_with(g, x, R, w, spin):
-    """g one step on: a turn about x by χ, then q = (−R, −w)/|λ|."""
+    """g after one step: a turn about x by χ, then q = (−R, −w)/|λ|."""
     x1, x2, x3 = x
     w1, w2, w3 = w
     c, s = spin

@@ -1,9 +1,9 @@
-"""The time of a two-point step with any λ, and its turn about e3, by quadrature in mpmath's precision.
+"""The time of a two-point step with any λ, and its turn about e3, by quadrature in mpmath.
 
     T = 2 Im ∫_0^λ du/√Q        Θ = 2 alpha Im ∫_0^λ u du/√Q
 
-along the segment from 0 to λ, √Q continuous from √C1. No multiple root of Q may lie on it, its end included: there the integrals
-diverge. `time_step` has the inverse, λ of a given time, for the hot path.
+The integrals run along the segment from 0 to λ, with √Q continuous from √C1. They diverge if a multiple root of Q lies on the
+segment or at its end. `time_step` computes the inverse, λ from the time, and fast.
 
 Source: paper, section 5.6, (5.6.11) corrected; docs/exact-step.md, section 1.
 """
@@ -19,7 +19,7 @@ from numpy.polynomial.polynomial import polyval
 
 from lagrange_bench.integrators.interface import Array
 
-PANELS = (1, 4, 16)  # of the quadrature, more where a root of Q is close to the segment
+PANELS = (1, 4, 16)  # of the quadrature; more are needed if a root of Q is close to the segment
 
 
 def time_and_turn(alpha: float, y: Array, lam: complex) -> tuple[Any, Any]:
@@ -32,14 +32,14 @@ def time_and_turn(alpha: float, y: Array, lam: complex) -> tuple[Any, Any]:
 
 
 def moments(q: Sequence[Any], lam: Any) -> tuple[Any, Any]:
-    """∫_0^λ du/√Q and ∫_0^λ u du/√Q, Q with the ascending coefficients q."""
+    """∫_0^λ du/√Q and ∫_0^λ u du/√Q. q : ascending coefficients of Q."""
     return integral(q, lam, lambda u, m: 1 / m), integral(q, lam, lambda u, m: u / m)
 
 
 def integral(q: Sequence[Any], lam: Any, integrand: Callable[[Any, Any], Any]) -> Any:
-    """∫_0^λ integrand(u, √Q(u)) du, √Q continuous from the principal √Q(0) along the segment.
+    """∫_0^λ integrand(u, √Q(u)) du, with √Q continuous from the principal √Q(0) along the segment.
 
-    ValueError if Q(0) = 0, or a root of Q lies on the segment, or so close to it that 16 panels do not reach the precision.
+    ValueError if Q(0) = 0, or if a root of Q is on the segment or so close to it that 16 panels do not suffice.
     """
     if q[0] == 0:
         raise ValueError("C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")

@@ -1,27 +1,28 @@
-"""λ(h) in plain doubles: for steps that are used once, or a few times.
+"""λ(h) in plain doubles, for steps that are used once or a few times.
 
-`time_step` computes (λ, m) to 32 digits, which a long run with one h needs: an error of λ is an error of the clock that grows for
-ever. This module gives 15 digits for a small part of the cost, also in SIMD lanes. It is for short runs of many tops, and for
-steps whose torus changes every time, as in a splitting whose integrable part is the exact flow.
+It serves short runs of many tops, and splittings with the exact flow, in which every step has another torus. It gives 15 digits
+for a small part of the cost of `time_step`, also in SIMD lanes. A long run with one h needs the 32 digits of `time_step`, because
+an error of λ is an error of the clock that grows for ever.
 
-The start. T = h and Θ = 0 say dλ/dh = −m λ̄/(2η). With s = iτ, τ = √C1 h/2, m̂ = m/√C1 and the power series λ = Σ l_k s^k
+The start. T = h and Θ = 0 mean dλ/dh = −m λ̄/(2η). With s = iτ, τ = √C1 h/2, m̂ = m/√C1 and the power series λ = Σ l_k s^k
 
-    dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    E and O the even and odd part of λ/s,
+    dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    with E and O the even and odd part of λ/s.
 
-so the l_k are polynomials in p_k = q_k/q_0, Q(u) = Σ q_k u^k, with rational coefficients: l_2 = p1/6, l_3 = p2/6 − p1²/24, …
-(`series`). As τ^k p_k = P_k, R/τ and η/τ are polynomials in P_1 … P_4; they are used up to weight `WEIGHT`. All here is in these
-units, λ in τ and m in √C1, where Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴ and nothing depends on the caller's units.
+So the l_k are polynomials in p_k = q_k/q_0, where Q(u) = Σ q_k u^k, with rational coefficients: l_2 = p1/6,
+l_3 = p2/6 − p1²/24, … (`series`). With τ^k p_k = P_k, R/τ and η/τ are polynomials in P_1 … P_4. They are used up to the weight
+`WEIGHT`. Here λ is in units of τ and m in units of √C1. In these, Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴, and nothing
+depends on the caller's units.
 
-Larger times: `double_time` is that of `time_step`, with its divisions by N = 2|m|² and by B = N b side by side. For times beyond
-half a nutation ensembles take whole nutations off (`whole_nutations`).
+Larger times. `double_time` is that of `time_step`, with the divisions by N = 2|m|² and by B = N b side by side. For times beyond
+half a nutation, ensembles subtract whole nutations (`whole_nutations`).
 
-`ok` says that T is right to 2e-15, relative: that 2|h| is below the nutation period, |m|² at least C1/4, and the start in
-reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from |h| = T_nut/3 on; the
-error of T grows like C1/|m|². Elsewhere `time_step` is right. Lengths and rates may have any size from 1e-70 to 1e70. h < 0
-takes the inverse map; alpha may have either sign or be 0.
+`ok` says that T has a relative error below 2e-15. It requires that 2|h| is below the nutation period, that |m|² is at least C1/4,
+and that the start is in reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from
+|h| = T_nut/3 on. There the error of T grows like C1/|m|²; take `time_step`. Lengths and rates may have any size from 1e-70 to
+1e70. h < 0 takes the inverse map. alpha may have either sign or be 0.
 
-In a kernel of one top: `R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)`, then `move`. In SIMD lanes:
-`solve`, free of branches, with as many doublings as the top that needs most of them; and `move` in a loop of its own.
+A kernel of one top calls `R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)`, then `move`. In SIMD lanes,
+`solve` has no branches and takes as many doublings as the top that needs most; `move` has a loop of its own.
 """
 
 from __future__ import annotations
@@ -47,13 +48,13 @@ from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.real_map import ALPHA, CONSTANTS, H
 from lagrange_bench.integrators.torus.time_step import nutation_cubic, spectral_polynomial
 
-WEIGHT = 10  # of the polynomials of the start
-REACH = 2.0**-3  # times up to this, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1), start from them
-MOST = 12  # doublings at most
-LEAST = 1 / 4  # |m|²/C1 from which T is right to 2e-15; below it, towards the separatrix, the error grows like C1/|m|²
+WEIGHT = 10  # highest weight of the polynomials of the start
+REACH = 2.0**-3  # longest time of the start, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1)
+MOST = 12  # most doublings
+LEAST = 1 / 4  # least |m|²/C1 for which T is right to 2e-15
 
-NEAR = 0.05  # (z1 − z2)/(z1 − z3) below which, next to the separatrix, errors grow too fast for plain doubles
-# (z_p − z2)/(z1 − z3) below which J comes so near to the vertical that half a revolution of each nutation may be lost
+NEAR = 0.05  # least (z1 − z2)/(z1 − z3); next to the separatrix errors grow too fast for plain doubles
+# least (z_p − z2)/(z1 − z3); if J comes nearer to the vertical, half a revolution of each nutation may be lost
 VERTICAL = 1e-9
 NEWTON, AGM = 12, 12  # steps for the largest root of the cubic of nutation, in double, and of the means
 PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
@@ -101,7 +102,7 @@ def series(weight: int) -> list[Polynomial]:
 
 
 def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
-    """The value of a polynomial, nested: as one in P[order[0]], its coefficients as polynomials in P[order[1]], …"""
+    """The value of a polynomial, nested: a polynomial in P[order[0]], whose coefficients are polynomials in P[order[1]], …"""
     if not order:
         return float(a[0, 0, 0, 0])
     first, value, power = order[0], None, max(k[order[0]] for k in a)
@@ -119,7 +120,7 @@ def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
 
 @cache
 def _start_program() -> Program:
-    """R/τ and η/τ − 1 as a formula of P."""
+    """R/τ and η/τ − 1 as formulas in P."""
     a = series(WEIGHT)
     eta: Polynomial = {}
     R: Polynomial = {}
@@ -131,7 +132,7 @@ def _start_program() -> Program:
 
 @unrolled
 def start(P):
-    """(R, η, Re m, Im m) of the first time; m = √Q(λ) with Re m > 0."""
+    """(R, η, Re m, Im m) for the time of the start; m = √Q(λ) with Re m > 0."""
     R, more = _start_program()(*P)  # and η − 1
     eta = 1.0 + more
     t, r = 2.0 * R, R * R + eta * eta
@@ -148,7 +149,7 @@ def start(P):
 
 @unrolled
 def slope(P, z):
-    """N = 2|m|², G = Q'(λ) m̄ and B = N b = N Re m + η Im G; B > 0 as long as twice the time is below T_nut."""
+    """N = 2|m|², G = Q'(λ) m̄ and B = N b = N Re m + η Im G. B > 0 while twice the time is below T_nut."""
     R, eta, mr, mi = z
     t, r = 2.0 * R, R * R + eta * eta
     b3 = 4.0 * P[3]
@@ -162,7 +163,7 @@ def slope(P, z):
 
 @unrolled
 def double_time(P, z):
-    """(R, η, Re m, Im m) of twice the time, and what is positive as long as that is below T_nut; see `time_step`."""
+    """(R, η, Re m, Im m) for twice the time, and B, which is positive while that is below T_nut; see `time_step`."""
     R, eta, mr, mi = z
     N, G, B = slope(P, z)
     over_b, over_n = 1.0 / B, 1.0 / N
@@ -180,7 +181,7 @@ def double_time(P, z):
 
 @unrolled
 def onto_curve(q, R, eta, mr, mi, inverse):
-    """m with m² = Q(λ), q the coefficients of Q, by one step of Newton's method; `inverse` is 1/(2|m|²), roughly."""
+    """m with m² = Q(λ), by one step of Newton's method. q : coefficients of Q. inverse : roughly 1/(2|m|²)."""
     t, r = 2.0 * R, R * R + eta * eta
     b3 = q[3] + t * q[4]
     b2 = q[2] + (t * b3 - r * q[4])
@@ -194,7 +195,7 @@ def onto_curve(q, R, eta, mr, mi, inverse):
 
 @jit(inline=True)
 def first_time(q, alpha, h):
-    """How |h| is reached: the time the start is made for, and the number of doublings; MOST + 1 where that is too far."""
+    """The time of the start and the number of doublings that reach |h|; MOST + 1 doublings if |h| is too far."""
     weight = abs(alpha) * math.sqrt(q[0])
     t, far, doublings = abs(h), (h * h) * max(q[2] + 2.0 * weight, weight), 0
     while far > REACH * REACH and doublings <= MOST:
@@ -204,7 +205,7 @@ def first_time(q, alpha, h):
 
 @unrolled
 def scaled_curve(q, j3, alpha, t):
-    """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for the start at the time t."""
+    """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for a start with the time t."""
     length = sqrt(q[0])
     weight = (alpha * length) * (t * t)
     P = 0.5 * (q[1] * (t / length)), 0.25 * (q[2] * (t * t)), 0.25 * (weight * (j3 * t)), 0.0625 * (weight * weight)
@@ -213,14 +214,14 @@ def scaled_curve(q, j3, alpha, t):
 
 @jit(inline=True)
 def verdict(P, z):
-    """Whether the time of z is below T_nut/2 and |m| so large that T has its 15 digits."""
+    """Whether the time of z is below T_nut/2, and |m| so large that T has 15 digits."""
     N, _, B = slope(P, z)
     return (B > 0.0) & (N >= 2.0 * LEAST)
 
 
 @unrolled
 def invariants(s, alpha):
-    """C1, 2 C2 and 2H: the coefficients of Q below u³."""
+    """C1, 2 C2 and 2H, which are the coefficients of Q below u³."""
     J1, J2, J3, x1, x2, x3 = s
     c1 = (x1 * x1 + x2 * x2) + x3 * x3
     c2 = (x1 * J1 + x2 * J2) + x3 * J3
@@ -229,7 +230,7 @@ def invariants(s, alpha):
 
 @jit
 def parameter(q, j3, alpha, h):
-    """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h on a torus: q = (C1, 2 C2, 2H), and J3."""
+    """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h on the torus of q = (C1, 2 C2, 2H) and J3."""
     t, doublings = first_time(q, alpha, h)
     P, tau, length = scaled_curve(q, j3, alpha, t)
     z, ok = start(P), doublings <= MOST
@@ -246,7 +247,7 @@ def parameter(q, j3, alpha, h):
 
 @unrolled
 def step_constants(alpha, j3, R, eta, mr, mi):
-    """Those of `real_map.constants` that a step needs, in plain doubles, in the same order."""
+    """The constants of `real_map.constants` that a step needs, in the same order, in plain doubles."""
     q3 = eta * (j3 + (2.0 * alpha) * R)
     rr, ee = R * R, eta * eta
     return (
@@ -257,7 +258,7 @@ def step_constants(alpha, j3, R, eta, mr, mi):
 
 @jit(inline=True)
 def move(s, alpha, lam):
-    """The state after one two-point map with lam = (Re λ, Im λ, Re m, Im m)."""
+    """The state after one two-point map. lam : (Re λ, Im λ, Re m, Im m)."""
     J1, J2, J3, x1, x2, x3 = s
     d1, d2, e1, e2, e3 = increments(s, step_constants(alpha, J3, lam[0], lam[1], lam[2], lam[3]))
     return J1 + d1, J2 + d2, J3, x1 + e1, x2 + e2, x3 + e3
@@ -265,13 +266,13 @@ def move(s, alpha, lam):
 
 # ---------------------------------------------------------------- whole nutations
 
-# In a block of columns for the period and the turn: the cubic and its largest root; the AGM; what the turn is made of
+# places in a block of columns for period and turn: the cubic and its largest root; the AGM; terms of the turn
 CUBIC, MEANS, TURN, NUTATION = 0, 7 * LANES, 17 * LANES, 22 * LANES
 
 
 @jit(inline=True)
 def largest_root(c0, c1, c2, z):
-    """The largest root of the cubic of nutation from one that is right in double, and by how much it was wrong."""
+    """The largest root of the cubic of nutation, improved from one that is right in double, and the size of the correction."""
     f = add(times(add(times(add(dd(2.0 * z), c2), z), c1), z), c0)
     step = f[0] / ((6.0 * z + 2.0 * c2[0]) * z + c1[0])
     return add(dd(z), dd(-step)), abs(step)
@@ -279,7 +280,7 @@ def largest_root(c0, c1, c2, z):
 
 @jit(inline=True)
 def first_means(alpha, s, c1, c2, z1):
-    """a, g, p, Q and Σ Q_n of `whole_nutations` at the start; what the turn is made of; z1 − z2, z1 − z3 and z_p − z2."""
+    """The first a, g, p, Q and Σ Q_n of `whole_nutations`; the terms of the turn; z1 − z2, z1 − z3 and z_p − z2."""
     J1, J2, J3, x1, x2, x3 = s
     z2, z3 = lower_roots(c1, c2, z1)
     pole = scale(add(two_prod(J1, J1), two_prod(J2, J2)), 0.5)
@@ -302,17 +303,17 @@ def next_means(now):
 
 @jit
 def whole_nutations(work, nutation):
-    """Takes the nearest number of nutations off the span in `work`, and halves a rest of more than a quarter of one.
+    """Subtract the nearest number of nutations from the span in `work`, and halve a rest of more than a quarter of one.
 
-    `nutation` gets the turn of those taken off, in revolutions, the parts of the rest, and 1 where all is well.
+    `nutation` gets the turn of the subtracted nutations in revolutions, the number of parts of the rest, and 1 if all is well.
 
-    With z = alpha x3, z_p = H − J3²/2, where J is vertical, and D = alpha C2 − J3 z_p the azimuth of J has the rate
+    Let z = alpha x3, z_p = H − J3²/2 (where J is vertical) and D = alpha C2 − J3 z_p. The azimuth of J has the rate
     J3/2 + D/(2(z_p − z)). So period and turn of a nutation are complete elliptic integrals of the first and third kind,
 
         T = π/M,    P = T (J3/2 + D (2 + (z2 − z3)/(z_p − z2) Σ Q_n)/(4 (z_p − z3))),    M = agm(a_0, g_0)
 
     a_0² = (z1 − z3)/2, g_0² = (z1 − z2)/2, p_0² = a_0² (z_p − z2)/(z_p − z3), Q_0 = 1, p_{n+1} = (p_n² + a_n g_n)/(2 p_n) and
-    Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)): DLMF 19.8.7-8. All in double-double, for an error comes again with
+    Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)): DLMF 19.8.7-8. All is in double-double, because an error is repeated with
     every nutation.
     """
     for j in range(LANES):
@@ -358,15 +359,15 @@ def whole_nutations(work, nutation):
 
 # ---------------------------------------------------------------- many tops
 
-# places in a block of columns: state; alpha, h and first time; doublings left, 1 where all is well; z; P, τ, √C1; the constants
+# places in a block of columns: state; alpha, h and first time; doublings left, 1 if all is well; z; P, τ, √C1; the constants
 STATE, GIVEN, LEFT, POINT, CURVE, FOUND = 0, 6 * LANES, 9 * LANES, 11 * LANES, 15 * LANES, 21 * LANES
 INVARIANTS, END = FOUND + H * LANES, FOUND + CONSTANTS * LANES
-HALVES = len(real_map.KERNELS)  # number of a kernel: the first one, twice in a step
+HALVES = len(real_map.KERNELS)  # stands for the first kernel, taken twice in a step
 
 
 @jit
 def solve(work, most):
-    """λ(h) and the constants of a step in each lane, for h in `work`, with at most so many doublings."""
+    """Compute λ(h) and the constants of a step in each lane, for the h in `work`, with at most `most` doublings."""
     for j in range(LANES):
         s, (alpha, _, t) = column(work, STATE + j, 6, LANES), column(work, GIVEN + j, 3, LANES)
         (c1, c1_lo), (c2, c2_lo), (h2, h2_lo), _, _ = spectral_polynomial(alpha, s)
@@ -395,7 +396,7 @@ def solve(work, most):
 
 @jit(inline=True)
 def turn_by(angle, turns, i):
-    """Puts in cos and sin of an angle in revolutions, of length 1 to twice the digits: else all steps would scale alike."""
+    """Put cos and sin of an angle (in revolutions) into turns[i], with length 1 to twice the digits, lest steps scale."""
     full, rest = mul(angle, (2.0 * PI, 2.0 * PI_LO))
     c, s = math.cos(full), math.sin(full)
     c, s = c - s * rest, s + c * rest
@@ -405,12 +406,13 @@ def turn_by(angle, turns, i):
 
 @jit
 def many_plain_constants(alphas, Y, h, states, c, units, forms, turns):
-    """`real_map.many_constants` with λ(h) in plain doubles wherever that is good enough.
+    """`real_map.many_constants`, with λ(h) in plain doubles if that is good enough.
 
-    First for h itself. Tops for which that is too long are taken again: less whole nutations, whose turn is in `turns`, and
-    in two steps if more than a quarter of a nutation is left; their number is HALVES.
+    First h itself is tried. Tops for which it is too long are taken again, after subtracting whole nutations, whose turn goes
+    into `turns`. If more than a quarter of a nutation is left, the step is taken in two halves, and the number in `forms` is
+    HALVES.
 
-    A block of tops at a time: the loops over its lanes are SIMD code. No bit of a top depends on its lane or its neighbours.
+    The loops over the lanes of a block of tops are SIMD code. No bit of a top depends on its lane or its neighbours.
     """
     work, nutation = np.ones(END), np.ones(NUTATION)
     waiting, given = np.empty(len(Y), np.int64), np.empty((len(Y), 2))

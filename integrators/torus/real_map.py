@@ -1,12 +1,12 @@
-"""The two-point map in its real, pole-free form, compiled: what a step of `methods.backlund` does.
+"""The two-point map in its real, pole-free form, compiled: the step of `methods.backlund`.
 
-With the point (λ, m) of the curve m² = Q(λ), λ = R + iη, and a(λ) = x + λJ + λ² alpha e3 = p + iq:
+For a point (λ, m) of the curve m² = Q(λ), with λ = R + iη and a(λ) = x + λJ + λ² alpha e3 = p + iq,
 
     w = 2η (Re m p + Im m q − p×q)/(|m|² + |p|² + |q|²),   |w| = η
     J̃ = J + 2 alpha e3 × w        x̃ = x + R (J̃ − J) + (J + J̃) × w
 
-The denominator vanishes only at the unstable sleeping top with λ on the double root of Q; see `direction`.
-States are in units that make |x| and |J| + √(|alpha||x|) of order one. The constants of a torus and a step are one array.
+The denominator vanishes only at the unstable sleeping top if λ is the double root of Q; see `direction`. Units make |x| and
+|J| + √(|alpha||x|) of order one. One array holds the constants of a torus and a step.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 20)
 CONSTANTS = C2_LO + 1  # how many there are
 
 RIDGE = 2.0**-14  # see `corrected`
-DEPENDENT = 2.0**-8  # least eigenvalue over the trace of the Gram matrix below which `pin` amplifies: by ten, or so
-GRID = 1.5 * 2.0**27  # what is added to this number is rounded to a multiple of 2^-25
+DEPENDENT = 2.0**-8  # least eigenvalue of the Gram matrix over its trace; below it round-off is amplified about tenfold
+GRID = 1.5 * 2.0**27  # a number added to this is rounded to a multiple of 2^-25
 
 
 @jit
 def increments(s, c):
-    """What one two-point map adds to J1, J2, x1, x2 and x3, for |λ| of order one or less.
+    """The increments of J1, J2, x1, x2 and x3 in one two-point map, for |λ| of order one or less.
 
-    With w = r u the new state is a polynomial in r = 2η/n whose coefficients are ready when the division is. The
-    longest chain from state to state is five additions, three products and one division.
+    With w = r u the new state is a polynomial in r = 2η/n. Its coefficients are ready when the division is. The longest chain
+    from state to state is five additions, three products and one division.
     """
     J1, J2, J3, x1, x2, x3 = s
     p1 = x1 + c[R] * J1
@@ -80,9 +80,9 @@ def step(s, c, tally):
 
 @jit
 def compensated_step(s, c, tally):
-    """The same map; what an addition rounds off goes into the next one.
+    """The same map with compensated sums: the rounding error of an addition goes into the next one.
 
-    For steps of an ulp or so, as those of a whole nutation are but for their turn: rounded, they would all err the same way.
+    For steps of about an ulp, such as a whole nutation without its turn. Without compensation they would all err the same way.
     """
     J1, J2, J3, x1, x2, x3 = s
     d1, d2, e1, e2, e3 = increments(s, c)
@@ -96,7 +96,7 @@ def compensated_step(s, c, tally):
 
 @jit
 def direction(s, c):
-    """u along w, and |u|: where p, q and m vanish together, the denominator above has no digits left."""
+    """u along w, and |u|. It also serves where p, q and m vanish together and the denominator has no digits left."""
     J1, J2, J3, x1, x2, x3 = s
     p3 = x3 + c[P3]
     z = c[ETA] * x3 - c[ETA_B]
@@ -106,15 +106,15 @@ def direction(s, c):
     size = math.sqrt(u1 * u1 + u2 * u2 + u3 * u3)
     if size > 0.0:
         return u1, u2, u3, size
-    return 0.0, 0.0, 1.0, 1.0  # the unstable sleeping top with λ the root itself: about the vertical
+    return 0.0, 0.0, 1.0, 1.0  # the unstable sleeping top with λ the root: turn about the vertical
 
 
 @jit
 def turning_step(s, c, tally):
-    """The same map with w made exactly long and x turned about it; more than twice as dear.
+    """The same map, with w scaled to its exact length and x turned about it. It costs more than twice as much.
 
-    For large |λ|, where the increments of x would cancel, and for λ close to a root of Q. The rotation is exactly orthogonal
-    but for the rounding of f; made of w and not of u, its denominator |λ|² would be rounded the same way in every step.
+    For large |λ|, where increments of x would cancel, and for λ close to a root of Q. The rotation is orthogonal up to the
+    rounding of f. It is made of u and not of w, whose denominator |λ|² would be rounded the same way in every step.
     """
     J1, J2, J3, x1, x2, x3 = s
     u1, u2, u3, size = direction(s, c)
@@ -132,10 +132,10 @@ def turning_step(s, c, tally):
 
 @jit
 def turn_rows(rows, cos, sin, every):
-    """Turns rows k = 0, 1, … about e3 by (k + 1)·every times the angle of (cos, sin), all in double-double.
+    """Turn rows k = 0, 1, … about e3 by (k + 1)·every times the angle of (cos, sin), all in double-double.
 
-    Whole nutations turn the top about e3, and such a turn commutes with the map. So the time loop leaves it out. Inside
-    the loop its rounded cosine and sine would scale J and x by the same cos² + sin² ≠ 1 in every step: a linear drift.
+    Whole nutations turn the top about e3. This turn commutes with the map, so the time loop leaves it out. Inside the loop its
+    rounded cosine and sine would scale J and x by the same cos² + sin² ≠ 1 in every step: a linear drift.
     """
     first = ts.power(cos, sin, every)
     a, b = first
@@ -149,9 +149,9 @@ def turn_rows(rows, cos, sin, every):
 
 @jit
 def leave_many(out, forms, turns, every, units):
-    """`turn_rows` for the tops of out (rows, n, 6), by turns (n, 4) = cos, sin as double-doubles; then times the units.
+    """`turn_rows` for the tops in out (rows, n, 6), then back to the users' units. turns : (n, 4), cos and sin as double-doubles.
 
-    But for tops whose number in `forms` is −1, see `many_constants`.
+    Tops with −1 in `forms` are left alone, see `many_constants`.
     """
     for top in range(len(forms)):
         if forms[top] >= 0:
@@ -165,7 +165,7 @@ def leave_many(out, forms, turns, every, units):
 
 @unrolled
 def gram(s, alpha):
-    """a, b, d, e, f, g of the Gram matrix ((a, b, d), (b, e, f), (d, f, g)) of the gradients of H, C1/2 and C2, J3 fixed."""
+    """The Gram matrix ((a, b, d), (b, e, f), (d, f, g)) of the gradients of H, C1/2 and C2 with J3 fixed, as a, b, d, e, f, g."""
     J1, J2, J3, x1, x2, x3 = s
     jj = J1 * J1 + J2 * J2
     xx = x1 * x1 + x2 * x2
@@ -175,7 +175,7 @@ def gram(s, alpha):
 
 @unrolled
 def adjugate(a, b, d, e, f, g):
-    """The adjugate of such a matrix, in the same order, and the determinant."""
+    """The adjugate of such a matrix, in the same order, and its determinant."""
     A = e * g - f * f
     B = d * f - b * g
     D = b * f - d * e
@@ -184,9 +184,10 @@ def adjugate(a, b, d, e, f, g):
 
 @jit
 def nearly_dependent(s, alpha):
-    """Whether the gradients of the invariants are so nearly dependent that `pin` would amplify round-off.
+    """Whether the gradients of the invariants are so nearly dependent that `restore_invariants` would amplify round-off.
 
-    Compared is 1/(1/l1 + 1/l2 + 1/l3), l the eigenvalues of the Gram matrix: at most the least of them, at least a third of it.
+    The test takes 1/(1/l1 + 1/l2 + 1/l3) with the eigenvalues l of the Gram matrix, which is between a third of the least
+    eigenvalue and that eigenvalue.
     """
     matrix = gram(s, alpha)
     A, _, _, E, _, G, determinant = adjugate(*matrix)
@@ -196,10 +197,10 @@ def nearly_dependent(s, alpha):
 
 @unrolled
 def corrected(s, alpha, r1, r2, r3):
-    """Less the residuals of H, C1/2 and C2, by the smallest change of J1, J2, x1, x2, x3: one Newton step.
+    """The state after one Newton step: the smallest change of J1, J2, x1, x2, x3 that removes the residuals of H, C1/2 and C2.
 
-    Where the gradients are dependent, on the vertical and at regular precession, a small ridge leaves such directions alone;
-    pins are frequent, so elsewhere nothing is lost by correcting 99.99 % at a time.
+    The gradients are dependent on the vertical and at regular precession. A small ridge leaves such directions alone.
+    Elsewhere it makes the correction 99.99 %, which suffices, because corrections are frequent.
     """
     J1, J2, J3, x1, x2, x3 = s
     a, b, d, e, f, g = gram(s, alpha)
@@ -221,10 +222,11 @@ def corrected(s, alpha, r1, r2, r3):
 
 
 @jit
-def pin(s, c):
-    """Back onto (H, C1, C2), with residuals in plain doubles.
+def restore_invariants(s, c):
+    """Move a state back onto (H, C1, C2), with residuals in plain doubles.
 
-    Their round-off counts as an error of the state, divided by the least singular value of the gradients: see `precise_pin`.
+    The round-off of the residuals, divided by the least singular value of the gradients, becomes an error of the state. If
+    that is too large, take `restore_invariants_precisely`.
     """
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
@@ -236,18 +238,18 @@ def pin(s, c):
 
 @unrolled
 def halves(a):
-    """a as a multiple of 2^-25 and a rest: products of such multiples, and sums of them below 8, are exact."""
+    """a as a multiple of 2^-25 and a rest. Products of such multiples are exact, and so are their sums below 8."""
     high = (a + GRID) - GRID
     return high, a - high
 
 
 @jit(inline=True)
-def precise_pin(s, c):
+def restore_invariants_precisely(s, c):
     """The same with residuals right to 2^-75, for tops whose invariants are `nearly_dependent`.
 
-    With G the gradients, an error e of the state leaves the residuals G e, and the smallest change that makes up for G e is no
-    longer than e, however close to dependent the gradients are. So what a pin does is as small as the error, if the residuals
-    are right. Their sums are exact where they are large, and what is left over is small.
+    With G the gradients, an error e of the state leaves the residuals G e. The smallest change that removes G e is no longer than
+    e, however close to dependent the gradients are. So the correction is as small as the error, if the residuals are right. Large
+    sums are exact here, and the rest is small.
     """
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
@@ -265,7 +267,7 @@ def precise_pin(s, c):
 
 @jit
 def on_torus(s, c, tolerance):
-    """Whether the invariants of a state are those the constants were made for."""
+    """Whether a state has the invariants that the constants were computed for."""
     J1, J2, J3, x1, x2, x3 = s
     H_ = 0.5 * (J1 * J1 + J2 * J2 + J3 * J3) + c[ALPHA] * x3
     return (
@@ -287,7 +289,7 @@ def rows_on_torus(rows, c, tolerance):
 
 @jit
 def constants(alpha, y, q, lam, m):
-    """The constants of a step, computed in double-double and rounded once."""
+    """The constants of a step. They are computed in double-double and rounded once."""
     c = np.zeros(CONSTANTS)
     R_, eta = lam
     mr, mi = m
@@ -320,7 +322,7 @@ def exact_constants(alpha, y, h):
     """Constants for the exact time step h, and (cos, sin) of the turn about e3 after it; see `turn_rows`."""
     q = ts.spectral_polynomial(alpha, y)
     period, angle = (math.inf, 0.0), (dd(1.0), dd(0.0))
-    if abs(h) * ts.rate(q) > 1.5:  # half a period is at least π/2 of these units, and needs no period below that
+    if abs(h) * ts.rate(q) > 1.5:  # half a period is at least π/2 in these units; shorter steps need no period
         q, period, angle = ts.torus(alpha, y, abs(h))
     lam, m, turn = ts.time_step(q, period, angle, h)
     return constants(alpha, y, q, lam, m), turn
@@ -328,15 +330,15 @@ def exact_constants(alpha, y, h):
 
 NO_TURN = ((1.0, 0.0), (0.0, 0.0))
 KERNELS = (step, turning_step, compensated_step)
-CARRIED = (0, 0, 5)  # numbers that they carry from step to step
-TINY = 2.0**-40  # |λ|, in the same units, below which the increments are few ulps
-FAR = 4.0  # |λ|, in units of |x| and |J| + √(|alpha||x|), from which `turning_step` loses less than `step`
-CLOSE = 1e-2  # |m|²/C1 below which it does so too: λ is close to a root of Q
+CARRIED = (0, 0, 5)  # how many numbers each carries from step to step
+TINY = 2.0**-40  # for smaller |λ| the increments are few ulps: take `compensated_step`
+FAR = 4.0  # for larger |λ|, in units of |x| and |J| + √(|alpha||x|), `turning_step` loses less than `step`
+CLOSE = 1e-2  # the same for smaller |m|²/C1, where λ is close to a root of Q
 
 
 @jit
 def form(c):
-    """Number in KERNELS of the step that loses least with these constants."""
+    """The number in KERNELS of the step that loses least with these constants."""
     if abs(c[R]) + c[ETA] < TINY:
         return 2
     m = c[MI_ETA] / c[ETA]
@@ -347,7 +349,7 @@ def form(c):
 
 @jit
 def enter(alphas, Y, h, i, states, units):
-    """Top i in units of its own: (alpha, h) in them, its state and the units put into row i; h = inf if they are extreme."""
+    """(alpha, h) of top i in its own units; h = inf if these are extreme. Its state and units are put into row i."""
     y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
     rate, length, alpha, span = own_units(alphas[i], y, h)
     if span == math.inf:
@@ -362,7 +364,7 @@ def enter(alphas, Y, h, i, states, units):
 
 @jit
 def set_up(alpha, span, i, states, c, forms, turns):
-    """The constants of top i, the number of its kernel, and its turn (4 numbers); see `many_constants`."""
+    """Put the constants of top i, the number of its kernel and its turn (4 numbers) into the arrays; see `many_constants`."""
     s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
     own, turn = exact_constants(alpha, s, span)
     (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
@@ -375,9 +377,9 @@ def set_up(alpha, span, i, states, c, forms, turns):
 
 @jit
 def many_constants(alphas, Y, h, states, c, units, forms, turns):
-    """For each top its state and constants in its own units, these units, the number of its kernel, and its turn (4 numbers).
+    """Fill arrays for each top: its state and constants in its own units, these units, the number of its kernel, and its turn.
 
-    Number −1 for a top of extreme size, step or constants, which is left alone.
+    A top of extreme size, step or constants gets the number −1 and is left alone. A turn is 4 numbers.
     """
     for i in range(len(Y)):
         forms[i] = -1
@@ -387,18 +389,19 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
 
 
 @jit
-def many_nearly_dependent(states, c, found):
-    """`nearly_dependent` of each top, states and constants in its own units, into `found`."""
+def many_nearly_dependent(states, c, flags):
+    """Put `nearly_dependent` of each top into `flags`; states and constants are in its own units."""
     for i in range(len(states)):
         s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-        found[i] = nearly_dependent(s, c[i, ALPHA])
+        flags[i] = nearly_dependent(s, c[i, ALPHA])
 
 
 @jit
 def follow_frames(out, times, begin, gap, place, c, spin, parts, done, block):
-    """Rows of `out` (N, 4) as long as `times` follow `begin` at equal distances `gap`, a multiple of `parts` steps; their number.
+    """Fill rows of `out` (N, 4) while `times` follow `begin` at equal distances `gap`, each of `parts` steps. Returns how many.
 
-    place : the state and the frame, 10 numbers, in place. done : steps before; the state is pinned before every `block` of them.
+    place : the state and the frame, 10 numbers, updated in place. done : how many steps were taken before. The invariants are
+    restored before every `block` steps.
     """
     s, g, count = load_tuple(place, 0, 6), load_tuple(place, 6, 4), 0
     while count < len(times):
@@ -407,7 +410,7 @@ def follow_frames(out, times, begin, gap, place, c, spin, parts, done, block):
             break
         for k in range(done + count * parts, done + (count + 1) * parts):
             if k % block == 0:
-                s = precise_pin(s, c) if nearly_dependent(s, c[ALPHA]) else pin(s, c)
+                s = restore_invariants_precisely(s, c) if nearly_dependent(s, c[ALPHA]) else restore_invariants(s, c)
             u1, u2, u3, size = direction(s, c)
             r = c[ETA] / size
             g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
@@ -423,10 +426,10 @@ first_exact_constants, first_spin = at_first_interpreted(exact_constants), at_fi
 
 
 def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, block: int) -> Array:
-    """Quaternions (N, 4) of the frame that turns with J, which is 1 at 0, at times that lead away from 0.
+    """Quaternions (N, 4), at times that lead away from 0, of the frame that turns with J and is 1 at 0.
 
-    From each to the next by steps of at most `longest`, pinned before every `block` of them; equal distances share their
-    constants, and are counted from where they begin: no rounding of a time adds up.
+    Steps are at most `longest`, and the invariants are restored before every `block` of them. Equal distances share their
+    constants. Times are counted from the first of equal distances, so that no rounding adds up.
     """
     out, place = np.empty((len(times), 4)), np.array((*y, 1.0, 0.0, 0.0, 0.0))
     c, spin, begin, done, row = np.zeros(CONSTANTS), (1.0, 0.0), 0.0, 0, 0
@@ -444,7 +447,7 @@ def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, 
 # ---------------------------------------------------------------- the stepper around a kernel
 
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
-OFF_TORUS = 4e-11  # distance of an invariant from the prepared torus, in scaled units, that is no longer round-off
+OFF_TORUS = 4e-11  # largest distance of an invariant from the prepared torus, in scaled units, that counts as round-off
 first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
 first_nearly_dependent, first_rows_on_torus = (
     at_first_interpreted(nearly_dependent),
@@ -452,15 +455,15 @@ first_nearly_dependent, first_rows_on_torus = (
 )
 
 
-def pin_of(state: Array, alpha: float) -> Any:
-    """The pin for the torus of a state, both in scaled units."""
-    return precise_pin if first_nearly_dependent(tuple(state), alpha) else pin
+def restorer_of(state: Array, alpha: float) -> Any:
+    """The kernel that restores the invariants of the torus of a state, in scaled units."""
+    return restore_invariants_precisely if first_nearly_dependent(tuple(state), alpha) else restore_invariants
 
 
 class TorusStepper(FixedStepper):
-    """A fixed-step kernel whose constants hold on one torus only: other states are refused.
+    """A stepper whose constants hold on one torus only. States on another torus are refused.
 
-    `turn` is (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel; it is left to the rows.
+    turn : (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel. It is applied to the rows.
     """
 
     def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):

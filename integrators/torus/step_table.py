@@ -1,10 +1,10 @@
-"""λ(h) and m over a box of tori, as polynomials: for a splitting, in which every step starts on another torus.
+"""Tables of λ(h) and m over a box of tori, for a splitting, in which every step starts on another torus.
 
 With C1, C2, alpha and h fixed, the parameter of the exact step is a smooth function of (H, J3). It is interpolated at Chebyshev
-nodes and stored by monomials in u = (2H − its middle)/(half of the width), v the same of J3. A table has all digits or is not
-made: the coefficients of its two highest degrees must vanish, relative to the functions, up to round-off.
+nodes, and stored as monomials in u and v: u = (2H − its middle)/(half the width), and v likewise from J3. A table is made only if
+it has all digits: relative to the functions, the coefficients of its two highest degrees must vanish up to round-off.
 
-`tables` makes them; `look_up` gives λ = R + iη and m = mr + i mi at (u, v). Source: this project.
+`tables` makes tables; `look_up` gives λ = R + iη and m = mr + i mi at (u, v). Source: this project.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.torus.plain_step import parameter
 
 DEGREES = (1, 2, 3, 4, 6, 8, 10, 12)
-TAIL = 2.0**-50  # relative size of the coefficients of highest degree of a table that has all digits
-GRIDS = (6, 14)  # nodes along each side, tried in turn
+TAIL = 2.0**-50  # largest relative size of the coefficients of highest degree
+GRIDS = (6, 14)  # nodes along each side; the second is tried if the first does not suffice
 
 
 @cache
 def look_up(degree: int, level: bool) -> Any:
-    """(c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
+    """A kernel (c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
 
-    Coefficients of u^i v^j, the four functions side by side, fall in i, then in j.
+    The coefficients of u^i v^j fall in i, then in j; those of the four functions stand side by side.
     """
 
     @jit(inline=True)
@@ -49,13 +49,13 @@ def look_up(degree: int, level: bool) -> Any:
 
 
 def table_size(degree: int, level: bool) -> int:
-    """How many numbers `look_up` needs."""
+    """How many numbers a table has."""
     return 4 * (degree + 1) * (1 if level else degree + 2) // (1 if level else 2) if degree else 0
 
 
 @cache
 def chebyshev(n: int) -> tuple[Array, Array, Array]:
-    """Nodes on [−1, 1], the matrix from values there to Chebyshev coefficients, and the one from these to monomials."""
+    """Nodes on [−1, 1], the matrix from values at them to Chebyshev coefficients, and the matrix from these to monomials."""
     k = np.arange(n)
     angles = np.pi * (k + 0.5) / n
     to_chebyshev = 2.0 / n * np.cos(np.outer(k, angles))
@@ -66,7 +66,7 @@ def chebyshev(n: int) -> tuple[Array, Array, Array]:
     return np.cos(angles), to_chebyshev, to_monomials
 
 
-LEVEL = np.zeros(1), np.ones((1, 1)), np.ones((1, 1))  # the same where nothing depends on a variable
+LEVEL = np.zeros(1), np.ones((1, 1)), np.ones((1, 1))  # the same for a variable that nothing depends on
 
 
 @jit
@@ -81,8 +81,8 @@ def product(A, B, out):
 
 
 @jit
-def tabulate(top, box, h, along_u, along_v, found):
-    """Into `found`, coefficients (4, n, m) of u^i v^j of λ and m over the box; the least degree that has all digits, or 0."""
+def tabulate(top, box, h, along_u, along_v, coefficients):
+    """Put the coefficients (4, n, m) of u^i v^j, for λ and m over the box, into an array. Returns the degree, or 0."""
     (us, u_chebyshev, u_monomials), (vs, v_chebyshev, v_monomials) = along_u, along_v
     n, m = len(us), len(vs)
     values, half = np.empty((4, n, m)), np.empty((n, m))
@@ -96,14 +96,14 @@ def tabulate(top, box, h, along_u, along_v, found):
     tails = np.zeros(n + m)
     for k in range(4):
         product(u_chebyshev, values[k], half)
-        product(half, v_chebyshev.T, found[k])
-        size = 0.0  # R and η share one, so do the parts of m
+        product(half, v_chebyshev.T, coefficients[k])
+        size = 0.0  # R and η share a size, and so do the parts of m
         for i in range(n):
             for j in range(m):
                 size = max(size, abs(values[k, i, j]), abs(values[1 if k < 2 else 2, i, j]))
         for i in range(n):
             for j in range(m):
-                tails[i + j] = max(tails[i + j], abs(found[k, i, j]) / size)
+                tails[i + j] = max(tails[i + j], abs(coefficients[k, i, j]) / size)
     least = 0
     for degree in range(n - 2, 0, -1):  # the two highest degrees show that the series has ended
         if tails[degree + 1] > TAIL:
@@ -113,9 +113,9 @@ def tabulate(top, box, h, along_u, along_v, found):
         for i in range(n):
             for j in range(m):
                 if i + j > max(least, 1):
-                    found[k, i, j] = 0.0
-        product(u_monomials, found[k], half)
-        product(half, v_monomials.T, found[k])
+                    coefficients[k, i, j] = 0.0
+        product(u_monomials, coefficients[k], half)
+        product(half, v_monomials.T, coefficients[k])
     return least
 
 
@@ -124,28 +124,28 @@ at_first_tabulate = at_first_interpreted(tabulate)
 
 @cache
 def order_of(degree: int, level: bool) -> tuple[Array, Array]:
-    """Powers of u and v, in the order of `look_up`."""
+    """The powers of u and v, in the order of `look_up`."""
     order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
     rows, columns = np.array(order).T
     return rows, columns
 
 
 def tables(top: Array, box: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
-    """The degree, and for each time the coefficients in the order of `look_up`; degree 0 if some time has no table.
+    """The degree, and for each time the coefficients in the order of `look_up`. The degree is 0 if a time has no table.
 
-    top : alpha, C1, C2. box : the middle of 2H and the reciprocal of half its width, then those of J3. level : J3 is constant.
+    top : alpha, C1, C2. box : the middle of 2H, the reciprocal of half its width, and the same for J3. level : J3 is constant.
     """
     size = max(*GRIDS, DEGREES[-1] + 1)
     for n in GRIDS:
-        found, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
+        coefficients, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
         for k, h in enumerate(times):
             along = chebyshev(n)
-            least = at_first_tabulate(top, box, h, along, LEVEL if level else along, found[k, :, :n, :n])
+            least = at_first_tabulate(top, box, h, along, LEVEL if level else along, coefficients[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)
         else:
             degree = next(d for d in DEGREES if d >= degree)
             rows, columns = order_of(degree, level)
-            return degree, [of_time[:, rows, columns].T.ravel() for of_time in found]
+            return degree, [of_time[:, rows, columns].T.ravel() for of_time in coefficients]
     return 0, []

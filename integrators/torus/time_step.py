@@ -1,29 +1,28 @@
-"""λ(h): the Bäcklund parameter for which one two-point step is the exact flow over time h.
+"""λ(h): the Bäcklund parameter with which one two-point step is the exact flow over time h.
 
-Notation: Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴, a point (λ, m) of the curve m² = Q(λ) in the upper
-half-plane, λ = R + iη. One step is flow(T) followed by the rotation R3(Θ) about e3, where
+Notation: Q(u) = C1 + 2 C2 u + 2H u² + 2 alpha J3 u³ + alpha² u⁴, and (λ, m) is a point of the curve m² = Q(λ) with λ = R + iη in
+the upper half-plane. One step is the flow over the time T, followed by a rotation about e3 by Θ, where
 
     T = 2 Im ∫_0^λ du/√Q        Θ = 2 alpha Im ∫_0^λ u du/√Q.
 
-λ(h) solves T = h, Θ = 0. For small h that is a power series. Larger times come from *time doubling*, which is exact and
-needs neither a branch nor an iteration. Two steps with (λ, m) are one with (λ', m'). This is the group law of the curve
-with its two points at infinity glued, twice a divisor reduced (Cantor, Math. Comp. 48 (1987) 95); its use for λ(h) is a
-result of this project (proof below):
+λ(h) solves T = h, Θ = 0. For small h it is a power series. Larger times come from *time doubling*, which is exact and needs
+neither a branch nor an iteration: two steps with (λ, m) are one with (λ', m'). This is the group law of the curve with its two
+points at infinity glued, twice a divisor reduced (Cantor, Math. Comp. 48 (1987) 95). Its use for λ(h) is a result of this
+project, with the proof below:
 
     g  = Q'(λ)/(2m)      a1 = Re m/η      b0 = Re g/(2η)      b1 = (a1 + Im g)/(2η²)
     λ' = R − b0/b1 + iη'                  η' = √(2 a1 b1 + alpha²)/b1
     m' = i(a1 v − Im m) − b1 η'(v² + η²)  v  = λ' − R
 
-Proof. The real cubic A(u) with A(λ) = i m, A'(λ) = i g makes A − i√Q vanish twice at (λ, m) and at (λ̄, −m̄); its
-values at the two points at infinity are equal, so its divisor is trivial also for the rotation about e3. A² + Q has
-degree six and is b1² |u − λ|⁴ (u − λ')(u − λ̄'): comparing coefficients gives the formula. b1 falls to zero exactly
-at twice the step = the nutation period, where λ' goes to infinity. With one division and one root after g it reads
+Proof. The real cubic A(u) with A(λ) = i m, A'(λ) = i g makes A − i√Q vanish twice at (λ, m) and at (λ̄, −m̄). Its values at the
+two points at infinity are equal, so its divisor is trivial also for the rotation about e3. A² + Q has degree six and is
+b1² |u − λ|⁴ (u − λ')(u − λ̄'); comparing coefficients gives the formula. b1 falls to zero exactly when twice the step is the
+nutation period, and λ' goes to infinity there. With one division and one root after g the formula is
 
     b = Re m + η Im g    e = η Re g/b    f = alpha² η⁴/b    s = √((Re m + f)/b)
     λ' = R − ηe + 2iηs   m' = s(2 Re m + 4f − b(1 + e²)) + i(e(3 Re m + 4f) − Im m)                    `double_time`
 
-All of it runs in double-double arithmetic, because T must come out right to the last bit of λ: an error of one ulp in
-the time step is a phase error that grows for ever.
+All is in double-double arithmetic, because an error of one ulp in the time step is a phase error that grows for ever.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ from lagrange_bench.integrators.compiling.double_double import (
 from lagrange_bench.integrators.compiling.unroll import unrolled
 
 SERIES = 20  # terms of the power series of 1/√Q
-EXACT = 10  # of them in double-double; the others are below 1e-16 of the sum
-START = 2.0**-4  # times up to this, in units of 1/(|J| + √(|alpha||x|)), start from the series
-TINY_BRANCH = 1e-25  # |m|² below this: the homoclinic orbit has reached the sleeping top to all digits
+EXACT = 10  # so many in double-double; the others are below 1e-16 of the sum
+START = 2.0**-4  # longest time of the series, in units of 1/(|J| + √(|alpha||x|))
+TINY_BRANCH = 1e-25  # for smaller |m| the homoclinic orbit has reached the sleeping top, to all digits
 
 
 def _weights():
@@ -106,7 +105,7 @@ def slope(q, lam, m):
 
 @unrolled
 def cubic(q, lam, m):
-    """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R: A(λ) = i m, A'(λ) = i Q'(λ)/(2m)."""
+    """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R, with A(λ) = i m and A'(λ) = i Q'(λ)/(2m)."""
     g, eta = slope(q, lam, m), lam[1]
     a1 = div(m[0], eta)
     return a1, div(scale(g[0], 0.5), eta), div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
@@ -131,7 +130,7 @@ def double_time(q, lam, m):
 
 @jit
 def series(q):
-    """g_k of 1/√Q = Σ g_k u^k, from 2 Q f' = −Q' f: rows of double-doubles, the last SERIES − EXACT of doubles."""
+    """g_k of 1/√Q = Σ g_k u^k, from 2 Q f' = −Q' f, as rows of double-doubles; the last SERIES − EXACT are doubles."""
     g = np.empty((SERIES, 2))
     one = div(dd(1.0), q[0])
     p = (dd(1.0), mul(q[1], one), mul(q[2], one), mul(q[3], one), mul(q[4], one))
@@ -179,9 +178,9 @@ def moments(g, R, eta):
 
 @jit
 def start(q, h):
-    """(λ, m) for a small time h > 0: T = h and Θ = 0 in their power series, by Newton's method.
+    """(λ, m) for a small time h > 0, from T = h and Θ = 0 as power series, by Newton's method.
 
-    In double up to its last step, which doubles the digits: then only the residual needs to be known to all of them.
+    All steps but the last are in double. The last step doubles the digits, and needs only the residual in double-double.
     """
     g = series(q)
     half = scale(h, 0.5)
@@ -217,7 +216,7 @@ def start(q, h):
 
 @jit
 def csqrt_near(z, guess, iterations):
-    """The square root of z close to `guess`, by Newton's method."""
+    """The square root of z that is close to `guess`, by Newton's method."""
     r = guess
     for _ in range(iterations):
         c = cdiv(z, r)
@@ -234,7 +233,7 @@ def rate(q):
 
 @jit
 def halved(q, h):
-    """h/2^k with the least k that is in reach of the series, and k."""
+    """h/2^k and k, with the least k for which the series applies."""
     k = 0
     while h[0] * rate(q) > START:
         h = scale(h, 0.5)
@@ -256,10 +255,10 @@ def parameter(q, h):
 
 @jit
 def cubic_root(c, z):
-    """The largest root of c3 z³ + c2 z² + c1 z + c0, c3 > 0, all real, from a double on its right.
+    """The largest root of c3 z³ + c2 z² + c1 z + c0 with c3 > 0 and real roots, from a double z on its right.
 
-    Newton's method falls onto it monotonically: in double as long as the steps are well above round-off, then with the
-    polynomial in double-double; at a double root, where each step only halves the error, to 1e-17 too.
+    Newton's method falls monotonically: in double while the steps are well above round-off, then with the polynomial in
+    double-double. At a double root each step only halves the error; it still reaches 1e-17.
     """
     for _ in range(200):
         f = ((c[3][0] * z + c[2][0]) * z + c[1][0]) * z + c[0][0]
@@ -282,17 +281,17 @@ def cubic_root(c, z):
 
 @jit
 def largest_root(c0, c1, c2):
-    """Of 2z³ + c2 z² + c1 z + c0, which is convex there: Newton's method descends to it."""
+    """The largest root of 2z³ + c2 z² + c1 z + c0, to which Newton's method descends."""
     bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
     return cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
 
 
 @unrolled
 def nutation_cubic(alpha, y):
-    """c0, c1, c2 of the cubic of nutation, c3 = 2: with ζ = z − z(y), z = alpha x3, ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0.
+    """c0, c1, c2 of the cubic of nutation ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0, with ζ = z − z(y) and z = alpha x3.
 
-    ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², coefficients at y: each keeps its digits where
-    all roots come together, at the marginal sleeping top. Either sign of alpha, and 0.
+    ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², with coefficients at y. They keep their digits also at the
+    marginal sleeping top, where all roots come together. alpha may have either sign or be 0.
     """
     J1, J2, J3, x1, x2, x3 = y
     slope = sub(two_prod(J1, x2), two_prod(J2, x1))
@@ -309,7 +308,7 @@ def nutation_cubic(alpha, y):
 
 @jit
 def lower_roots(c1, c2, z1):
-    """ζ2 and ζ3 of the cubic of nutation, from the quadratic left over by ζ1: their mean, their product, half their distance."""
+    """ζ2 and ζ3 of the cubic of nutation, from the quadratic that remains after dividing by ζ − ζ1."""
     mean = scale(add(c2, scale(z1, 2.0)), -0.25)
     product = sub(scale(c1, 0.5), scale(mul(z1, mean), 2.0))
     half = sqrt(sub(mul(mean, mean), product))
@@ -318,7 +317,7 @@ def lower_roots(c1, c2, z1):
 
 @jit
 def nutation_roots(alpha, y):
-    """z1 >= z2 >= z3, the roots of the cubic of nutation, less z at y; z = alpha x3 moves in [z3, z2]."""
+    """The roots z1 >= z2 >= z3 of the cubic of nutation, minus z at y. z = alpha x3 moves in [z3, z2]."""
     c0, c1, c2 = nutation_cubic(alpha, y)
     z1 = largest_root(c0, c1, c2)
     z2, z3 = lower_roots(c1, c2, z1)
@@ -327,7 +326,7 @@ def nutation_roots(alpha, y):
 
 @jit
 def nutation_period(alpha, y):
-    """π/agm(√((z1 − z3)/2), √((z1 − z2)/2)), a double-double; inf on the separatrix and where nothing moves."""
+    """π/agm(√((z1 − z3)/2), √((z1 − z2)/2)) as a double-double; inf on the separatrix and if nothing moves."""
     z1, z2, z3 = nutation_roots(alpha, y)
     x, y = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
     if x[0] <= 0.0 or y[0] <= 0.0:
@@ -337,13 +336,13 @@ def nutation_period(alpha, y):
             break
         x, y = scale(add(x, y), 0.5), sqrt(mul(x, y))
     mean, half = scale(add(x, y), 0.5), 0.5 * sub(x, y)[0]
-    mean = add(mean, dd(-0.25 * half * half / mean[0]))  # what is left of agm(mean + half, mean − half), to half⁴
+    mean = add(mean, dd(-0.25 * half * half / mean[0]))  # agm(mean + half, mean − half) to half⁴
     return div((3.141592653589793, 1.2246467991473532e-16), mean)
 
 
 @jit
 def two_point_dd(alpha, y, lam, m):
-    """One two-point step in double-double: y is a 6-tuple of double-doubles. Same formula as the fast kernel."""
+    """One two-point step in double-double, with the formula of the fast kernel. y : a 6-tuple of double-doubles."""
     J1, J2, J3, x1, x2, x3 = y
     R, eta = lam
     a = dd(alpha)
@@ -373,7 +372,7 @@ def two_point_dd(alpha, y, lam, m):
 
 @jit
 def precession(q, alpha, y, period):
-    """cos and sin (double-doubles) of the angle about e3 by which the top turns in one nutation period."""
+    """cos and sin, as double-doubles, of the angle about e3 by which the top turns in one nutation period."""
     lam, m = parameter(q, scale(period, 0.5))
     s = (dd(y[0]), dd(y[1]), dd(y[2]), dd(y[3]), dd(y[4]), dd(y[5]))
     e = two_point_dd(alpha, two_point_dd(alpha, s, lam, m), lam, m)
@@ -382,7 +381,7 @@ def precession(q, alpha, y, period):
     c = add(mul(a1, b1), mul(a2, b2))
     d = sub(mul(a1, b2), mul(a2, b1))
     n = sqrt(add(mul(c, c), mul(d, d)))
-    if n[0] == 0.0:  # on the vertical: no angle to speak of
+    if n[0] == 0.0:  # on the vertical there is no angle
         return dd(1.0), dd(0.0)
     return div(c, n), div(d, n)
 
@@ -403,12 +402,13 @@ def power(c, s, k):
 
 @jit
 def time_step(q, period, turn, h):
-    """Bäcklund parameters of the exact flow over time h on a torus, any h with |h| < 1e15 periods.
+    """(λ, m, rotation) of the exact flow over time h on a torus, for |h| < 1e15 periods; all double-doubles.
 
-    The torus: `q` its spectral polynomial, its nutation `period`, and `turn` = (cos, sin) of its precession per
-    nutation (read only where |h| > period/2). Returns (λ, m, rotation): first the two-point step with (λ, m), then
-    the rotation (cos, sin) about e3; all double-doubles. h is taken modulo the period to [−T/2, T/2], where |λ|
-    stays moderate; a negative remainder is the inverse step, (λ, −m). η = 0 says that the rotation is all.
+    First take the two-point step with (λ, m), then the rotation (cos, sin) about e3. h is reduced modulo the period to [−T/2,
+    T/2], where |λ| is moderate. A negative remainder takes the inverse step, (λ, −m). If η = 0, there is only the rotation.
+
+    q : spectral polynomial of the torus. period : of nutation. turn : (cos, sin) of the precession in a nutation, read only if
+    |h| > period/2.
     """
     turns = 0.0
     r = dd(h)
@@ -431,7 +431,7 @@ def time_step(q, period, turn, h):
 
 @jit
 def torus(alpha, y, longest):
-    """(q, period, turn) of the torus of y for time steps of size up to `longest`; see `time_step`."""
+    """(q, period, turn) of the torus of y, for time steps up to `longest`; see `time_step`."""
     q = spectral_polynomial(alpha, y)
     period = nutation_period(alpha, y)
     turn = (dd(1.0), dd(0.0))
@@ -441,8 +441,8 @@ def torus(alpha, y, longest):
 
 
 @jit
-def flow(alpha, y, times):
-    """The exact states (n, 6) at any times, one two-point map away from y each, in double-double throughout."""
+def exact_flow(alpha, y, times):
+    """The exact states (n, 6) at any times. Each is one two-point map away from y; all is in double-double."""
     longest = 0.0
     for t in times:
         longest = max(longest, abs(t))
@@ -463,7 +463,7 @@ def flow(alpha, y, times):
 
 @jit
 def curve_point(alpha, y, R, eta, guess_re, guess_im):
-    """Q and m = √Q(λ) in double-double at any double λ = R + iη; the guess, a few digits of m, chooses the sign alone."""
+    """Q and m = √Q(λ) in double-double, for any double λ = R + iη. guess : a few digits of m, which choose its sign."""
     q = spectral_polynomial(alpha, y)
     Q = horner(q, (dd(R), dd(eta)))
     m = (dd(guess_re), dd(guess_im))

@@ -1,1 +1,1 @@
-"""The exact solution, and the reference solution where there is none. They import no method."""
+"""The exact solution, and the reference solution for problems without one. They import no method."""

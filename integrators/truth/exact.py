@@ -1,11 +1,11 @@
-"""The closed-form solution of the top, in a uniform field or in a vertical tide: the truth every method is judged by.
+"""The exact motion of a top in a uniform field or in a vertical tide, by which every method is judged.
 
-Theta functions, valid for every alpha, k, |x| > 0, initial state and time: `truth.orbit` has the formulas for alpha x3,
-`truth.tide` for alpha x3 + k x3²/2. Their constants are found once per (alpha, k, y0), in mpmath, and kept. Nothing here
-uses a method of the bench, and the initial doubles are taken as they are: |x| is not normalised.
+It is a closed form in theta functions, for every alpha, k, |x| > 0, initial state and time. `truth.orbit` has the formulas for
+alpha x3, and `truth.tide` those for alpha x3 + k x3²/2. mpmath computes their constants once for each (alpha, k, y0). No
+method of the bench is used. The initial doubles are taken as they are; |x| is not normalised.
 
-In doubles the error is below 4e-15 of `LagrangeTop.scales`, the same at t = 1 and t = 1e6: whole periods, known to
-twice the precision, are taken off t without rounding before anything else is computed.
+In doubles the error is below 4e-15 of `LagrangeTop.scales`, at t = 1e6 as at t = 1. For this, whole periods are subtracted from
+t first, without rounding; the period is known to twice the precision.
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from lagrange_bench.support.precision import workdps
 __all__ = ["after_steps", "nutation_period", "precession_per_nutation", "regime", "roots", "solution"]
 
 Array = NDArray[np.float64]
-Pieces = tuple[float, float, float]  # a number in three parts, the first two of at most 27 bits
+Pieces = tuple[float, float, float]  # a number as a sum of three doubles; the first two have at most 27 bits
 
 DIGITS = 40  # of the constants behind the doubles: periods to 105 bits, with a margin
-MOST_DIGITS = 1000  # that can be asked for: they take seconds, ten times as many take minutes
-MOST_PERIODS = 2.0**45  # where a double t still resolves 1/256 of a period
-RATIONAL = {"add", "sub", "mul", "div", "neg"}  # operations
+MOST_DIGITS = 1000  # take seconds; ten times as many would take minutes
+MOST_PERIODS = 2.0**45  # up to here a double t resolves 1/256 of a period
+RATIONAL = {"add", "sub", "mul", "div", "neg"}  # operations of rational functions
 LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
 
 
@@ -44,22 +44,22 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
 
     Parameters
     ----------
-    top, y0 : a top with a closed form, see `vertical_field`, and a state (6,); x not 0. Their doubles are taken as exact.
-    t : a time or a sequence (n,) of times, of any sign, in any order; with `digits` mpmath numbers are welcome.
-    digits : None for doubles, or the number of decimal digits wanted, up to 1000.
+    top, y0 : a top with a closed form, see `vertical_field`, and a state (6,) with x ≠ 0. Their doubles are taken as exact.
+    t : a time or a sequence (n,) of times, of any sign, in any order; with `digits` also mpmath numbers.
+    digits : None for doubles, or the number of decimal digits, up to 1000.
 
     Returns
     -------
-    (n, 6) for n times, (6,) for one. Doubles, with errors below 4e-15 of the scales of J and x at every t (2e-14 in a tide,
-    if 1e-20 of the scales would put the state on a separatrix); or with `digits` mpmath.mpf in an object array, with
-    errors below 10^-digits of them. The scales are those of `top.scales`, that of J at least √|k| |x|.
+    (n, 6) for n times, (6,) for one. Without `digits`: doubles, with errors below 4e-15 of the scales of J and x at every t, and
+    below 2e-14 in a tide if the state is closer to a separatrix than 1e-20 of the scales. With `digits`: mpmath.mpf in an object
+    array, with errors below 10^-digits of the scales. The scales are `top.scales`; that of J is at least √|k| |x|.
 
     Raises
     ------
     ValueError : an argument is malformed, the state overflows, or, without `digits`, |t| exceeds 2^45 periods.
 
     Source: `truth.orbit`, `truth.tide`. The first call for a (top, y0) takes about 5 ms, in a tide 30 ms, and far more if the
-    sizes in y0 differ enormously; then it is 0.3 ms a call and some μs a time. With digits=30 it is some ms a time.
+    sizes in y0 differ enormously. Later calls take 0.3 ms and some μs for each time; with digits=30 some ms for each time.
     """
     key = _key(top, y0)
     if digits is None:
@@ -73,10 +73,10 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
 
 @lru_cache(maxsize=256)
 def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
-    """alpha and k if the energy is |J|²/2 + alpha x3 + k x3²/2, up to a multiple of |x|² and a constant; None if it is not.
+    """alpha and k if the energy is |J|²/2 + alpha x3 + k x3²/2, up to a multiple of |x|² and a constant; else None.
 
-    The formula is evaluated in rational numbers, at places that fix these coefficients, and at one of random integers: two
-    rational functions that agree there are the same.
+    The formula is evaluated in rational numbers at five places. Four give these coefficients; the fifth has random integers, and
+    shows whether the two rational functions are the same.
     """
     if isinstance(problem, LagrangeTop):
         return Fraction(problem.single()), Fraction(0)
@@ -87,17 +87,17 @@ def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
     draw = random.Random("a place")
     places = (0, 0, 0), (0, 0, 1), (0, 0, -1), (1, 0, 0), [draw.getrandbits(64) for _ in range(3)]
     try:
-        base, up, down, aside, there = (energy(*map(Fraction, x), *numbers)[0] for x in places)
+        base, up, down, aside, elsewhere = (energy(*map(Fraction, x), *numbers)[0] for x in places)
     except ZeroDivisionError:
         return None
     alpha, c, (x1, x2, x3) = (up - down) / 2, aside - base, places[-1]
     k = up + down - 2 * aside
-    same = there == base + alpha * x3 + k * x3**2 / 2 + c * (x1**2 + x2**2 + x3**2)
+    same = elsewhere == base + alpha * x3 + k * x3**2 / 2 + c * (x1**2 + x2**2 + x3**2)
     return (alpha, k) if same else None
 
 
 def _key(top: Any, y0: ArrayLike) -> tuple[Fraction, Fraction, tuple[float, ...]]:
-    """alpha, k and the state. ValueError: there is no closed form here."""
+    """alpha, k and the state, by which orbits are cached. ValueError if there is no closed form."""
     known = vertical_field(top) if hasattr(top, "scales") else None
     if known is None:
         raise _refusal("a LagrangeTop, in a uniform field, or a top in alpha x3 + k x3²/2", top)
@@ -111,17 +111,17 @@ def _refusal(wanted: str, top: Any) -> ValueError:
 
 
 def _alpha_of(top: LagrangeTop) -> float:
-    """The alpha of a single LagrangeTop. ValueError: it is none."""
+    """The alpha of a single LagrangeTop; else ValueError."""
     if not isinstance(top, LagrangeTop):
         raise _refusal("a LagrangeTop, in a uniform field", top)
     return top.single()
 
 
 def after_steps(top: Any, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
-    """States after 0, 1, 2, … steps of h: at the times n·h themselves, not at the doubles next to them.
+    """States after `counts` steps of h: at the exact times n·h, not at the doubles next to them.
 
-    The product of a double and a whole number is rounded by up to half an ulp, 6e-11 at t = 10⁶: as much as a good
-    method is off there. What steps by h is judged here.
+    Use this to judge methods that step by h. The double of n·h is rounded by up to half an ulp, which is 6e-11 at t = 10⁶: as
+    much as the error of a good method there.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def after_steps(top: Any, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
 
 
 def rounded_off(h: float, n: Array) -> Array:
-    """n·h less its double. The parts of n and h have 27 bits at most: their products are exact (Dekker, 1971)."""
+    """n·h minus its double. The parts of n and h have at most 27 bits, so their products are exact (Dekker, 1971)."""
     mantissa, exponent = math.frexp(h)
     first, (high, low) = round(mantissa * 2**26) / 2**26, halves(n)
     second = mantissa - first
@@ -150,26 +150,26 @@ def rounded_off(h: float, n: Array) -> Array:
 
 
 def nutation_period(top: LagrangeTop, y0: ArrayLike) -> float:
-    """Time in which x3 goes from its minimum to its maximum and back.
+    """The time in which x3 goes from its minimum to its maximum and back. Relative error 1e-16.
 
-    Where x3 is constant: the period of its small oscillations after a kick, inf if they are not stable (the sleeping
-    top with J3² <= 4 alpha |x|). On the separatrix: inf. For alpha = 0: 2 pi/|J|, inf at rest. Relative error 1e-16.
+    If x3 is constant, it is the period of small oscillations after a kick, or inf if these are unstable (the sleeping top with
+    J3² <= 4 alpha |x|). On the separatrix it is inf. For alpha = 0 it is 2 pi/|J|, and inf at rest.
     """
     orbit = orbit_of(top, y0)
     return float(mp.ldexp(orbit.nutation_period, -orbit.rate))
 
 
 def precession_per_nutation(top: LagrangeTop, y0: ArrayLike) -> float:
-    """Angle (rad) about e3 that the axis x turns through in one `nutation_period`; nan if that is infinite.
+    """The angle (rad) about e3 by which the axis x turns in one `nutation_period`; nan if this is infinite.
 
-    The whole angle, not reduced mod 2 pi: the time integral of the azimuth's rate, positive anticlockwise seen from
-    above. y(t + nutation_period) is y(t) turned by it about e3. Where x3 is constant it is the rate of precession times
-    the limiting nutation period.
+    It is the whole angle, not reduced mod 2 pi: the time integral of the azimuth's rate, positive anticlockwise seen from above.
+    y(t + nutation_period) is y(t), turned by this angle about e3. If x3 is constant, it is the rate of precession times the
+    nutation period.
 
-    It is continuous in the state except where the orbit passes through a pole, |x3| = |x|: there the azimuth jumps by
-    pi, and the limits from the two sides differ by 2 pi. On such orbits, and for the sleeping and the hanging top, the
-    limit of smaller size is returned, of a pair ±pi the positive. (No choice is continuous everywhere, for the top has
-    monodromy: Cushman and Bates, Global Aspects of Classical Integrable Systems, chapter V.)
+    The angle is continuous in the state, except if the orbit passes through a pole, |x3| = |x|. There the azimuth jumps by pi,
+    and the limits from the two sides differ by 2 pi. On such orbits, and for the sleeping and the hanging top, the smaller limit
+    is returned; of a pair ±pi the positive one. (No choice is continuous everywhere, because the top has monodromy: Cushman and
+    Bates, Global Aspects of Classical Integrable Systems, chapter V.)
     """
     return float(orbit_of(top, y0).precession)
 
@@ -187,15 +187,15 @@ def regime(top: LagrangeTop, y0: ArrayLike) -> str:
 def roots(top: LagrangeTop, y0: ArrayLike) -> tuple[float, float, float]:
     """Roots e1 >= e2 >= e3 of f in x3'² = f(x3).
 
-    f = (2H - J3² - 2 alpha x3)(C1 - x3²) - (C2 - J3 x3)². x3 moves between e3 and e2 if alpha >= 0, between e2 and e1
-    if alpha < 0. The third root is out of reach; it is inf for alpha = 0, and overflows to ±inf close to that.
+    f = (2H - J3² - 2 alpha x3)(C1 - x3²) - (C2 - J3 x3)². x3 moves between e3 and e2 if alpha >= 0, and between e2 and e1 if
+    alpha < 0. The third root is never reached. It is inf for alpha = 0, and overflows to ±inf close to that.
     """
     orbit = orbit_of(top, y0)
     e1, e2, e3 = (float(mp.ldexp(e, orbit.size)) * orbit.sign for e in orbit.roots)
     return (e1, e2, e3) if orbit.sign > 0 else (e3, e2, e1)
 
 
-# ---------------------------------------------------------------- constants, kept
+# ---------------------------------------------------------------- constants, cached
 
 
 @lru_cache(maxsize=1024)
@@ -208,13 +208,13 @@ def orbit_of(top: LagrangeTop, y0: ArrayLike) -> Orbit:
 
 
 class Clock(NamedTuple):
-    """Times as n periods + r, and the turn about e3 after n periods, with next to no rounding."""
+    """Constants that split a time into n periods + r, and give the turn about e3 after n periods, with hardly any rounding."""
 
     period: Pieces
     t0: Pieces
     turns: Pieces  # per period, mod 1
     offset: float  # turns at n = 0
-    around: Pieces  # period of a uniform turn about e3 besides
+    around: Pieces  # period of an additional uniform turn about e3
 
 
 NOTHING, NEVER = (0.0, 0.0, 0.0), (math.inf, 0.0, 0.0)
@@ -242,7 +242,7 @@ def prepared(alpha: Fraction, k: Fraction, y0: tuple[float, ...]) -> tuple[Orbit
 
 
 def split(value: mpf, unit: mpf) -> Pieces:
-    """`value` as two multiples of 2^-26 and 2^-52 of the binade of `unit`, and the rest, to 105 bits of `unit`."""
+    """`value` in three parts: multiples of 2^-26 and of 2^-52 of the binade of `unit`, and the rest; to 105 bits of `unit`."""
     exponent = mp.frexp(unit)[1]
     first = mp.ldexp(mp.nint(mp.ldexp(value, 26 - exponent)), exponent - 26)
     second = mp.ldexp(mp.nint(mp.ldexp(value - first, 52 - exponent)), exponent - 52)
@@ -250,7 +250,7 @@ def split(value: mpf, unit: mpf) -> Pieces:
 
 
 def rounded(value: Any) -> Any:
-    """The same constants as float and complex."""
+    """Constants rounded to float and complex."""
     if isinstance(value, tuple):
         parts = map(rounded, value)
         return type(value)(*parts) if hasattr(value, "_fields") else tuple(parts)
@@ -263,7 +263,7 @@ def rounded(value: Any) -> Any:
 
 
 def in_doubles(orbit: Orbit, clock: Clock, times: Array, more: Array | float = 0.0) -> Array:
-    """States (n, 6) at `times` + `more` (n,), where `more` is below an ulp; from constants rounded to doubles."""
+    """States (n, 6) at `times` + `more` (n,), with `more` below an ulp, from constants rounded to doubles."""
     motion, y = orbit.motion, np.empty((len(times), 6))
     with np.errstate(over="ignore", under="ignore"):
         n, r = reduced(clock, np.ldexp(times, orbit.rate))
@@ -291,8 +291,8 @@ def in_doubles(orbit: Orbit, clock: Clock, times: Array, more: Array | float = 0
 def reduced(clock: Clock, t: Array) -> tuple[Array, Array]:
     """n and r with t - t0 = n period + r, |r| <= period/2 to within the rounding of n (1/64 of a period at worst).
 
-    n and the period are cut in parts of 26 bits (Dekker, 1971): their products are exact, and so are the differences
-    while they cancel. What is left is rounded once or twice.
+    n and the period are split into parts of 26 bits (Dekker, 1971). So their products are exact, and the differences, too, while
+    they cancel. The rest is rounded once or twice.
     """
     first, second, third = clock.period
     n = np.rint((t - clock.t0[0]) / sum(clock.period))
@@ -307,7 +307,7 @@ def reduced(clock: Clock, t: Array) -> tuple[Array, Array]:
 
 
 def turned(clock: Clock, n: Array) -> Array:
-    """Turns about e3 after n periods, in [-1/2, 1/2]; of `n turns` all but the last product is exact."""
+    """Turns about e3 after n periods, in [-1/2, 1/2]. All products but the last are exact."""
     first, second, third = clock.turns
     high, low = halves(n)  # high * first is whole
     parts = fraction(low * first) + fraction(high * second) + low * second
@@ -356,7 +356,7 @@ def in_mpmath_at(orbit: Orbit, t: mpf) -> list[mpf]:
     return [mp.ldexp(v, orbit.rate) for v in y[:3]] + [orbit.sign * mp.ldexp(v, orbit.size) for v in y[3:]]
 
 
-# ---------------------------------------------------------------- checking what is asked for
+# ---------------------------------------------------------------- checks of arguments
 
 
 def check_digits(digits: int) -> int:
@@ -367,7 +367,7 @@ def check_digits(digits: int) -> int:
 
 
 def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
-    """`t` as an array with 0 or 1 axes of doubles, or if `exact` of mpf; ValueError if it is anything else."""
+    """`t` as an array with 0 or 1 axes, of doubles or, if `exact`, of mpf; else ValueError."""
     try:
         times = np.asarray(t)
         if times.ndim > 1 or (times.size and times.dtype.kind not in ("iufO" if exact else "iuf")):
@@ -375,8 +375,8 @@ def check_times(t: Any, exact: bool = False) -> NDArray[Any]:
         if not exact:
             times = times.astype(np.float64)
         else:
-            kept = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
-            times = np.array(kept, dtype=object).reshape(times.shape)
+            exact_times = [v if isinstance(v, mpf) else mpf(v) for v in times.ravel().tolist()]  # mpf(v) would round v
+            times = np.array(exact_times, dtype=object).reshape(times.shape)
     except (TypeError, ValueError) as error:
         raise ValueError(f"t must be a time or a sequence of times, real numbers: {error}") from None
     if not (all(map(mp.isfinite, times.flat)) if exact else np.all(np.isfinite(times))):

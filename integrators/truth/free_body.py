@@ -1,23 +1,23 @@
-"""The exact motion of a free rigid body with its rotation, by theta functions: any moments, any start, any time.
+"""The exact motion and rotation of a free rigid body, by theta functions, for any moments, any start and any time.
 
     L' = L × ω,   ω = L/I,   a = 1/I,   G = |L|,   D = Σ a L²
 
-Axes i, j, k are as in Euler's solution: j is the middle one, and L goes round k,
+Axes i, j, k are as in Euler's solution: j is the middle one, and L goes round k.
 
     L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ (t − t0)
 
-In a frame of the world whose third axis is along L the other two components of body axis n, as a complex number ζ_n, obey
-ζ' = ζ × ω. They are quotients of theta functions of v = πu/2K, with one common phase:
+Take a frame of the world whose third axis is along L. In it the complex number ζ_n holds the other two components of body axis n.
+ζ' = ζ × ω, and the solutions are quotients of theta functions of v = πu/2K, with one common phase:
 
     ζ_i = γ/G θ4(v − iβ)/θ4(iβ),   ζ_j = ±i θ3(v − iβ)/θ3(iβ),   ζ_k = −α/G θ1(v − iβ)/θ1(−iβ),   all times θ4(0)/θ4(v) e^(iΛt)
 
-where β = ±πb/2K, sc²(b, k') = (a_j − a_k)/(a_i − a_j), with the sign of a_i − a_k, and Λ such that ζ_j turns at the rate D/G
-where L_j = 0. For k² > 1/2 Jacobi's imaginary transformation takes v to ix, x = πu/2K', v − iβ to ix + δ, δ = ±πb/2K', and
-exchanges θ2 and θ4. So the nome never exceeds e^-π. It vanishes on the separatrix, and where two moments are equal.
+Here β = ±πb/2K with the sign of a_i − a_k, sc²(b, k') = (a_j − a_k)/(a_i − a_j), and Λ makes ζ_j turn at the rate D/G when
+L_j = 0. For k² > 1/2 Jacobi's imaginary transformation replaces v by ix with x = πu/2K', replaces v − iβ by ix + δ with
+δ = ±πb/2K', and exchanges θ2 and θ4. So the nome never exceeds e^-π. It vanishes on the separatrix, and if two moments are equal.
 
-With w = iv or −x all of these are sums of e^(mw) with one list of whole numbers m. Half periods are taken off t − t0, and
-whole turns off the mean growth of the phase, as in `exact`. The constants are found in mpmath, from the doubles as rationals:
-no case is decided by rounding. No method is imported, and no formula shared with one.
+With w = iv or −x all these functions are sums of e^(mw) over one list of whole numbers m. As in `exact`, half periods are
+subtracted from t − t0, and whole turns from the mean growth of the phase. mpmath computes the constants from the doubles as
+rationals, so no case is decided by rounding. No method is imported, and no formula is shared with one.
 
 Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics (1937), section 69; DLMF 20.2, 20.7(viii), 22.2,
 19.25(v).
@@ -49,31 +49,31 @@ from lagrange_bench.integrators.truth.exact import (
 from lagrange_bench.support.precision import workdps
 
 GUARD = 15  # digits
-DOUBLE = 20  # digits of series that are summed in doubles
-BLOCK = 4096  # times that are computed at once
+DOUBLE = 20  # digits to which series are summed in doubles
+BLOCK = 4096  # so many times are computed at once
 IN_DOUBLES = np.exp, np.real, np.imag
 IN_MPMATH = tuple(np.frompyfunc(function, 1, 1) for function in (mp.exp, mp.re, mp.im))
 Rationals = tuple[Fraction, ...]
 
 
 class Motion(NamedTuple):
-    """Constants of the motion, mpmath numbers; or rounded to doubles."""
+    """Constants of the motion: mpmath numbers, or these rounded to doubles."""
 
     axes: tuple[int, int, int]  # i, j, k
     half_period: Any  # 2K/λ, inf on the separatrix
     t0: Any
     turn: Any  # mean rate of the phase
-    drift: Any  # rate of the rest of it, which is the same in each half period
-    speed: Any  # of w: imaginary, or real after the transformation
+    drift: Any  # rate of the rest of the phase, which is the same in each half period
+    speed: Any  # rate of w: imaginary, or real after the transformation
     barrier: Any  # minus the logarithm of the nome
     orders: Any  # m (M,)
-    logs: Any  # (M,): a sum is one of e^(mw − log)
-    table: Any  # (7, M): coefficients of L_i, L_j, L_k, ζ_i, ζ_j, ζ_k and of what divides them
+    logs: Any  # (M,): terms of the sums are e^(mw − log)
+    table: Any  # (7, M): coefficients of the numerators of L_i, L_j, L_k, ζ_i, ζ_j, ζ_k and of their denominator
     before: Any  # (4,): q(0) and the inverse of the turn at t = 0
 
 
 class Spin(NamedTuple):
-    """A turn about an axis that stays in the body and in the world."""
+    """A turn about an axis that is fixed in the body and in the world."""
 
     axis: Any  # (3,), its length is 1, or 0 at rest
     turn: Any  # |ω|
@@ -84,16 +84,16 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
 
     Parameters
     ----------
-    body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. |q| stays what it is,
-    as the equations have it; the rotation is that of q/|q|.
-    t : a time or a sequence (N,) of times, of any sign, in any order; with `digits` mpmath numbers are welcome.
-    digits : None for doubles, or the number of decimal digits wanted, up to 1000.
-    more : (N,), what is to be added to `t` and is below an ulp of it; of no meaning with `digits`.
+    body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. The rotation is that of
+    q/|q|, and |q| stays constant.
+    t : a time or a sequence (N,) of times, of any sign, in any order; with `digits` also mpmath numbers.
+    digits : None for doubles, or the number of decimal digits, up to 1000.
+    more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
 
     Returns
     -------
-    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. Doubles, with errors below 2e-15 of |q| and |L| at
-    every t; or with `digits` mpmath.mpf in an object array, with errors below 10^-digits of them.
+    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. Without `digits`: doubles, with errors below 2e-15 of
+    |q| and |L| at every t. With `digits`: mpmath.mpf in an object array, with errors below 10^-digits of these.
 
     Raises
     ------
@@ -119,21 +119,21 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
 
 @lru_cache(maxsize=256)
 def find_motion(inertia: Rationals, start: Rationals, digits: int) -> Motion | Spin:
-    """The constants, good to `digits` decimal digits."""
+    """The constants of a motion, to `digits` decimal digits."""
     a, L = [1 / v for v in inertia], start[4:]
     with workdps(digits + GUARD):
         if all(L[n] * L[m] * (a[n] - a[m]) == 0 for n, m in ((0, 1), (1, 2), (2, 0))):
             size = mp.sqrt(real(sum(v * v for v in L)))
             omega = mp.sqrt(real(sum((v * w) ** 2 for v, w in zip(L, a, strict=True))))
             return Spin(np.array([real(v) / (size or 1) for v in L]), omega)
-        motion = turning(a, L, digits)
+        motion = tumbling(a, L, digits)
         first = quaternions(*components(motion, np.array([-motion.t0]), np.array([mpf(0)]), IN_MPMATH))[:, 0]
         inverse = first[0], -first[1], -first[2], -first[3]
         return motion._replace(before=np.array(product([real(v) for v in start[:4]], inverse)))
 
 
-def turning(a: list[Fraction], L: Rationals, digits: int) -> Motion:
-    """The motion of an L that moves, but for the start of the rotation."""
+def tumbling(a: list[Fraction], L: Rationals, digits: int) -> Motion:
+    """The constants of a motion with a moving L, except `before`."""
     G2, D = sum(v * v for v in L), sum(v * w * w for v, w in zip(a, L, strict=True))
     i, j, k = sorted(range(3), key=lambda n: -a[n])
     if a[j] * G2 < D or a[j] == a[k]:
@@ -152,7 +152,7 @@ def turning(a: list[Fraction], L: Rationals, digits: int) -> Motion:
     if transformed:
         unit, barrier, divisor = mp.pi / (2 * K1), mp.pi * K / K1, 2
         shift, centre = 1j * side * unit * first_kind(mp.sqrt(abs(real(jk))), mp.sqrt(abs(real(ij))), real(m)), 0
-    else:  # K' − b in place of b, which is infinite where a_i = a_j
+    else:  # K' − b in place of b, which is infinite if a_i = a_j
         unit, barrier, divisor = mp.pi / (2 * K), mp.pi * K1 / K, 4
         shift, centre = -side * unit * first_kind(abs(gamma), abs(alpha), real(m)), side
     last = reach(barrier, digits + GUARD)
@@ -193,25 +193,25 @@ def real(q: Fraction | int) -> mpf:
 
 
 def first_kind(s: mpf, c: mpf, complement: mpf) -> mpf:
-    """Legendre's integral of the first kind at the angle of (c, s), c >= 0, from 1 − k²."""
+    """Legendre's integral of the first kind at the angle of (c, s), c >= 0. complement : 1 − k²."""
     size = mp.hypot(s, c)
     s, c = s / size, c / size
     return s * mp.elliprf(c * c, c * c + complement * s * s, 1)
 
 
 def reach(barrier: mpf, digits: int) -> int:
-    """The largest |m| that is needed."""
+    """The largest |m| that is needed for so many digits."""
     return 1 + math.ceil(math.sqrt(1 + 4 * math.log(10) * digits / barrier))
 
 
 def smallness(m: int, centre: int, barrier: mpf) -> mpf:
-    """Minus the logarithm of the power of the nome at e^(mw), over the largest one."""
+    """Minus the logarithm of the power of the nome at e^(mw), relative to the largest one."""
     power = (m - centre) ** 2 - (m - centre) % 2
     return barrier * power / 4 if power else mpf(0)
 
 
 def sign(number: int, m: int) -> Any:
-    """Of e^(mw) in a theta function."""
+    """The sign of e^(mw) in a theta function."""
     if (number in (1, 2)) != (m % 2 == 1):
         return 0
     turn = -1 if number in (1, 4) and m % 4 > 1 else 1
@@ -222,9 +222,9 @@ def sign(number: int, m: int) -> Any:
 
 
 def components(c: Motion, r: Any, angle: Any, functions: Any, odd: Any = 0) -> tuple[Any, Any, Any]:
-    """Re ζ, Im ζ and L (3, N) at the times r since t0, after an odd number of half periods where `odd` is 1.
+    """Re ζ, Im ζ and L (3, N) at the times r since t0. odd : 1 after an odd number of half periods, else 0.
 
-    angle : the mean rate of the phase times t. All are doubles or of mpmath; `functions` are those of the one or the other.
+    angle : the mean rate of the phase times t. functions : IN_DOUBLES or IN_MPMATH, as the numbers are.
     """
     exp, re, im = functions
     w = c.speed * r
@@ -241,10 +241,10 @@ def components(c: Motion, r: Any, angle: Any, functions: Any, odd: Any = 0) -> t
 
 
 def quaternions(first: Any, second: Any, L: Any) -> Any:
-    """(4, N): the turns from the body to the frame whose axes have these components (3, N) in the body, L of any length."""
+    """The turns (4, N) from the body to the frame whose axes have these components (3, N) in the body; L has any length."""
     third = L / sum(L * L) ** 0.5
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = first, second, third
-    # 4 q qᵀ, of which the row with the largest diagonal is taken
+    # 4 q qᵀ; take the row with the largest diagonal
     rows = np.array((
         (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
         (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
@@ -299,7 +299,7 @@ def in_mpmath(inertia: Rationals, start: Rationals, times: NDArray[Any], digits:
     rough = find_motion(inertia, start, DIGITS)
     fastest = abs(rough.turn) + (0 if isinstance(rough, Spin) else 1 / rough.half_period)
     needed = digits + max(0, int(mp.log10(max(map(abs, times), default=mpf(0)) * fastest + 1)))
-    needed = -(-needed // 16) * 16  # in steps, so that motions are found again
+    needed = -(-needed // 16) * 16  # rounded up, so that cached motions are used
     motion = find_motion(inertia, start, needed)
     with workdps(needed + GUARD):
         if isinstance(motion, Spin):
@@ -316,12 +316,12 @@ def in_mpmath(inertia: Rationals, start: Rationals, times: NDArray[Any], digits:
 
 
 def followed(c: Motion, r: Any, angle: Any, functions: Any, odd: Any) -> NDArray[Any]:
-    """States (N, 7); arguments as of `components`."""
+    """States (N, 7) of a motion with a moving L; arguments as of `components`."""
     first, second, L = components(c, r, angle, functions, odd)
     return np.vstack((*product(c.before, quaternions(first, second, L)), L)).T
 
 
 def spun(c: Spin, start: list[Any], angle: Any, cos: Any, sin: Any) -> NDArray[Any]:
-    """States (N, 7) after turns by the angles (N,)."""
+    """States (N, 7) after turns about a fixed axis by the angles (N,)."""
     turn = cos(angle / 2), *(v * sin(angle / 2) for v in c.axis)
     return np.vstack((*product(start[:4], turn), *np.broadcast_to(np.array(start[4:])[:, None], (3, len(angle))))).T

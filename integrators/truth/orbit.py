@@ -1,9 +1,9 @@
-"""The orbit through one state: the closed-form solution and its constants, in mpmath.
+"""The closed form of the orbit through one state in a uniform field, and its constants, in mpmath.
 
-Everything the motion depends on is found here once per initial state, to any number of digits; `truth.exact`
-evaluates it. The doubles alpha and y0 are taken as the rationals they are, so that every distinction of cases
-(equilibrium, separatrix, poles) is exact. Two reductions come first: alpha < 0 becomes alpha > 0 by
-(alpha, x) -> (-alpha, -x), which leaves the equations unchanged, and units that are powers of two make J, x of order 1.
+The constants are computed once for each initial state, to any number of digits; `truth.exact` evaluates them. The doubles alpha
+and y0 are taken as rationals, so every distinction of cases (equilibrium, separatrix, poles) is exact. Two reductions come first.
+alpha < 0 becomes alpha > 0 by (alpha, x) -> (-alpha, -x), which leaves the equations unchanged. Units that are powers of two
+make J and x of order 1.
 
 With m = J3, l = x·J, s = |x|, J+ = J1 + iJ2, x+ = x1 + ix2 the equations of motion give
 
@@ -23,12 +23,12 @@ and P_B <= E3 <= E <= E2 <= {P_A, P_J} <= E1. As f(P) is minus a square, each ha
     F = const e^{i lam (t-t0)} theta2(v - i sgn(D) beta)/theta4(v)   (theta1 for P_B),   v = pi w/2K,
     J+ = 2 F_J e^{i(psi + m (t-t0)/2)},     x+ = i (2/alpha) F_A F_B e^{i psi}.
 
-Quotients of entire functions: there is no branch to choose, and nothing jumps where the axis passes a pole or J+
-vanishes. For k² > 1/2 Jacobi's imaginary transformation (DLMF 20.7.30-33) replaces the nome by exp(-pi K/K'); so the
-nome never exceeds e^-pi, and the limit k = 1, the separatrix, is regular.
+These are quotients of entire functions. So there is no branch to choose, and nothing jumps when the axis passes a pole or J+
+vanishes. For k² > 1/2 Jacobi's imaginary transformation (DLMF 20.7.30-33) replaces the nome by exp(-pi K/K'). So the nome never
+exceeds e^-pi, and the limit k = 1, the separatrix, is regular.
 
-Sources: Whittaker, Analytical Dynamics, §71-72; the paper's section 4, its misprints corrected; DLMF numbers stand
-beside the formulas. All derived again, and tested against the equations of motion.
+Sources: Whittaker, Analytical Dynamics, §71-72; the paper's section 4 with its misprints corrected; DLMF, with numbers beside the
+formulas. All formulas are derived again, and tested against the equations of motion.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Series(NamedTuple):
 
 
 class Nutation(NamedTuple):
-    """Motion with x3 varying, by the time r since x3 was smallest; `position` evaluates it for |r| <= period/2."""
+    """A motion with varying x3, as a function of the time r since x3 was smallest; see `position`."""
 
     J3: Any
     period: Any  # inf on the separatrix
@@ -73,7 +73,7 @@ class Nutation(NamedTuple):
 
 
 class Rotation(NamedTuple):
-    """y = centre + cosine cos(rate t) + sine sin(rate t), each (6,): a rigid rotation about a fixed axis."""
+    """A rigid rotation about a fixed axis: y = centre + cosine cos(rate t) + sine sin(rate t), each (6,)."""
 
     period: Any  # 2 pi/|rate|, inf at rest
     rate: Any
@@ -83,13 +83,13 @@ class Rotation(NamedTuple):
 
 
 class Orbit(NamedTuple):
-    """An orbit in its own units: J times 2^rate, x times sign 2^size, times times 2^-rate are the user's."""
+    """An orbit in its own units. J times 2^rate, x times sign 2^size, and times times 2^-rate are in the user's units."""
 
     regime: str  # "elliptic", "homoclinic", "precession", "equilibrium", "free"
     motion: Nutation | Rotation
     roots: Vector  # of f, e1 >= e2 >= e3
-    nutation_period: Any  # the limiting one where there is no nutation, inf if that does not oscillate
-    precession: Any  # angle about e3 swept by x+ in that period, nan if it is inf
+    nutation_period: Any  # without nutation that of small oscillations, inf if there are none
+    precession: Any  # angle about e3 swept by x+ in this period, nan if the period is inf
     rate: int = 0
     size: int = 0
     sign: int = 1
@@ -97,9 +97,9 @@ class Orbit(NamedTuple):
 
 @dataclass(frozen=True)
 class State:
-    """alpha, J and x in V = k x3²/2, and what follows from them, as rationals of order 1."""
+    """alpha, J and x in V = k x3²/2, and quantities that follow from them, as rationals of order 1."""
 
-    alpha: Fraction  # not negative, where k is 0
+    alpha: Fraction  # not negative if k is 0
     J: tuple[Fraction, ...]
     x: tuple[Fraction, ...]
     k: Fraction = Fraction(0)
@@ -133,12 +133,12 @@ class State:
 
     @property
     def force(self) -> Fraction:
-        """dV/dx3 and the weight."""
+        """The weight plus dV/dx3."""
         return self.alpha + self.k * self.x[2]
 
 
 def find_orbit(alpha: float | Fraction, y0: tuple[float, ...], digits: int) -> Orbit:
-    """The orbit of `y0`, its constants good to `digits` decimal digits."""
+    """The orbit through `y0`, with constants to `digits` decimal digits."""
     rate, size = units(alpha, y0)
     sign, two = -1 if alpha < 0 else 1, Fraction(2)
     state = State(
@@ -157,7 +157,7 @@ def find_orbit(alpha: float | Fraction, y0: tuple[float, ...], digits: int) -> O
 
 
 def units(alpha: float | Fraction, y0: Sequence[float], k: float | Fraction = 0) -> tuple[int, int]:
-    """Binary exponents, to a bit or two, of the largest of |J|, sqrt(|alpha||x|) and sqrt(|k|)|x|, and of |x|."""
+    """The binary exponents of the largest of |J|, sqrt(|alpha||x|) and sqrt(|k|)|x|, and of |x|; to a bit or two."""
     (J, J_exponent), (_, size) = (math.frexp(max(map(abs, part))) for part in (y0[:3], y0[3:]))
     rates = ([J_exponent] if J else []) + ([(math.frexp(alpha)[1] + size) // 2] if alpha else [])
     rates += [math.frexp(k)[1] // 2 + size] if k else []
@@ -180,9 +180,9 @@ def reals(*v: Fraction | int) -> Vector:
 
 
 def position(c: Nutation, r: Any, exp: Callable[[Any], Any]) -> tuple[Any, Any, Any]:
-    """J+, x+ and x3 at times r after x3 was smallest, |r| <= period/2, but for the turn by psi.
+    """J+, x+ and x3 at times r after x3 was smallest, |r| <= period/2, without the turn by psi.
 
-    `c` holds doubles and r is an array, or `c` and r are of mpmath; `exp` is the exponential that goes with them.
+    c, r : doubles and an array, or mpmath numbers. exp : the exponential function for them.
     """
     a, side = abs(r), 1 - 2 * (r < 0)
     z = exp(c.clock * a)
@@ -212,7 +212,7 @@ def horner(coefficients: Any, z: Any) -> Any:
 
 
 def free(state: State) -> Orbit:
-    """alpha = 0: J is constant and x turns about it at the rate |J| (Rodrigues)."""
+    """The orbit for alpha = 0: J is constant, and x turns about it at the rate |J| (Rodrigues)."""
     J, x, l, m, square = state.J, state.x, state.l, state.m, dot(state.J, state.J)
     if square == 0:
         rest = Rotation(mpf("inf"), mpf(0), reals(*J, *x), reals(*[0] * 6), reals(*[0] * 6))
@@ -237,7 +237,7 @@ def free(state: State) -> Orbit:
 
 
 def equilibrium(state: State) -> Orbit:
-    """x3 constant."""
+    """The orbit if x3 is constant."""
     m, x3, rate = state.m, state.x[2], precession_rate(state)
     motion = steady(state, rate)
     square = 2 * state.H - 6 * state.alpha * x3  # -f''/2, the squared frequency of small oscillations of x3
@@ -251,15 +251,15 @@ def equilibrium(state: State) -> Orbit:
 
 
 def precession_rate(state: State) -> Fraction:
-    """Omega where x3 is constant: force x_perp = Omega J_perp, from J' = force e3 × x; or J vertical, x' = J × x."""
+    """Omega if x3 is constant: force x_perp = Omega J_perp, from J' = force e3 × x; or J vertical, x' = J × x."""
     (J1, J2, m), (x1, x2, _) = state.J, state.x
     if across := J1 * J1 + J2 * J2:
         return state.force * (J1 * x1 + J2 * x2) / across
-    return m if x1 or x2 else Fraction(0)  # x vertical, too: sleeping or hanging
+    return m if x1 or x2 else Fraction(0)  # if x is vertical, too: sleeping or hanging
 
 
 def steady(state: State, rate: Fraction) -> Rotation:
-    """J and x turn about e3 at the rate Omega."""
+    """The motion of J and x that turn about e3 at the rate Omega."""
     (J1, J2, m), (x1, x2, x3) = state.J, state.x
     return Rotation(
         2 * mp.pi / real(abs(rate)) if rate else mpf("inf"),
@@ -271,9 +271,9 @@ def steady(state: State, rate: Fraction) -> Rotation:
 
 
 def past_poles(swept: mpf, poles: int) -> mpf:
-    """Angle about e3 per period when the axis passes through 0, 1 or 2 poles, each a jump by pi to either side.
+    """The angle about e3 in a period, if the axis passes through 0, 1 or 2 poles. At each the azimuth jumps by ±pi.
 
-    `swept` leaves the jumps out. Of the limits from the two sides take the smaller, of a pair ±pi the positive.
+    swept : the angle without the jumps. The smaller of the two limits is taken; of a pair ±pi the positive one.
     """
     if poles != 1:
         return swept
@@ -286,7 +286,7 @@ def past_poles(swept: mpf, poles: int) -> mpf:
 
 
 def weight(state: State, pole: int) -> mpf:
-    """m s - pole l for pole = ±1: f(pole s) = -(m s - pole l)². Exactly 0 where it is."""
+    """m s - pole l for pole = ±1: f(pole s) = -(m s - pole l)². A zero is exactly 0."""
     m, l = state.m, pole * state.l
     product = real(m) * mp.sqrt(real(state.c1))
     if m * l <= 0:
@@ -295,10 +295,10 @@ def weight(state: State, pole: int) -> mpf:
 
 
 def cubic(state: State) -> tuple[Vector, Vector]:
-    """Roots E1 >= E2 >= E3 of 4E³ - g2 E - g3 and their gaps (E1-E2, E2-E3, E1-E3), to full relative accuracy.
+    """Roots E1 >= E2 >= E3 of 4E³ - g2 E - g3, and their gaps (E1-E2, E2-E3, E1-E3), to full relative accuracy.
 
-    Vieta: E = sqrt(g2/3) cos((phi + 2 pi j)/3), cos phi = sqrt(27) g3/g2^{3/2} (DLMF §4.43). The angle is taken from
-    the exact discriminant and the gaps from the addition theorem, so that nearly double roots cost no digits.
+    Vieta: E = sqrt(g2/3) cos((phi + 2 pi j)/3), cos phi = sqrt(27) g3/g2^{3/2} (DLMF §4.43). The angle comes from the exact
+    discriminant and the gaps from the addition theorem. So nearly double roots lose no digits.
     """
     alpha, H, l, m, c1 = state.alpha, state.H, state.l, state.m, state.c1
     g2 = H**2 / 3 + alpha**2 * c1 - alpha * l * m
@@ -316,7 +316,7 @@ def heights(state: State, E: Vector) -> Vector:
 
 
 class Distances(NamedTuple):
-    """Gaps of the cubic, the D, and the distances (|P-E1|, |P-E2|, |P-E3|) of the initial E and of the three P."""
+    """Gaps of the cubic, distances (|P-E1|, |P-E2|, |P-E3|) for the initial E and the three P, and the D."""
 
     gaps: Vector
     start: Vector
@@ -327,7 +327,7 @@ class Distances(NamedTuple):
 
 
 def distances(state: State, digits: int) -> Distances:
-    """All distances to `digits` digits: the working precision is raised by what the subtractions cancel."""
+    """All distances to `digits` digits. The working precision is raised until cancellation does not matter."""
     working = digits + 15
     while True:
         with workdps(working):
@@ -339,7 +339,7 @@ def distances(state: State, digits: int) -> Distances:
 
 
 def distances_now(state: State) -> Distances:
-    """Distances at the present precision; those that vanish, exactly 0."""
+    """Distances at the present precision. Those that vanish are exactly 0."""
     E, gaps = cubic(state)
     alpha, H, l, m = state.alpha, state.H, state.l, state.m
     height, shift = real(alpha) * mp.sqrt(real(state.c1)) / 2, real(H) / 6
@@ -356,7 +356,7 @@ def distances_now(state: State) -> Distances:
 
 
 def distances_above(E: Vector, gaps: Vector, P: mpf, on_root: bool) -> Vector:
-    """Distances of P in [E2, E1]; on_root: it is one of the two, the nearer."""
+    """Distances of P in [E2, E1]. on_root : whether P is the nearer of the two roots."""
     to_1, to_2 = E[0] - P, P - E[1]
     if on_root:
         to_1, to_2 = (gaps[0], mpf(0)) if abs(to_2) < abs(to_1) else (mpf(0), gaps[0])
@@ -364,7 +364,7 @@ def distances_above(E: Vector, gaps: Vector, P: mpf, on_root: bool) -> Vector:
 
 
 def distances_at_start(state: State, E: Vector, gaps: Vector) -> Vector:
-    """Distances of E at t = 0; at a turning point x3'' tells which it is."""
+    """Distances of E at t = 0. At a turning point, x3'' tells whether it is the lower or the upper one."""
     start = real(state.alpha * state.x[2] / 2 - state.H / 6)
     to_2, to_3 = E[1] - start, start - E[2]
     if state.velocity == 0:
@@ -376,7 +376,7 @@ def distances_at_start(state: State, E: Vector, gaps: Vector) -> Vector:
 
 
 class Torus(NamedTuple):
-    """Quarter periods in w, and for each P the eta with P = E(K + i|eta|) or, for P_B, E(i|eta|); eta has D's sign."""
+    """Quarter periods in w, and eta for each P, with the sign of D: P = E(K + i|eta|), and E(i|eta|) for P_B."""
 
     kappa: mpf
     K: mpf
@@ -429,7 +429,7 @@ def eta_below(distance: Vector, gaps: Vector) -> mpf:
 def direct(state: State, d: Distances, torus: Torus, digits: int) -> Nutation:
     """k² <= 1/2: theta series in q = exp(-pi K'/K) (DLMF 20.2.1-4), as polynomials in z = e^{2iv}.
 
-    The numerators begin at e^{-(2n+1)iv}, theta4 at e^{-2niv}: a factor e^{-iv} goes to the exponent.
+    The numerators begin at e^{-(2n+1)iv} and theta4 at e^{-2niv}. The factor e^{-iv} becomes part of the exponent.
     """
     q, unit = mp.exp(-mp.pi * torus.K_dual / torus.K), mp.pi * torus.kappa / (2 * torus.K)  # unit = dv/dt
     n = last_order(q, digits)
@@ -463,8 +463,8 @@ def direct(state: State, d: Distances, torus: Torus, digits: int) -> Nutation:
 def transformed(state: State, d: Distances, torus: Torus, digits: int) -> Nutation:
     """k² > 1/2: series in q = exp(-pi K/K') after DLMF 20.7.30-33, in z = e^{-2V} and u = q e^{2V}, V = pi |w|/2K'.
 
-    theta2(v - i beta)/theta4(v) -> theta4(b + iV)/theta2(iV) and theta1 -> -i theta1(b + iV), b = pi eta/2K', up to
-    exponentials. All series are divided by q^{1/4} e^V, so that |z|, u <= 1 and the separatrix is q = 0.
+    Up to exponentials, theta2(v - i beta)/theta4(v) -> theta4(b + iV)/theta2(iV) and theta1 -> -i theta1(b + iV), b = pi eta/2K'.
+    All series are divided by q^{1/4} e^V. So |z|, u <= 1, and the separatrix is q = 0.
     """
     barrier, unit = mp.pi * torus.K / torus.K_dual, mp.pi * torus.kappa / (2 * torus.K_dual)  # unit = dV/dt
     q = mp.exp(-barrier)
@@ -492,7 +492,7 @@ def transformed(state: State, d: Distances, torus: Torus, digits: int) -> Nutati
 
 
 def last_order(q: mpf, digits: int) -> int:
-    """n with q^{(n+1)²} below the precision."""
+    """The least n with q^{(n+1)²} below the precision."""
     return int(mp.sqrt((digits + 10) * mp.log(10) / -mp.log(q))) if q else 0
 
 
@@ -523,10 +523,10 @@ def odd_series(q: mpf, n: int, b: mpf) -> Series:
 def quotients(
     state: State, d: Distances, parts: Sequence[tuple[Series, mpf, mpf]], at_bottom: mpf, at_top: mpf, unit: mpf
 ) -> tuple[list[Series], tuple[mpf, mpf]]:
-    """Numerators with their constants, and the rates lam of J+ and x+.
+    """The numerators with their constants, and the rates lam of J+ and x+.
 
-    Where x3 is smallest (for B: largest) the denominator is stationary. There |F|² = |P - E| and (arg F)' = D/|P - E|
-    must hold; the numerator, without its constant, has the size `value` and the logarithmic derivative slope/value.
+    The denominator is stationary when x3 is smallest (for B: largest). There |F|² = |P - E| and (arg F)' = D/|P - E| must hold.
+    Without its constant, the numerator has the size `value` and the logarithmic derivative slope/value there.
     """
     bottom_J, bottom_A, top_B = d.J[2], d.A[2], d.B[1]
     in_x = mp.sqrt(2 / real(state.alpha))
@@ -541,16 +541,16 @@ def quotients(
 
 
 def sweep(d: Distances, torus: Torus, base: mpf, turns: Sequence[mpf]) -> mpf:
-    """Angle that x+ sweeps in a period: `base` from the exponent, and from the theta quotients A and B a turn each.
+    """The angle that x+ sweeps in a period: `base` from the exponent, and one turn each from the theta quotients A and B.
 
-    They turn the way their D says; D = 0 with eta = 0 is a passage through the pole.
+    The sign of each turn is that of its D. If D = 0 and eta = 0, the axis passes through the pole.
     """
     signs = [(-1 if D < 0 else 1) if D or eta else 0 for D, eta in zip(d.D[1:], torus.eta[1:], strict=True)]
     return past_poles(base + signs[0] * turns[0] + signs[1] * turns[1], signs.count(0))
 
 
 def with_phase(state: State, c: Nutation) -> Nutation:
-    """`c` with the angle psi that puts J+ and x+ right at t = 0, by whichever of them is not small."""
+    """`c` with the angle psi that makes J+ and x+ right at t = 0; the larger of the two counts most."""
     J, x, _ = position(c, -c.t0, mp.exp)
     (J1, J2, _), (x1, x2, _) = reals(*state.J), reals(*state.x)
     rate = real(dot(state.J, state.J) + state.alpha)

@@ -1,17 +1,17 @@
-"""The reference solution of a top in any field, or of any problem: in quadruple precision, and checked against itself.
+"""The reference solution, in quadruple precision, of a top in any field or of any problem. It serves where no closed form exists.
 
     J' = ∇U(x) × x        x' = J × x        H = |J|²/2 + U(x)
 
-has no closed form in general, nor has a `Problem`; the time, if H depends on it, is one more variable there. Two runs of
-Taylor's method with different orders and steps give one solution; their difference is the estimate of its error and is
-returned with it. heyoka takes the steps in 128-bit numbers; where it is missing, or has no such numbers, mpmath takes them,
-about 20 times slower. No method of the bench is used.
+has no closed form in general. Nor has a `Problem`; if its H depends on time, the time is one more variable. Taylor's method runs
+twice, with different orders and steps. The difference of the two runs estimates the error and is returned. heyoka takes the steps
+in 128-bit numbers. If it is missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is
+used.
 
-What is integrated is the program of the problem's gradient, with its constants and parameters as exact numbers: heyoka on its
-own would turn a division by a double into a product with the rounded reciprocal.
+The right-hand side is the program of the problem's gradient, with its constants and parameters as exact numbers. (heyoka on its
+own would turn a division by a double into a product with the rounded reciprocal.)
 
-Results are kept, in memory and in the folder `reference` of the user's cache directory (LAGRANGE_BENCH_CACHE moves it,
-empty switches it off). Calls from several threads wait for each other.
+Results are cached, in memory and in the folder `reference` of the user's cache directory (LAGRANGE_BENCH_CACHE names another; if
+it is empty, there is none). Calls from several threads wait for each other.
 
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99 (order and step); Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka); Benettin,
 Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9 and 21 (tangent vectors).
@@ -47,11 +47,11 @@ from lagrange_bench.support.precision import ONE_AT_A_TIME, workdps
 __all__ = ["Reference", "engines", "horizon", "solution"]
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
-TANGENT = 1e-20  # of a run with a tangent vector: its growth is wanted to a few digits
+TANGENT = 1e-20  # tolerance of a run with a tangent vector, whose growth is needed to a few digits
 DIGITS = 40  # of mpmath
-PAIR = 2.0**-105  # what a number loses as a pair of doubles
-SHORTEST = 1e-12  # step, in units of the motion: only a singularity asks for less
-FARTHEST = 1e9  # units of the motion: hours of computing
+PAIR = 2.0**-105  # relative error of a number as a pair of doubles
+SHORTEST = 1e-12  # least step, in units of the motion; only a singularity needs a shorter one
+FARTHEST = 1e9  # longest time, in units of the motion; it takes hours
 SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent vector
 
 
@@ -61,7 +61,9 @@ class Reference:
 
     states: Array  # (N, n), n = 6 for a top
     tail: Array  # (N, n): states + tail has about 30 digits
-    error: Array  # (N,): of states + tail, relative to the scales of its vectors; rounding adds 1.1e-16 to that of `states`
+    error: (
+        Array  # (N,): of states + tail, relative to the scales of its vectors; that of `states` alone is 1.1e-16 larger
+    )
     engine: str  # "heyoka" or "mpmath"
 
 
@@ -70,13 +72,13 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
 
     Parameters
     ----------
-    problem, y0 : the problem and a state (6,), of a Problem (n,). Their doubles are taken as exact.
+    problem, y0 : the problem and a state, (6,) or for a Problem (n,). Their doubles are taken as exact.
     t : times (N,) of any sign, in any order.
-    engine : one of `engines()`; None for the first.
+    engine : one of `engines()`; None: the first.
 
     Returns
     -------
-    Reference. Look at its `error`: it grows with |t|, exponentially on a chaotic orbit, and nothing stops it at 1.
+    Reference. Look at its `error`: it grows with |t|, on a chaotic orbit exponentially, and may exceed 1.
 
     Raises
     ------
@@ -86,16 +88,15 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
     times = check_times(t)
     orbit = Orbit(problem, y0, engine)
     key, n = orbit.key("solution", times.tobytes().hex()), len(orbit.y0)
-    table = _kept(key, (len(times), 2 * n + 1), lambda: orbit.compute(times))
+    table = _cached(key, (len(times), 2 * n + 1), lambda: orbit.compute(times))
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
 def horizon(problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: float = 1e4) -> float:
-    """The time up to which an error of one ulp in y0 stays below `tolerance`, both relative to the scales of J and x.
+    """The time until an error of one ulp in y0 has grown to `tolerance`, both relative to the scales of J and x.
 
-    An integrator in doubles can be judged by its errors up to here, by what it conserves beyond. The ulp grows as the
-    tangent vector v of the variational equations; the answer is exact to about two units of the motion. inf if it is beyond
-    `longest`.
+    Up to this time an integrator in doubles can be judged by its errors, and later only by its invariants. The ulp grows like the
+    tangent vector v of the variational equations. The answer is right to about two units of the motion, and inf beyond `longest`.
     """
     tolerance, longest = check_real(tolerance, "tolerance"), check_real(longest, "longest")
     ulp = 2.0**-52
@@ -113,13 +114,14 @@ def horizon(problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: flo
             before = time
         return np.array([math.inf])
 
-    return float(_kept(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
+    return float(_cached(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
 
 
 class Orbit:
-    """A motion of a top in units where |x| and the rate are between 1/2 and 2: powers of two, so that changing units is exact.
+    """A motion that is to be computed.
 
-    Of any other problem in its own units; the time follows the state there.
+    A top is computed in units in which |x| and the rate are between 1/2 and 2. These are powers of two, so changing units is
+    exact. Any other problem is computed in its own units, with the time as one more variable after the state.
     """
 
     def __init__(self, problem: Any, y0: ArrayLike, engine: str | None = None, tangent: bool = False):
@@ -155,7 +157,7 @@ class Orbit:
         return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array) -> Array:
-        """Rows of states, tails and errors."""
+        """Rows of states, tails and errors, from the two runs."""
         rows = np.array([self.run(tolerance, times) for tolerance in (TOLERANCE, CHECK)])
         if not np.all(np.isfinite(rows)):
             raise StepError("reference", "the motion leaves the range of doubles")
@@ -163,7 +165,7 @@ class Orbit:
         return np.column_stack((rows[0, :, 0], rows[0, :, 1], scaled_size(self.problem, self.y0, difference) + PAIR))
 
     def run(self, tolerance: float, times: Array) -> Array:
-        """States (N, 2, n), heads and tails."""
+        """States (N, 2, n), as heads and tails."""
         self.check_span(float(np.max(np.abs(times), initial=0.0)))
         start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
         if not self.in_field:
@@ -180,7 +182,7 @@ class Orbit:
             return np.ldexp(out[:, :, : len(self.y0)], self.exponents)
 
     def check_span(self, t: float) -> None:
-        """StepError if a time is too far to be reached."""
+        """StepError if a time is too far away."""
         if ldexp(t, self.clock) > FARTHEST:
             raise StepError("reference", f"|t| = {t:g} is over {FARTHEST:g} time scales: more steps than can be taken")
 
@@ -216,7 +218,7 @@ class Orbit:
 
 @lru_cache(maxsize=64)
 def clocked(system: System) -> Program:
-    """The rates of a state and of the time, from the state, the time and the parameters."""
+    """A program of the rates of a state and of the time, as functions of the state, the time and the parameters."""
     tape = Tape()
     *y, t = (tape.input() for _ in range(system.size + 1))
     rates = tape.run(system.rhs, t, *y, *(tape.input() for _ in range(system.parameters)))
@@ -225,9 +227,9 @@ def clocked(system: System) -> Program:
 
 @lru_cache(maxsize=64)
 def equations(gradient: Program, tangent: bool) -> Program:
-    """The rates of J and x, from J, x, two units and the parameters of the gradient.
+    """A program of the rates of J and x, as functions of J, x, two units and the parameters of the gradient.
 
-    In units of its own x is size·x and U weight·U. With `tangent` a tangent vector follows x, and its rates theirs.
+    In the orbit's units x is size·x and U is weight·U. With `tangent`, a tangent vector comes after x, and its rates at the end.
     """
     tape = Tape()
     y = [tape.input() for _ in range(12 if tangent else 6)]
@@ -243,7 +245,7 @@ def equations(gradient: Program, tangent: bool) -> Program:
 
 @cache
 def engines() -> tuple[str, ...]:
-    """What can take the steps here, the best first."""
+    """The engines that are installed here, the best first."""
     try:
         import heyoka
     except ImportError:
@@ -252,7 +254,7 @@ def engines() -> tuple[str, ...]:
 
 
 class Singularity(Exception):
-    """Steps have become too short, or are not possible; the argument is the time."""
+    """Steps have become too short or impossible. The argument is the time."""
 
 
 class Heyoka:
@@ -273,7 +275,7 @@ class Heyoka:
         ta.state[:] = self.quadruple(start)
         ta.pars[:] = self.quadruple((self.parameters[: len(ta.pars)],))  # the last ones may be in no formula
 
-        def go_on(ta: Any) -> bool:  # being called at all also lets Ctrl-C in
+        def go_on(ta: Any) -> bool:  # the call also lets Ctrl-C in
             return abs(float(ta.last_h)) > SHORTEST or ta.time == end
 
         outcome, *_, states = ta.propagate_grid(grid, callback=go_on)
@@ -289,7 +291,7 @@ class Heyoka:
 
 @lru_cache(maxsize=16)
 def compiled(program: Program, tolerance: float) -> Any:
-    """heyoka's integrator. It has a state: nothing of a run is left in it that the next does not set."""
+    """heyoka's integrator. It keeps a state; each run sets all of it."""
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
@@ -309,7 +311,7 @@ def compiled(program: Program, tolerance: float) -> Any:
 
 
 class Mpmath:
-    """Steps in mpmath, with 40 digits: the same series, step by step in the interpreter."""
+    """Steps in mpmath, with 40 digits: the same Taylor series, in the interpreter."""
 
     def __init__(self, program: Program, parameters: Sequence[float], tolerance: float):
         self.program, self.parameters = program, parameters
@@ -341,7 +343,7 @@ class Mpmath:
         return out
 
     def step(self, series: list[list[mpf]]) -> float:
-        """Where the last two terms fall below the tolerance: the radius of convergence they suggest, over e²."""
+        """The step for which the last two terms are below the tolerance: their radius of convergence over e²."""
         p = self.order
         size, *last = (max(abs(c[k]) for c in series) for k in (0, p - 1, p))
         size = max(size, mpf(1))
@@ -379,7 +381,7 @@ def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float]
 
 
 def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) -> None:
-    """Coefficient k of c = a ∘ b, or of c = ∘a, from those below. Of a constant there is only the first."""
+    """Append coefficient k of c = a ∘ b, or of c = ∘a, computed from lower ones. A constant has only the first."""
     if operation in ("add", "sub", "neg"):
         one, two = (v[k] if k < len(v) else mpf(0) for v in (a, b))
         c.append(one + two if operation == "add" else one - two if operation == "sub" else -one)
@@ -404,24 +406,24 @@ def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) ->
         c.append((a[k] - known) / (2 * c[0]))
 
 
-# ---------------------------------------------------------------- what is kept
+# ---------------------------------------------------------------- the cache
 
 
 @cache
 def _version() -> str:
-    """Of the algorithm: a digest of this file."""
+    """The version of the algorithm: a digest of this file."""
     return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
 
 
 _memory: dict[bytes, Array] = {}
-MOST_KEPT = 256  # results in memory
+MOST_TABLES = 256  # results in memory
 
 
-def _kept(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> Array:
-    """A table by its key, from memory, from disk or computed now; read-only.
+def _cached(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> Array:
+    """The table with this key, from memory, from disk or computed now; read-only.
 
-    A file holds the table's bytes behind a digest of them and the key: one that is damaged, or lies under another's
-    name, does not match and is written anew.
+    A file begins with a digest of the key and of the table's bytes, which follow. A file that is damaged, or has another's name,
+    does not match and is written again.
     """
     with ONE_AT_A_TIME:  # the engines have a state
         if key not in _memory:
@@ -435,7 +437,7 @@ def _kept(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> A
                     if place is not None:
                         write_file(place, hashlib.sha256(key + payload).digest() + payload)
             table.flags.writeable = False
-            while len(_memory) >= MOST_KEPT:
+            while len(_memory) >= MOST_TABLES:
                 del _memory[next(iter(_memory))]
             _memory[key] = table
         return _memory[key]

@@ -1,12 +1,12 @@
-"""Any heavy rigid body with one point fixed, to any number of digits: Taylor series in integers, standard library only.
+"""The motion of any heavy rigid body with a fixed point, to any number of digits. It checks the closed forms and the methods.
 
-The equations of the whole body are taken as they are, in the body's frame, with I about the fixed point:
+It shares nothing with them, assumes no symmetry, and needs only the standard library. Taylor series in integers solve the
+equations of the whole body, in the body's frame, with I about the fixed point:
 
     R' = R Ω̂        L' = L × Ω + m X × RᵀG        L = I Ω
 
-The rows r of R obey r' = r × Ω. Numbers are integers, multiples of 2^-b, so nothing but the last of b bits is rounded. Nothing
-is shared with the methods of the bench, nor with its closed forms, and no symmetry is assumed: this is what they are checked by.
-Source of the choice of degree and step: Jorba and Zou, Exp. Math. 14 (2005) 99, section 3.
+The rows r of R obey r' = r × Ω. Numbers are integers, multiples of 2^-b, so only the last of b bits is rounded.
+Source for degree and step: Jorba and Zou, Exp. Math. 14 (2005) 99, section 3.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 Vector = list[Fraction]
 Matrix = list[list[Fraction]]
-GUARD = 64  # bits beyond the digits: rounding adds up over thousands of steps, and motions part as t, or faster
+GUARD = 64  # bits beyond the digits, since rounding adds up over thousands of steps and errors grow like t or faster
 
 
 def rigid_motion(
@@ -33,18 +33,18 @@ def rigid_motion(
     times: Sequence[Any],
     digits: int = 30,
 ) -> Iterator[tuple[Matrix, Vector]]:
-    """The rotation matrix, body to world, and the angular velocity in the body, at `times`.
+    """The rotation matrix (body to world) and the angular velocity in the body, at `times`.
 
     Parameters
     ----------
-    mass, com (3,), inertia_com (3,) or (3, 3), gravity (3,), omega_body (3,), rotation (3, 3) : SI units, in anything that
+    mass, com (3,), inertia_com (3,) or (3, 3), gravity (3,), omega_body (3,), rotation (3, 3) : SI units, as anything that
     Fraction takes exactly: ints, doubles, decimal strings, fractions.
-    times : from 0 upwards, in order; anything else is a ValueError before the first row.
-    digits : errors are below 10^-digits of the sizes of R and Ω. A motion may magnify errors by 10^10 for that.
+    times : rising from 0; otherwise ValueError before the first row.
+    digits : errors are below 10^-digits of the sizes of R and Ω, if the motion magnifies errors by less than 10^10.
 
     Yields
     ------
-    fractions: R as three rows, Ω.
+    Fractions: R as three rows, and Ω.
     """
     moments = _ascending(times)
     x, G, w = ([Fraction(v) for v in values] for values in (com, gravity, omega_body))
@@ -78,7 +78,7 @@ def rigid_motion(
 def _ascending(times: Sequence[Any]) -> Vector:
     try:
         moments = [Fraction(time) for time in times]
-    except (ValueError, OverflowError) as error:  # of NaN, of infinity
+    except (ValueError, OverflowError) as error:  # NaN or infinity
         raise ValueError(f"times must be finite numbers: {error}") from None
     for before, time in pairwise((Fraction(0), *moments)):
         if time < before:
@@ -100,7 +100,7 @@ def _fixed(values: Sequence[Fraction], bits: int) -> list[int]:
 
 
 def _inverse(a: Matrix) -> Matrix:
-    """By cofactors."""
+    """The inverse of a matrix, by cofactors."""
     cofactors = [
         [a[(i + 1) % 3][(k + 1) % 3] * a[(i + 2) % 3][(k + 2) % 3] - a[(i + 1) % 3][(k + 2) % 3] * a[(i + 2) % 3][(k + 1) % 3]
          for k in range(3)]
@@ -111,7 +111,7 @@ def _inverse(a: Matrix) -> Matrix:
 
 
 def _series(state: list[int], inverse: list[list[int]], pulls: list[list[int]], bits: int) -> list[list[int]]:
-    """Taylor coefficients of L and the rows of R, twelve lists; `pulls[i]` is m X G_i in the units of the run."""
+    """Taylor coefficients of L and of the rows of R, as twelve lists. pulls[i] : m X G_i in the units of the run."""
     degree = bits // 3
     z = [[v] for v in state]
     w: list[list[int]] = [[], [], []]
@@ -139,14 +139,14 @@ def _series(state: list[int], inverse: list[list[int]], pulls: list[list[int]], 
 
 
 def _length(series: list[list[int]], bits: int) -> int:
-    """The length of a step whose last terms are below the last bit."""
+    """The length of a step for which the last terms are below the last bit."""
     degree = len(series[0]) - 1
     last = max(math.log2(max(abs(a[n]) for a in series) + 1) / n for n in (degree - 1, degree))
     return math.floor(2.0 ** min(8.0, -last) * 2**30) << (bits - 30)
 
 
 def _value(series: list[list[int]], time: int, bits: int) -> list[int]:
-    """The polynomials at a time, by Horner's rule."""
+    """The values of the polynomials at a time, by Horner's rule."""
     values = [0] * len(series)
     for n in range(len(series[0]) - 1, -1, -1):
         values = [((v * time) >> bits) + a[n] for v, a in zip(values, series, strict=True)]

@@ -1,17 +1,16 @@
-"""The exact motion of a symmetric heavy body with its rotation, from the theta functions of the Lagrange top inside.
+"""The exact motion and rotation of a symmetric heavy body, from the theta functions of the Lagrange top inside it.
 
-The frame of the world has its third axis up, that of the body its third axis along the axis of symmetry. The rotation from
-the one to the other is a unitary matrix (u, −v*; v, u*) of Cayley–Klein parameters, and x+ = 2 u* v, x3 = |u|² − |v|², so that
-with A, B and n of `truth.tide`
+The third axis of the world points up; the third axis of the body is its axis of symmetry. The rotation from body to world is a
+unitary matrix (u, −v*; v, u*) of Cayley–Klein parameters, with x+ = 2 u* v and x3 = |u|² − |v|². With A, B and n of `truth.tide`
 
     u = B*/√n e^(iχ − iφ/2),    v = A/√n e^(iχ + iφ/2),    χ' = −(ω_a − φ' x3)/2 − Im(A* A' − B* B')/n,
 
-where φ is the turn about e3, and ω_a = L_a/C is constant. In a uniform field, k = 0, the divisor of the theta functions is
-real on the orbit, so that χ' is constant, too (Klein & Sommerfeld, Theorie des Kreisels, chapter VI). In each period B takes
-up a phase. It is counted by the mean rate of χ, and what is left by a rate within the period.
+where φ is the turn about e3, and ω_a = L_a/C is constant. In a uniform field (k = 0) the divisor of the theta functions is real
+on the orbit, so χ' is constant, too (Klein & Sommerfeld, Theorie des Kreisels, chapter VI). B gains a phase in each period. The
+mean rate of χ counts it, and a second rate gives the rest within a period.
 
-Numbers of the start are taken as exact, the rotation as that of q/|q|; |q| stays what it is. Where `up` is along an axis of
-the world all cases are told apart exactly; else to some 10^-60. Tested against `truth.rigid_body`.
+The numbers of the start are taken as exact. The rotation is that of q/|q|, and |q| stays constant. If `up` is along an axis of
+the world, all cases are distinguished exactly, else to about 10^-60. Tested against `truth.rigid_body`.
 """
 
 from __future__ import annotations
@@ -49,16 +48,16 @@ class Facts(NamedTuple):
 class Motion(NamedTuple):
     """Constants of the motion; mpmath numbers, or doubles."""
 
-    orbit: Any  # of `truth.tide`, or None where the axis only turns about the vertical
+    orbit: Any  # of `truth.tide`, or None if the axis only turns about the vertical
     turn: Any  # φ'
     spin: Any  # mean rate of χ
-    drift: Any  # rate of the rest of it, within a period
-    half: Any  # (2,): u and v where they are constant
-    momentum: Any  # (3,): J there
+    drift: Any  # rate of the rest of χ within a period
+    half: Any  # (2,): u and v, if they are constant
+    momentum: Any  # (3,): J in that case
     world: Any  # (3, 3): rows are the frame with e3 up
-    left: Any  # (4,): quaternions before and after that of (u, v)
-    right: Any
-    rate: int  # times 2^rate are those of the orbit
+    left: Any  # (4,): quaternion on the left of that of (u, v)
+    right: Any  # (4,): quaternion on its right
+    rate: int  # times of the orbit are times 2^rate
 
 
 def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
@@ -67,14 +66,14 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
     Parameters
     ----------
     body, y0 : a symmetric RigidBody with a weight, and a state (7,).
-    t : times (N,), of any sign, in any order; with `digits` mpmath numbers are welcome.
-    digits : None for doubles, or the number of decimal digits wanted, up to 1000.
-    more : (N,), what is to be added to `t` and is below an ulp of it; of no meaning with `digits`.
+    t : times (N,), of any sign, in any order; with `digits` also mpmath numbers.
+    digits : None for doubles, or the number of decimal digits, up to 1000.
+    more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
 
     Returns
     -------
-    (N, 7): q or −q, which are the same rotation, and L. Doubles, with errors below 1e-14 of |q| and of the scale of L at every t;
-    or with `digits` mpmath.mpf in an object array, with errors below 10^-digits of them.
+    (N, 7): q or −q, which are the same rotation, and L. Without `digits`: doubles, with errors below 1e-14 of |q| and of the
+    scale of L at every t. With `digits`: mpmath.mpf in an object array, with errors below 10^-digits of these.
 
     Raises
     ------
@@ -95,7 +94,7 @@ def in_mpmath(facts: Facts, times: NDArray[Any], digits: int) -> NDArray[Any]:
     rough, period, _ = find_motion(facts, DIGITS)
     latest = mp.ldexp(max(map(abs, times), default=mpf(0)), rough.rate)
     needed = digits + max(0, int(mp.log10(latest * (abs(rough.turn) + abs(rough.spin) + 1 / period) + 1)))
-    motion, period, t0 = find_motion(facts, -(-needed // 16) * 16)  # in steps, so that motions are found again
+    motion, period, t0 = find_motion(facts, -(-needed // 16) * 16)  # rounded up, so that cached motions are used
     y = np.empty((len(times), 7), dtype=object)
     with workdps(needed + 15):
         for row, t in zip(y, [mp.ldexp(v, motion.rate) for v in times], strict=True):
@@ -114,7 +113,7 @@ def facts_of(body: Any, y0: ArrayLike) -> Facts:
 
 
 def state(facts: Facts, c: Motion, r: Any, phi: Any, chi: Any, functions: Any) -> tuple[Any, ...]:
-    """q and L: r is the time since x3 was smallest, phi the turn about e3, chi the phase without the rest within a period."""
+    """q and L, from the time r since x3 was smallest, the turn phi about e3, and the part of the phase chi from its mean rate."""
     g, J = parameters(c, r, phi, chi, functions)
     q = product(product(c.left, g), c.right)
     J = tuple(sum(row[n] * v for row, v in zip(c.world, J, strict=True)) for n in range(3))
@@ -128,7 +127,7 @@ def state(facts: Facts, c: Motion, r: Any, phi: Any, chi: Any, functions: Any) -
 
 
 def parameters(c: Motion, r: Any, phi: Any, chi: Any, functions: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The quaternion of (u, v), and J; r, phi and chi are arrays, or of mpmath."""
+    """The quaternion of (u, v), and J; arguments as of `state`, arrays or mpmath numbers."""
     if c.orbit is None:
         (u, v), (J, J3) = c.half, c.momentum
     else:
@@ -189,7 +188,7 @@ def find_motion(facts: Facts, digits: int) -> tuple[Motion, mpf, mpf]:
             x3 = (mp.re(b) ** 2 - mp.re(a) ** 2) / n
             spin = -(along - motion.turn * x3) / 2 - mp.im(mp.conj(a) * da - mp.conj(b) * db) / n
             drift, period, t0 = none, motion.period, motion.t0
-            if mp.isfinite(period):  # the phase that B takes up
+            if mp.isfinite(period):  # the phase that B gains
                 drift = 2 * mp.arg(tide.evaluate(motion.B, motion.kappa, period / 2, mp)[0]) / period
             c = Motion(motion, motion.turn, spin - drift, drift, (), (), (), (), (), orbit.rate)
         frame = [np.array([[real(v)] for v in row], dtype=object) for row in world]
@@ -221,7 +220,7 @@ def rational(v: mpf) -> Fraction:
 
 
 def upright(up: Rationals) -> list[list[Fraction]]:
-    """Rows of a frame whose third is along `up`: rational, or next to it."""
+    """Rows of a frame whose third axis is along `up`: rational numbers, or close to them."""
     n = max(range(3), key=lambda n: abs(up[n]))
     first = tuple(Fraction(m == (n + 1) % 3) for m in range(3))
     if sum(map(bool, up)) == 1:

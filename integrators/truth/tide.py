@@ -1,4 +1,4 @@
-"""The orbit of a top in alpha x3 + k x3²/2, a vertical tide: its closed-form solution, in mpmath, as in `truth.orbit`.
+"""The closed form of the orbit of a top in alpha x3 + k x3²/2, a vertical tide, in mpmath; compare `truth.orbit`.
 
 With m = J3, l = x·J, s = |x|, J+ = J1 + iJ2, x+ = x1 + ix2 the equations of motion give a quartic,
 
@@ -12,18 +12,20 @@ s - x3 one is a zero of x+, at r = a, and so is one of s + x3, at r = b; the pol
     x3 = s (|B|² - |A|²)/n,      x+ = 2s A B/n,
     J+ = l x+/s² + 2i (B² W + A² conj(W))/n²,      W = A' conj(B) - A conj(B'),
 
-with theta1 of these periods. |x| = s holds whatever A and B are, and neither the poles nor J+ = 0 nor k = 0 are special.
-The ways from `low` down to -s and up to s, through infinity if another root of f is in the way, say where a and b are:
-at i eta, or at T/2 + i eta where the way leads through `high`. Up to a factor, with kappa = i pi/T and p = q² or -q,
-q = e^{-pi T'/T}; or, after Jacobi's transformation, where T' < T, with kappa = pi/T' and q = e^{-pi T/T'},
+with theta1 of these periods. |x| = s holds for any A and B, and the poles, J+ = 0 and k = 0 are no special cases.
+
+To find a and b, go from `low` down to -s and up to s, and through infinity if another root of f is in the way. They are at
+i eta, or at T/2 + i eta if the way leads through `high`. Up to a factor,
 
     theta1(w) = sinh(kappa w) sum_j C_|j| e^{2j kappa w},      C_j = sum_{n >= j} (-1)^n p^{n(n+1)/2},
 
-p = q² if all roots of f are real. A double root makes p = 0: either T is infinite and the motion homoclinic, or T' is, and
-x3 a rational function of cos(2 pi r/T). With a triple root both are, and kappa is 0.
+with kappa = i pi/T and q = e^{-pi T'/T}; or, if T' < T, after Jacobi's transformation, with kappa = pi/T' and q = e^{-pi T/T'}.
+p = q² if all roots of f are real, else p = -q. A double root makes p = 0: then T is infinite and the motion homoclinic, or T' is
+infinite and x3 is a rational function of cos(2 pi r/T). With a triple root both are infinite, and kappa is 0.
 
 Sources: Whittaker & Watson, 20.6 (e), 21.1 (theta1); Klein & Sommerfeld, Theorie des Kreisels, chapter VI (A and B, as
-Cayley-Klein parameters); DLMF 19.25.35 (eta and periods), 20.7.30 (the transformation). All tested against the equations.
+Cayley-Klein parameters); DLMF 19.25.35 (eta and periods), 20.7.30 (the transformation). All are tested against the equations of
+motion.
 """
 
 from __future__ import annotations
@@ -63,10 +65,10 @@ class Factor(NamedTuple):
 
 
 class Tide(NamedTuple):
-    """Motion by the time r since x3 was smallest, |r| <= period/2; the whole turns about e3 at a rate of its own."""
+    """A motion as a function of the time r since x3 was smallest, |r| <= period/2. It turns about e3 at a constant rate."""
 
     period: Any  # inf on the separatrix
-    t0: Any  # a time at which x3 is smallest; at which it is 0 on the way from pole to pole
+    t0: Any  # a time at which x3 is smallest; from pole to pole, the time at which x3 is 0
     turn: Any  # rate
     phase: Any
     J3: Any
@@ -79,9 +81,9 @@ class Tide(NamedTuple):
 
 
 def position(c: Tide, r: Any, functions: Any) -> tuple[Any, Any, Any]:
-    """J+, x+ and x3 at times r, but for the turn and the phase.
+    """J+, x+ and x3 at times r, without the turn and the phase.
 
-    `c` holds doubles and r is an array, or `c` and r are of mpmath; `functions` is numpy or mp.
+    c, r : doubles and an array, or mpmath numbers. functions : numpy or mp, as these are.
     """
     (A, dA), (B, dB) = (evaluate(part, c.kappa, abs(r), functions) for part in (c.A, c.B))
     a, b = (part.real * part.real + part.imag * part.imag for part in (A, B))
@@ -96,8 +98,8 @@ def position(c: Tide, r: Any, functions: Any) -> tuple[Any, Any, Any]:
 
 
 def evaluate(c: Factor, kappa: Any, r: Any, functions: Any) -> tuple[Any, Any]:
-    """A factor and its derivative by r."""
-    rise = functions.expm1(-2 * kappa * r)  # near a triple root kappa r is small, and only differences matter
+    """The value of a factor, and its derivative by r."""
+    rise = functions.expm1(-2 * kappa * r)  # near a triple root kappa r is small
     sinh, cosh = (-rise / (2 * kappa) if kappa else r), 1 + rise / 2
     first, slope = c.odd * sinh + c.even * cosh + c.rest, (c.odd - kappa * c.even) * (1 + rise)
     terms = [functions.exp(log + rate * r) for log, rate in zip(c.logs, c.rates, strict=True)]
@@ -106,7 +108,7 @@ def evaluate(c: Factor, kappa: Any, r: Any, functions: Any) -> tuple[Any, Any]:
 
 
 def find_orbit(alpha: float | Fraction, k: float | Fraction, y0: Sequence[Any], digits: int) -> Orbit:
-    """The orbit of `y0`, its constants good to `digits` decimal digits; without roots and the angle of precession."""
+    """The orbit through `y0`, with constants to `digits` decimal digits; without roots and the angle of precession."""
     (rate, size), two = units(alpha, y0, k), Fraction(2)
     J, x = (tuple(Fraction(v) * two**-e for v in part) for part, e in ((y0[:3], rate), (y0[3:], size)))
     state = State(Fraction(alpha) * two ** (size - 2 * rate), J, x, Fraction(k) * two ** (2 * (size - rate)))
@@ -118,7 +120,7 @@ def find_orbit(alpha: float | Fraction, k: float | Fraction, y0: Sequence[Any], 
     places = find_places(state, digits)
     sign = 1
     if abs(places.slope(places.low)) < abs(places.slope(places.high)) or (places.crossing and state.velocity < 0):
-        # time counts from the sharper turn, where it must be known best; from pole to pole x3 rises
+        # time is counted from the sharper turn, where it must be known best; from pole to pole x3 rises
         sign, state = -1, State(-state.alpha, J, tuple(-v for v in x), state.k)
         places = find_places(state, digits)
     with workdps(places.working):
@@ -129,7 +131,7 @@ def find_orbit(alpha: float | Fraction, k: float | Fraction, y0: Sequence[Any], 
 
 
 def phase(state: State, c: Tide) -> mpf:
-    """The angle that puts J+ and x+ right at t = 0, by whichever of them is not small."""
+    """The angle that makes J+ and x+ right at t = 0; the larger of the two counts most."""
     J, x, _ = position(c, -c.t0, mp)
     (J1, J2, _), (x1, x2, _) = reals(*state.J), reals(*state.x)
     rate = real(dot(state.J, state.J) + abs(state.alpha) + abs(state.k))
@@ -140,7 +142,7 @@ def phase(state: State, c: Tide) -> mpf:
 
 
 class Places(NamedTuple):
-    """The roots of f, those that are finite, and what lies among them: what is on a root is the same object."""
+    """The finite roots of f, and places among them. A place that is a root is the same object as the root."""
 
     f: Vector  # by increasing power
     roots: Vector  # double ones twice
@@ -161,53 +163,53 @@ class Places(NamedTuple):
 
     @property
     def crossing(self) -> bool:
-        """Whether both turns are double roots: f = k (s² - x3²)², on the way from pole to pole."""
+        """Whether both turns are double roots, f = k (s² - x3²)²: the motion from pole to pole."""
         return self.low in self.others and self.high in self.others
 
     def slope(self, x3: mpf) -> mpf:
-        """f'."""
+        """f' at x3."""
         with workdps(self.working):
             return horner(reals(*polyder(self.f)), x3)
 
     def e(self, x3: Any) -> Any:
-        """e of x3; -inf at `low`."""
+        """e(x3); -inf at `low`."""
         if x3 == self.low:
             return -mp.inf
         return self.slope(self.low) / 4 / (x3 - self.low)
 
 
 def find_places(state: State, digits: int) -> Places:
-    """Places to `digits` digits of their distances: the working precision is raised by what these cancel."""
+    """The places, with distances to `digits` digits. The working precision is raised until cancellation does not matter."""
     alpha, k, H, l, m, c1 = state.alpha, state.k, state.H, state.l, state.m, state.c1
     f = (2 * H - m**2) * c1 - l**2, 2 * (l * m - alpha * c1), -2 * H - k * c1, 2 * alpha, k
     working = digits + 15
     while True:
         with workdps(3 * working):
-            found, s = roots(f), mp.sqrt(real(c1))
-            top, bottom = (on_root(pole * s, found, weight(state, pole) == 0) for pole in (1, -1))
-            start = on_root(real(state.x[2]), found, state.velocity == 0)
-            smallest = min(abs(a - b) for a, b in combinations((*found, top, bottom, start), 2) if a is not b)
+            zeros, s = roots(f), mp.sqrt(real(c1))
+            top, bottom = (on_root(pole * s, zeros, weight(state, pole) == 0) for pole in (1, -1))
+            start = on_root(real(state.x[2]), zeros, state.velocity == 0)
+            smallest = min(abs(a - b) for a, b in combinations((*zeros, top, bottom, start), 2) if a is not b)
         if smallest > mpf(10) ** (digits + 5 - working):
             break
         working *= 2
-    line, turning = [v for v in found if isinstance(v, mpf)], state.acceleration
-    low = max(v for v in line if v < start or (v is start and turning > 0))
-    high = min(v for v in line if v > start or (v is start and turning < 0))
-    return Places(f, found, low, high, top, bottom, start, 2 * working)
+    line, acceleration = [v for v in zeros if isinstance(v, mpf)], state.acceleration
+    low = max(v for v in line if v < start or (v is start and acceleration > 0))
+    high = min(v for v in line if v > start or (v is start and acceleration < 0))
+    return Places(f, zeros, low, high, top, bottom, start, 2 * working)
 
 
-def on_root(x3: mpf, found: Vector, exactly: bool) -> mpf:
-    return min(found, key=lambda root: abs(root - x3)) if exactly else x3
+def on_root(x3: mpf, zeros: Vector, exactly: bool) -> mpf:
+    return min(zeros, key=lambda root: abs(root - x3)) if exactly else x3
 
 
 def roots(f: Sequence[Fraction]) -> Vector:
-    """Roots of a polynomial with rational coefficients, mpf where they are real; one of order n is n times the same object."""
+    """Roots of a polynomial with rational coefficients; real ones are mpf. A root of order n is n times the same object."""
     f = f[: 1 + max(i for i, c in enumerate(f) if c)]
     if len(f) == 1:
         return ()
     repeated: Any = f
     rest: Any = polyder(f)
-    while any(rest):  # Euclid: what f has in common with f'
+    while any(rest):  # Euclid: the common divisor of f and f'
         repeated, rest = rest, polydiv(repeated, rest)[1]
     simple: Vector = tuple(laguerre(reals(*polydiv(f, repeated)[0])))
     # the distance of two that are conjugate is twice that from the real line
@@ -217,8 +219,8 @@ def roots(f: Sequence[Fraction]) -> Vector:
 
 
 def laguerre(f: Any) -> list[Any]:
-    """Roots of a polynomial, all of them simple, one by one (Laguerre's method), as well as the digits allow."""
-    found = []
+    """Roots of a polynomial with simple roots, one by one (Laguerre's method), to all digits."""
+    zeros = []
     while (n := len(f) - 1) > 0:
         z, f1, f2 = mp.mpc(0.1, 0.07), polyder(f), polyder(f, 2)
         for _ in range(mp.prec):
@@ -227,16 +229,16 @@ def laguerre(f: Any) -> list[Any]:
                 break
             root = mp.sqrt(((n - 1) * slope) ** 2 - n * (n - 1) * value * bend)
             z -= n * value / max(slope + root, slope - root, key=abs)
-        found.append(z)
+        zeros.append(z)
         f = polydiv(f, (-z, mpf(1)))[0]
-    return found
+    return zeros
 
 
 # ---------------------------------------------------------------- elliptic motion and its limits
 
 
 class Lattice(NamedTuple):
-    """e of the other three roots, the largest or the real one first, and what theta1 needs."""
+    """e of the other three roots (the largest or the real one first), and the constants of theta1."""
 
     e: Vector
     real: bool  # all roots are real
@@ -264,14 +266,14 @@ def lattice(at: Places, digits: int) -> Lattice:
 
 
 def carlson(*squares: Any) -> mpf:
-    """R_F, real here."""
+    """Carlson's R_F, which is real here."""
     return mp.inf if squares.count(0) > 1 else mp.re(mp.elliprf(*squares))
 
 
 def factor(c: Lattice, at: Places, pole: mpf, D: mpf) -> Factor:
-    """A or B, with |A|² = s - x3 or |B|² = s + x3 at r = 0, where A and B are real.
+    """A or B. At r = 0 they are real, and |A|² = s - x3, |B|² = s + x3.
 
-    D : m s - l for A, -(m s + l) for B; its sign says which of the two zeros of s - x3 or s + x3 is that of x+.
+    D : m s - l for A, -(m s + l) for B. Its sign says which of the two zeros of s - x3 or s + x3 is a zero of x+.
     """
     (e1, e2, e3), kappa, n = c.e, c.kappa, len(c.logs) - 1
     e = at.e(pole)
@@ -280,7 +282,7 @@ def factor(c: Lattice, at: Places, pole: mpf, D: mpf) -> Factor:
     eta = mpf(0) if mp.isinf(e) else carlson(e1 - e, e2 - e, e3 - e)
     side = 1 if (D > 0) == by_high else -1
     odd = even = rest = mpf(0)
-    apart = [(mpf(0), mpf(0))]  # exponentials that sinh(kappa (r - a)) consists of
+    apart = [(mpf(0), mpf(0))]  # sinh(kappa (r - a)) as a sum of exponentials
     shift = 1j * kappa * side * eta if mp.isfinite(eta) else mpf(0)
     if by_high:
         rest = mpf(1)
@@ -306,11 +308,11 @@ def factor(c: Lattice, at: Places, pole: mpf, D: mpf) -> Factor:
 
 
 def nutating(state: State, at: Places, digits: int) -> Tide:
-    """`phase` is left out."""
+    """The motion with varying x3, without its `phase`."""
     c, s = lattice(at, digits), mp.sqrt(real(state.c1))
     up, down = weight(state, 1), weight(state, -1)
     A, B = factor(c, at, at.top, up), factor(c, at, at.bottom, -down)
-    # the rates of arg A and arg B are these where x3 is stationary, and the rest is that of theta1
+    # these are the rates of arg A and arg B where x3 is stationary, minus those of theta1
     lam = up / (2 * (at.top - at.low)) + down / (2 * (at.high - at.bottom))
     lam -= logarithmic_slope(A, c.kappa, mpf(0))
     if finite := mp.isfinite(c.period):
@@ -318,28 +320,28 @@ def nutating(state: State, at: Places, digits: int) -> Tide:
     e = at.e(at.start)
     since = mpf(0) if mp.isinf(e) else carlson(*(e - v for v in c.e))
     t0, zero = since if state.velocity < 0 else -since, mpf(0)
-    motion = Tide(c.period, t0, zero, zero, real(state.m), real(state.l / state.c1), s, c.kappa, turning(A, lam), B)
+    motion = Tide(c.period, t0, zero, zero, real(state.m), real(state.l / state.c1), s, c.kappa, rotated(A, lam), B)
     turn = lam
-    if finite:  # the half of the angle in a period, but for whole turns
+    if finite:  # half the angle in a period, up to whole turns
         J, x, _ = position(motion, c.period / 2, mp)
         turn = 2 * mp.arg(max(J, x, key=abs)) / c.period
         turn += mp.nint((lam - turn) * c.period / (2 * mp.pi)) * 2 * mp.pi / c.period
-    return motion._replace(turn=turn, A=turning(A, lam - turn))
+    return motion._replace(turn=turn, A=rotated(A, lam - turn))
 
 
 def logarithmic_slope(part: Factor, kappa: Any, r: mpf) -> mpf:
-    """Rate of arg."""
+    """The rate of the argument of a factor."""
     value, slope = evaluate(part, kappa, r, mp)
     return mp.im(slope / value)
 
 
-def turning(part: Factor, rate: mpf) -> Factor:
+def rotated(part: Factor, rate: mpf) -> Factor:
     """`part` times e^{i rate r}."""
     return part._replace(rates=tuple(v + 1j * rate for v in part.rates))
 
 
 def crossing(state: State) -> Tide:
-    """x3 = s tanh(kappa r) in a plane, from the lower pole to the upper one; `phase` is left out."""
+    """The motion in a plane from the lower pole to the upper one, x3 = s tanh(kappa r), without its `phase`."""
     s, zero, (k, x3) = mp.sqrt(real(state.c1)), mpf(0), reals(state.k, state.x[2])
     kappa = mp.sqrt(k) * s
     A, B = (Factor(zero, zero, mpf(1), (zero,), (rate,)) for rate in (-kappa, zero))

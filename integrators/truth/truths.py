@@ -1,4 +1,4 @@
-"""What runs are judged by: the exact solution where there is a closed form, else the reference solution."""
+"""The truth about a run: the exact solution if there is a closed form, else the reference solution."""
 
 from __future__ import annotations
 
@@ -14,61 +14,61 @@ from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.truth import exact, free_body, symmetric_body
 
-LONGEST = 2000.0  # time scales: a reference of this length takes some ten seconds
-LOST = 1e-12  # error of a reference state: where it is larger no method that computes in doubles follows the motion
-BITS = 44  # of the times for which reference solutions are computed and kept
+LONGEST = 2000.0  # time scales: a reference of this length takes about ten seconds
+LOST = 1e-12  # error of a reference state; beyond it, no method in doubles can follow the motion
+BITS = 44  # precision of the times for which reference solutions are computed
 
 
 def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST) -> Array:
-    """The states (N, n) at `times` of the motion that is at y0 at t = 0.
+    """The true states (N, n) at `times` of the motion that is at y0 at t = 0.
 
-    NaN where a chaotic motion is lost, and of a body beyond `longest`, with a warning.
+    States are NaN from where a chaotic motion is lost, and for a body beyond `longest`, with a warning.
 
-    longest : of a run with a reference solution, in time scales.
+    longest : the longest reference solution that is computed, in time scales.
 
     Raises
     ------
-    ValueError : there is nothing to compare with; the message says why.
+    ValueError : there is no truth to compare with; the message says why.
     """
     times = np.asarray(times, dtype=float)
-    return _found("solution", problem, y0, (times,), times, np.zeros_like(times), longest)
+    return _solution("solution", problem, y0, (times,), times, np.zeros_like(times), longest)
 
 
 def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: float = LONGEST) -> Array:
-    """As `solution`, after n steps of h: at the times n·h themselves, which no doubles need be."""
+    """As `solution`, after `counts` steps of h: at the exact times n·h, which need not be doubles."""
     n = np.asarray(counts, dtype=float)
-    return _found("after_steps", problem, y0, (h, counts), h * n, exact.rounded_off(h, n), longest)
+    return _solution("after_steps", problem, y0, (h, counts), h * n, exact.rounded_off(h, n), longest)
 
 
 def closed_form(problem: Any) -> bool:
-    """Whether the motion is known for any length of time: of a top in alpha x3 + k x3²/2, and of a free or symmetric body."""
+    """Whether there is a closed form: for a top in alpha x3 + k x3²/2, and for a free or a symmetric body."""
     return _of_body(problem) is not None or exact.vertical_field(problem) is not None
 
 
 def name(problem: Any) -> str:
-    """What the truth about a problem is called."""
+    """The name of the truth about a problem, for messages and figures."""
     return "exact solution" if closed_form(problem) else "reference solution"
 
 
 def _of_body(problem: Any) -> Any:
-    """The closed form of a rigid body, a function; None if there is none."""
+    """The function that computes the closed form of a rigid body; None if there is no closed form."""
     if not isinstance(problem, RigidBody):
         return None
     forms = {"free": free_body.solution, "symmetric": symmetric_body.solution}
     return next((form for word, form in forms.items() if word in problem.offers), None)
 
 
-def _found(
+def _solution(
     which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
 ) -> Array:
-    """By the function `which` of `exact` of `when`; or by the reference at `times` + `rest`."""
+    """The closed form, by the function `which` of `exact` with the arguments `when`; else the reference at `times` + `rest`."""
     if (of_body := _of_body(problem)) is not None:
         return of_body(problem, y0, times, more=rest)  # type: ignore[no-any-return]
-    if closed_form(problem) and np.any(y0[3:]):  # a problem may be posed without an axis
+    if closed_form(problem) and np.any(y0[3:]):  # a problem may start with x = 0
         return getattr(exact, which)(problem, y0, *when)
     end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]
     if end > most:
-        possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # not a time beyond it
+        possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # rounded down
         reason = f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {possible:.4g}"
         if not isinstance(problem, RigidBody):
             raise ValueError(reason)
@@ -80,17 +80,19 @@ def _found(
 
 
 def _reference(problem: Any, y0: Array, times: Array, rest: Array) -> Array:
-    """Runs of one length with different steps end an ulp apart. They share one reference, at times of BITS bits, and the
-    rest of the time, some 1e-13 of it, is one term of the Taylor series.
+    """The reference solution at `times` + `rest`.
+
+    Runs of one length with different steps end an ulp apart. They share one reference, at times rounded to BITS bits. The rest
+    of the time, about 1e-13 of it, is one term of the Taylor series.
     """
     from lagrange_bench.integrators.truth import reference
 
     mantissas, exponents = np.frexp(times)
     shared = np.ldexp(np.rint(np.ldexp(mantissas, BITS)), exponents - BITS)
     try:
-        found = reference.solution(problem, y0, shared)
+        result = reference.solution(problem, y0, shared)
     except StepError as error:
         raise ValueError(error.reason) from None
-    rates = problem.rhs(found.states, times)
-    states = found.states + (found.tail + ((times - shared) + rest)[:, None] * rates)
-    return np.where(found.error[:, None] <= LOST, states, math.nan)
+    rates = problem.rhs(result.states, times)
+    states = result.states + (result.tail + ((times - shared) + rest)[:, None] * rates)
+    return np.where(result.error[:, None] <= LOST, states, math.nan)
