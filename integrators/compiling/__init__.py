@@ -1,1 +1,1 @@
-"""How kernels are compiled, and the loops around them."""
+"""Compiles kernels, and holds the loops around them."""

@@ -1,10 +1,10 @@
-"""How this project compiles: one decorator, and a cache of machine code that cannot go stale.
+"""The decorator that compiles kernels, and a cache of machine code that is never out of date.
 
-Fused multiply-add contraction and fastmath are off: the same bits on every IEEE machine. Numba's own cache only notices a
-change in the file of the function itself, not in the functions it calls. So a kernel has a name of its own: it ends with a
-digest of every source the kernel can call and of all that it closes over. Numba keeps the code of a function under its name, and
-never finds that of another one. It keeps it beside the file of the function, which for a kernel is one in the user's cache
-folder (LAGRANGE_BENCH_CACHE moves it, empty switches it off).
+Fused multiply-adds and fastmath are off, so every IEEE machine computes the same bits. Numba caches the code of a function under
+its name. It notices a change in the file of the function, but not in the functions that it calls. So each kernel gets a name that
+ends with a digest of all sources that it can call and of all that it closes over: a changed kernel has a new name. Numba puts its
+cache beside the file of the function, so kernels get a file in the user's cache folder. (LAGRANGE_BENCH_CACHE names another
+folder; if it is empty, there is no cache.)
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from weakref import WeakValueDictionary
 import llvmlite.binding as llvm
 import numba
 import numpy as np
-from numba.core.errors import NumbaError as NumbaError  # those who compile catch it
+from numba.core.errors import NumbaError as NumbaError  # for callers who catch it
 from numba.core.registry import CPUDispatcher
 
 from lagrange_bench.support import announce
@@ -32,33 +32,33 @@ from lagrange_bench.support.files import cache_folder
 from lagrange_bench.support.source_digest import IMPORTED_SOURCES, SourceDigest
 
 config: Any = numba.config  # its attributes are made at run time
-COMPILED = not config.DISABLE_JIT  # asked once: functions that are compiled and functions that are not do not mix
+COMPILED = not config.DISABLE_JIT  # read once, since compiled and other functions do not mix
 OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 
-BELOW = ("compiling", "problem")  # rooms whose kernels reach others as arguments: part of every digest
-# of Numba: they change machine code
+BELOW = ("compiling", "problem")  # rooms whose kernels are passed as arguments; part of every digest
+# Numba's settings that change machine code
 SETTINGS = ("BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A compiled function: Numba's dispatcher with a digest, which identifies it in all processes; None: not known."""
+    """A compiled function: Numba's dispatcher with a digest, which identifies it in all processes, or None."""
 
     digest: str | None = None
 
     def __reduce__(self) -> Any:
-        """By its digest: what closes over a kernel has a key in Numba's cache, made of the pickles of what it closes over."""
+        """Pickle the digest. Numba's cache identifies a function by the pickles of all that it closes over."""
         return super().__reduce__() if self.digest is None else (identified, (self.digest,))
 
     def compile(self, signature: Any) -> Any:
-        """As Numba's. What cannot be kept for the next process is compiled there again: no reason for this one to fail."""
+        """As Numba's, but without an error if the machine code cannot be saved."""
         with announce.long_work("compiling" if self.digest is None else "compiling, once on this machine"):
             try:
                 return super().compile(signature)
-            except OSError:  # it is compiled; Numba saves it after that
+            except OSError:  # it was compiled before Numba tried to save it
                 return super().compile(signature)
 
     def keep_in(self, folder: Path) -> None:
-        """Have Numba keep the machine code there: it does so beside the file where a function stands."""
+        """Let Numba save the machine code in a folder, as if the file of the function were there."""
         function = self.py_func
         self.py_func = _renamed(function, function.__qualname__, str(folder / "kernels.py"))
         self.enable_caching()
@@ -69,24 +69,24 @@ IDENTIFIED: WeakValueDictionary[str | None, Any] = WeakValueDictionary()
 
 
 def identified(digest: str | None) -> Any:
-    """The kernel, or the function that is `unrolled`, of this digest."""
+    """The kernel or unrolled function with this digest."""
     return IDENTIFIED[digest]
 
 
 def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> Any:
-    """Compile a function of this package; its machine code is kept for the next process.
+    """Compile a function of this package, and save its machine code for later processes.
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits. A function that closes
-    over kernels of other packages is compiled in every process: of what those call nothing is known.
+    over kernels of other packages is compiled in every process, because it is not known what they call.
 
     Parameters
     ----------
     function : callable
-        What Numba can compile, or a kernel, to be compiled once more. It may close over kernels, functions that are `unrolled`,
+        A function that Numba can compile, or a kernel, which is compiled again. It may close over kernels, unrolled functions,
         numbers, arrays, and tuples of them.
     inline : bool
-        Whether its code goes wherever it is called: for short kernels, where a call costs as much as the work; and for kernels in
-        loops that are to be SIMD code.
+        Whether to inline its code at every call. Use it for short kernels, whose call costs as much as their work, and for
+        kernels in loops that should become SIMD code.
 
     Returns
     -------
@@ -113,14 +113,14 @@ def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> 
 
 
 def compiled(function: Callable[..., Any], **more: Any) -> Any:
-    """Compile a function with Numba: no fastmath, and no cache on disk, so every process compiles it again.
+    """Compile a kernel of your own method with Numba, without fastmath. Every process compiles it again.
 
-    The kernels of plug-ins are compiled with this. Numba raises its errors at the first call.
+    Numba raises its errors at the first call.
 
     Parameters
     ----------
     function : callable
-        What Numba can compile.
+        A function that Numba can compile.
     **more : dict
         Options of `numba.njit`.
 
@@ -133,19 +133,19 @@ def compiled(function: Callable[..., Any], **more: Any) -> Any:
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Whether a kernel can be called from compiled code; where nothing is compiled, every one can."""
+    """Whether compiled code can call a kernel; always true without compilation."""
     return not COMPILED or hasattr(function, "py_func")
 
 
 def is_kept(kernel: Kernel) -> bool:
-    """Whether the cache has machine code of a kernel, of whatever types."""
+    """Whether the cache has machine code of a kernel, for any types."""
     folder = kernel.stats.cache_path
     version = f".py{sys.version_info[0]}{sys.version_info[1]}"
     return folder is not None and any(Path(folder).glob(f"*.{kernel.py_func.__qualname__}-*{version}*.nbc"))
 
 
 def _renamed(function: Any, name: str, file: str | None = None) -> FunctionType:
-    """A copy of a function with another name, and another file where it stands."""
+    """A copy of a function with another name and another file."""
     code = function.__code__ if file is None else function.__code__.replace(co_filename=file)
     copy = FunctionType(code, function.__globals__, function.__name__, function.__defaults__, function.__closure__)
     update_wrapper(copy, function)
@@ -157,7 +157,7 @@ def _renamed(function: Any, name: str, file: str | None = None) -> FunctionType:
 
 
 def digest_of(value: Any, *more: Any) -> str | None:
-    """What identifies a function, or a value that one closes over, in all processes; None: not known."""
+    """A text that identifies a function, or a value that it closes over, in all processes; None if there is none."""
     if isinstance(value, FunctionType):
         sources = _sources(value.__module__)
         cells = [sources, *map(digest_of, _closed_over(value))]
@@ -182,7 +182,7 @@ def _closed_over(function: FunctionType) -> Iterator[Any]:
         with contextlib.suppress(ValueError):
             yield cell.cell_contents
             continue
-        yield object()  # it is filled later: nothing is known of it
+        yield object()  # a cell that is filled later has no digest
 
 
 def _hash(*parts: Any) -> str:
@@ -190,12 +190,12 @@ def _hash(*parts: Any) -> str:
 
 
 def _sources(module: str) -> str | None:
-    """Digest of all sources that the functions of a module can call, of `SETTINGS` and the processor; None: not known."""
+    """A digest of all sources that the functions of a module can call, of `SETTINGS` and the processor; None if unknown."""
     if module not in IMPORTED_SOURCES.known:
         settings = [f"{name}={getattr(config, name)}" for name in SETTINGS]
         machine = llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
         try:
-            if module not in sys.modules:  # Numba could not load what it keeps
+            if module not in sys.modules:  # Numba could not load the code again
                 raise ImportError(module)
             code = IMPORTED_SOURCES.code({module, *_below()}, numba.__version__, *settings, *machine)
             IMPORTED_SOURCES.known[module] = SourceDigest(None) if IMPORTED_SOURCES.edited(code) else code
@@ -211,7 +211,7 @@ def _below() -> frozenset[str]:
 
 
 def _folder(module: str) -> Path | None:
-    """Where the machine code of a module's functions is kept; None if it is not. It has a file for Numba to look at."""
+    """The folder for the machine code of a module's functions, with a file for Numba; None if there is no cache."""
     home, digest = cache_folder(), _sources(module)
     if home is None or digest is None:
         return None
@@ -229,7 +229,7 @@ def _folder(module: str) -> Path | None:
 
 
 def useful_lines(error: Any) -> str:
-    """Of an error of Numba, in one line: what is wrong, and the innermost place that is not in this folder."""
+    """An error of Numba in one line: its reason, and the innermost place outside this folder."""
     words = []
     for line in str(error).splitlines():
         if line.startswith(("During:", "There are", 'File "')):

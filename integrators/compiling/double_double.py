@@ -1,8 +1,8 @@
 """Double-double arithmetic: numbers as unevaluated sums hi + lo, about 32 digits, compiled.
 
-Error-free transformations of Dekker (Numer. Math. 18 (1971) 224) and Knuth; no fused multiply-add is assumed, so the
-bits are the same everywhere. Used where constants of a step are computed once, never in a time loop (but for `two_sum`,
-in compensated sums). Operands must stay within 1e-140 … 1e140, or be zero: the callers scale by powers of two first.
+The error-free transformations are Dekker's (Numer. Math. 18 (1971) 224) and Knuth's. They need no fused multiply-add, so the bits
+are the same everywhere. They compute constants of a step once, outside time loops; only `two_sum` also serves in compensated
+sums. Operands must be within 1e-140 … 1e140, or zero. Callers scale by powers of two first.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ SPLITTER = 134217729.0  # 2^27 + 1
 
 @unrolled
 def two_sum(a, b):
-    """a + b, and what its rounding leaves out."""
+    """a + b and its rounding error."""
     s = a + b
     t = s - a
     return s, (a - (s - t)) + (b - t)
@@ -88,7 +88,7 @@ def times(a, b):
 def div(a, b):
     q = a[0] / b[0]
     p, e = two_prod(q, b[0])
-    return quick(q, ((((a[0] - p) - e) + a[1]) - q * b[1]) / b[0])  # a − q b is small: a double is enough of it
+    return quick(q, ((((a[0] - p) - e) + a[1]) - q * b[1]) / b[0])  # a − q b is small, so doubles suffice
 
 
 @jit
@@ -103,7 +103,7 @@ def sqrt(a):
 
 @jit
 def small_turn(angle, terms):
-    """cos and sin of a small angle: so many terms of exp(i angle) = 1 + i angle/1 (1 + i angle/2 (…))."""
+    """cos and sin of a small angle, from `terms` terms of exp(i angle) = 1 + i angle/1 (1 + i angle/2 (…))."""
     cos, sin = dd(1.0), dd(0.0)
     for k in range(terms, 0, -1):
         a = div(angle, dd(float(k)))

@@ -1,7 +1,7 @@
-"""Kernels at their first calls: interpreted, which takes milliseconds where compiling takes seconds, with the same bits.
+"""Interprets set-up code at its first calls, in milliseconds and with the same bits; compiling it would take seconds.
 
-For what is called from Python, once in a run: the set-up of a step. Machine code that an earlier process left in the cache is
-used from the first call on.
+It is for kernels that Python calls once in a run, to prepare a step. If an earlier process left machine code in the cache, that
+is used from the first call on.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ _interpreted: dict[tuple[FunctionType, Any], FunctionType] = {}
 
 
 def at_first_interpreted(kernel: Any) -> Any:
-    """A compiled function for callers in Python: interpreted until that has taken as long as compiling would, then compiled.
+    """A function for callers in Python. It interprets a kernel until that has taken about as long as compiling; then it compiles.
 
-    Compiled at once where an array has more than `MANY` numbers, and where Python raises an error of arithmetic: compiled code
+    It compiles at once if an array has more than `MANY` numbers, or if Python raises an arithmetic error, since compiled code
     goes on with infinities.
     """
     if not COMPILED:
@@ -62,16 +62,16 @@ def at_first_interpreted(kernel: Any) -> Any:
 
 
 def _plain(result: Any) -> Any:
-    """With Python's numbers, as compiled code returns them."""
+    """A result with Python's numbers, which compiled code returns, too."""
     if isinstance(result, tuple):
         return tuple(map(_plain, result))
     return result.item() if isinstance(result, np.generic) else result
 
 
 def interpreted(thing: Any, functions: Any = math) -> Any:
-    """A kernel of this package as Python runs it, with all kernels that it calls; other things as they are.
+    """A kernel of this package, and all kernels that it calls, as Python functions; other things unchanged.
 
-    functions : what stands in the place of `math`, if the kernel is to run on other numbers than doubles; hashable.
+    functions : a hashable replacement of `math`, for numbers other than doubles.
     """
     if isinstance(thing, tuple):
         return tuple(interpreted(part, functions) for part in thing)
@@ -79,7 +79,7 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
         return functions
     if isinstance(thing, ModuleType) and thing.__name__.startswith(PACKAGE):
         return _Kernels(thing, functions)
-    # what is `unrolled`, and an intrinsic, has a Python function, and where nothing is compiled a kernel is one
+    # unrolled functions and intrinsics have a Python function; without compilation a kernel is one
     function = unwrap(thing) if isinstance(thing, Kernel) else getattr(thing, "py_func", thing)
     if function is not thing or (functions is not math and isinstance(function, FunctionType)):
         return _function(function, functions)
@@ -100,7 +100,7 @@ def _function(function: FunctionType, functions: Any) -> FunctionType:
 
 
 class _Kernels:
-    """A module whose kernels are interpreted."""
+    """A module with interpreted kernels."""
 
     def __init__(self, module: ModuleType, functions: Any):
         self._module, self._functions = module, functions

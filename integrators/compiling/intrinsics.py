@@ -1,6 +1,6 @@
-"""Loads and stores without checks, for kernels; sizes and strides must be literals.
+"""Loads and stores without checks, for kernels. Sizes and strides must be literals.
 
-Public means of Numba only (`numba.extending`). Each has a Python function that does the same, for where nothing is compiled.
+They use only Numba's public interface (`numba.extending`). Each has a Python function that does the same without compilation.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from lagrange_bench.integrators.compiling.compiled import COMPILED
 
 
 def as_python(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:
-    """The decorator for an intrinsic that does what a Python function does."""
+    """A decorator for an intrinsic that does the same as a Python function."""
 
     def decorate(typed: Callable[..., Any]) -> Any:
         if not COMPILED:
             return function
-        made: Any = intrinsic(typed)
-        made.py_func = function  # as of a kernel
-        return made
+        result: Any = intrinsic(typed)
+        result.py_func = function  # like a kernel
+        return result
 
     return decorate
 
 
 def literals(*numbers):
-    """Their values; Numba tries any integers first, and after this error constants."""
+    """The values of literals. Numba first tries any integers, and after this error constants."""
     if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
         raise TypingError("sizes and strides must be constants")
     return [number.literal_value for number in numbers]
@@ -38,9 +38,9 @@ def literals(*numbers):
 
 @as_python(lambda size: [0.0] * size)
 def stack(typingctx, size):
-    """An uninitialised array of float64 on the stack, for a kernel's scratch: `size` is a literal, indices unchecked.
+    """An uninitialised array of float64 on the stack, as scratch space of a kernel; `size` is a literal, indices are unchecked.
 
-    Not in the constants of a kernel: two threads may share those.
+    (The constants of a kernel cannot serve as scratch space, since two threads may share them.)
     """
     (count,) = literals(size)
 
@@ -52,7 +52,7 @@ def stack(typingctx, size):
 
 @as_python(lambda numbers, first, count: tuple(numbers[k] for k in range(first, first + count)))
 def load_tuple(typingctx, numbers, first, count):
-    """numbers[first], numbers[first + 1], … as a tuple, of an array, a pointer or a tuple; `count` is a literal."""
+    """numbers[first], numbers[first + 1], … as a tuple, from an array, a pointer or a tuple; `count` is a literal."""
     (size,) = literals(count)
     item = typingctx.resolve_function_type(operator.getitem, (numbers, types.intp), {})
 
@@ -71,7 +71,7 @@ def _store(numbers: Any, first: int, values: tuple[Any, ...]) -> None:
 
 @as_python(_store)
 def store_tuple(typingctx, numbers, first, values):
-    """numbers[first], numbers[first + 1], … = values, a tuple; `numbers` as of `load_tuple`."""
+    """numbers[first], numbers[first + 1], … = values, a tuple; `numbers` is as in `load_tuple`."""
     item = typingctx.resolve_function_type(operator.setitem, (numbers, types.intp, numbers.dtype), {})
 
     def generate(context, builder, signature, args):
@@ -90,12 +90,10 @@ def _column(array: Any, place: int, count: int, stride: int) -> tuple[Any, ...]:
 
 @as_python(_column)
 def column(typingctx, array, place, count, stride):
-    """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places unchecked.
+    """array[place], array[place + stride], … as a tuple; `count` and `stride` are literals, places are unchecked.
 
-    Rows of the array lie one after the other, as in C.
-
-    Between these loads and the stores below LLVM sees constant distances only: a loop over neighbouring places
-    becomes SIMD code without any test for overlaps.
+    The array is stored row by row, as in C. Between these loads and the stores of `put_column` LLVM sees only constant distances,
+    so a loop over neighbouring places becomes SIMD code without any test for overlaps.
     """
     number, distance = literals(count, stride)
 

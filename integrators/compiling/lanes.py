@@ -1,4 +1,4 @@
-"""The time loop of many tops at once, one in each SIMD lane. The kernels are those of `loops`; here they cannot fail."""
+"""The time loop of many tops at once, one in each SIMD lane. The kernels are those of `loops`, but must not fail."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, MEMORY
 from lagrange_bench.integrators.interface import Array
 
 compiling = threading.Lock()
-LANES = 32  # tops that take a step together: some SIMD registers full, so that none waits for a result of its own
+LANES = 32  # so many tops take a step together: some SIMD registers full, so that none waits for its own result
 
 
 @cache
 def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: int, lanes: int) -> Callable:
-    """The loop around one kernel for `lanes` tops at a time, each with `size` constants, and `memory` numbers from step to step.
+    """The loop around one kernel for `lanes` tops at a time, each with `size` constants and `memory` carried numbers.
 
-    If the kernel is free of loops, the loop over the lanes is SIMD code. No bit of a top depends on its lane or on its
-    neighbours, and all bits are those of `compile_loop`.
+    If the kernel has no loops, the loop over the lanes is SIMD code. The bits of a top do not depend on its lane or on its
+    neighbours, and are those of `compile_loop`.
     """
     step, tallies = jit(step, inline=True), MEMORY + memory
 
     @jit
     def run(columns, first, last, every, block, tops, out):
-        # `columns` holds blocks of columns of `lanes` numbers: states, memories and constants. They are those of the `tops` of
-        # `out`, −1 for a lane that is not used; its first row comes after `every` steps.
+        # `columns` holds blocks of columns of `lanes` numbers: states, memories and constants. `tops` gives the place in `out` of
+        # each lane, or −1 for an unused lane. The first row of `out` is the state after `every` steps.
         tally = stack(tallies)
         for b in range(len(tops) // lanes):
             origin = b * (6 + memory + size) * lanes
@@ -71,7 +71,7 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: i
 
 @jit
 def fill(columns, states, constants, places, memory, lanes):
-    """The `columns` of the loop above: those of the rows `places` of states and constants, and memories of zeros."""
+    """Fill the `columns` of the loop above, from the rows `places` of states and constants, with zeros in the memories."""
     width = 6 + memory + constants.shape[1]
     for b in range(len(places) // lanes):
         origin = b * width * lanes
@@ -96,7 +96,7 @@ def run_lanes(
     memory: int = 0,
     lanes: int = LANES,
 ) -> None:
-    """Takes the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, pin, steps between two pins).
+    """Take the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, restore, steps between two restores).
 
     `constants` (m, k) are those of each top, `memory` says how many numbers the kernel carries from step to step. Rows of `out`
     (steps // every, m, 6) are the states after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.

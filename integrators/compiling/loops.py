@@ -1,9 +1,9 @@
 """The time loop of every compiled method.
 
-A compiled method is a pair of Numba functions on a tuple of numbers: `step(s, c, tally) -> s` and, where a method
-pins its state, `restore(s, c) -> s`, called before every `block` steps, the first of a call included: what a call returns
-has been stepped since it was pinned. `c` is the method's array of constants, `tally` counts (see below). State lives in
-registers; nothing is allocated. `lanes` has the loop of many tops, `methods.dop853` the one of kernels that choose their steps.
+A compiled method is a Numba function on a tuple of numbers, `step(s, c, tally) -> s`. A second one may restore invariants:
+`restore(s, c) -> s` is called before every `block` steps, also before the first of a call. `c` is the method's array of
+constants, and `tally` counts (see below). The state lives in registers; nothing is allocated. `lanes` has the loop of many
+tops, `methods.dop853` that of kernels that choose their steps.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from lagrange_bench.integrators.compiling.compiled import NumbaError, is_compile
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 
-# places in `tally`; a kernel that fails puts a code into FAILURE and what it could not reduce into RESIDUAL; from MEMORY on
-# there are SIZE - MEMORY numbers, zero at the start of a call, for what a kernel carries from step to step (compensation)
-# the CLOCK shows a `timed` kernel the number of its step, from which it computes the time: no rounding adds up
+# places in `tally`. A kernel that fails puts a code into FAILURE and its last residual into RESIDUAL. From MEMORY on are
+# SIZE - MEMORY numbers, zero at the start of a call, which a kernel may carry from step to step (compensation).
+# A `timed` kernel reads the number of its step from CLOCK, and computes the time from it, so that no rounding adds up
 ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, CLOCK, MEMORY = range(7)
 SIZE = 32
 
-NEVER = 1 << 62  # a block no run reaches the end of
-INTERRUPTIBLE = 1 << 20  # steps in one compiled call, at most: Ctrl-C is seen between two of them
+NEVER = 1 << 62  # a block that is longer than any run
+INTERRUPTIBLE = 1 << 20  # most steps in one compiled call; Ctrl-C takes effect between two calls
 
 
 @jit
 def finite(numbers):
-    """Whether an array has neither infinities nor nans; on few numbers a fifth of the time that NumPy takes."""
+    """Whether an array has neither infinities nor nans. For few numbers it takes a fifth of NumPy's time."""
     good = True
     for number in numbers:
         good = good and np.isfinite(number)
@@ -41,13 +41,12 @@ def finite(numbers):
 
 @cache
 def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed: bool = False) -> Callable:
-    """The loop around one kernel of `size` numbers; False where a step fails, or the last state is not finite."""
+    """The loop around one kernel of `size` numbers. It returns False if a step fails or the last state is not finite."""
 
     @jit
     def run(y, first, last, every, block, c, tally, out):
-        # From step number `first` to `last`. Rows and pins fall on multiples of `every` and of `block`,
-        # counted from the start of the whole run: however it is divided, and whatever is recorded, it goes
-        # through the same states.
+        # From step number `first` to `last`. Rows are recorded and invariants restored at multiples of `every` and `block`,
+        # counted from the start of the whole run. So the states do not depend on how a run is divided or recorded.
         s = column(y, 0, size, 1)
         i = first
         row = i // every
@@ -79,7 +78,7 @@ def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed:
 
 @cache
 def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, size: int, timed: bool) -> Callable:
-    """`compile_loop`, compiled for numbers of that type. ValueError: it cannot be."""
+    """`compile_loop`, compiled for numbers of this type. ValueError if it cannot be compiled."""
     for kernel in (step, restore):
         if kernel is not None and not is_compiled(kernel):
             name = getattr(kernel, "__name__", repr(kernel))
@@ -88,7 +87,7 @@ def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, siz
     state = np.zeros(size, dtype)
     try:
         run(state, 0, 0, 1, 1, np.zeros(1, dtype), np.zeros(SIZE), np.empty((1, size), dtype))
-    except NumbaError as error:  # of many thousand characters
+    except NumbaError as error:  # its message has many thousand characters
         returned = re.search(r"\w+ x (\d+)\) for 's", str(error))
         if returned and int(returned[1]) != size:
             raise KernelError(f"the kernel {step.__name__} returns {returned[1]} numbers, {size} are needed") from error
@@ -111,40 +110,39 @@ class FixedStepper(Stepper):
     Parameters
     ----------
     name : str
-        The method, in messages.
+        The name of the method, for messages.
     h : float
         The step, in the units of the top.
     constants : (m,)
         Floats, the `c` of the kernel.
     step : callable
         Compiled, step(s, c, tally) → s, with s a tuple of `size` numbers.
-    pin : callable, optional
-        Compiled, pin(s, c) → s, called every `block` steps.
+    restore : callable, optional
+        Compiled, restore(s, c) → s: moves a state back onto the invariants. Called before every `block` steps.
     block : int
         Steps between two calls of `restore`.
     enter, leave : callable, optional
-        They turn a state into the kernel's own units and back, exactly or not at all.
+        Functions that change a state into the kernel's units and back, without rounding.
     rhs_per_step : int
-        Right-hand sides that a step counts.
+        How many right-hand sides a step evaluates.
     failures : dict, optional
         The reasons for the kernel's failure codes.
     size : int
         The number of components of a state.
     timed : bool
-        Whether the kernel reads the number of its step from tally[CLOCK]; then a run must not be continued from a state on the
-        way.
+        Whether the kernel reads the number of its step from tally[CLOCK]. Then a run must not be continued from a later state.
     memory : int
-        How many numbers it carries from step to step.
+        How many numbers the kernel carries from step to step.
 
     Raises
     ------
     ValueError
-        Constants are not floats, or a kernel cannot be compiled.
+        The constants are not floats, or a kernel cannot be compiled.
     StepError
-        From `advance` and `record`.
+        Raised by `advance` and `record`.
     """
 
-    again: Callable[[], Any] | None = None  # what prepares it once more, if `prepare` has made it
+    again: Callable[[], Any] | None = None  # prepares it again; set by `prepare`
 
     def __init__(
         self,
@@ -170,23 +168,23 @@ class FixedStepper(Stepper):
         self.rhs_per_step, self.failures = rhs_per_step, failures or {}
         self.step, self.restore = step, restore
         self.size = size
-        if timed:  # else it is for the class to say
+        if timed:  # else the class decides
             self.from_start = True
         self._run = compiled_loop(step, restore, constants.dtype, size, timed)
         self.work, self.tally = Work(), np.zeros(max(SIZE, MEMORY + memory))
 
     def __reduce_ex__(self, protocol: Any) -> Any:
-        """It is prepared again where it arrives: machine code cannot be sent."""
+        """Pickle the call that prepares it again, because machine code cannot be sent to another process."""
         return super().__reduce_ex__(protocol) if self.again is None else (_call, (self.again,), {"work": self.work})
 
-    # not attributes: a stepper that holds methods of its own waits for the garbage collector, which costs as much as a
+    # these are no attributes: a stepper that holds its own methods waits for the garbage collector, which costs as much as a
     # short run
     def enter(self, y: Array) -> Array:
-        """A state in the kernel's units, a fresh array."""
+        """A state in the kernel's units, as a fresh array."""
         return self._enter(y) if self._enter else np.array(y)
 
     def leave(self, rows: Array) -> Array:
-        """The kernel's rows as states of the user; may work in `rows`."""
+        """The kernel's rows in the user's units; may change `rows` in place."""
         return self._leave(rows) if self._leave else rows
 
     def record(self, y: Array, n: int, every: int) -> Array:
@@ -210,9 +208,9 @@ class FixedStepper(Stepper):
         return result
 
     def rows(self, out: Array, every: int) -> Array:
-        """The kernel's states after 0, every, 2 every, … steps as those of the user; may work in `out`.
+        """The kernel's states after 0, every, 2 every, … steps in the user's units; may change `out` in place.
 
-        The first one need not be mapped: the user gave it.
+        The first row need not be changed, since the caller puts the user's own state there.
         """
         return self.leave(out)
 
@@ -227,32 +225,32 @@ class FixedStepper(Stepper):
 
 
 class ConjugateStepper(FixedStepper):
-    """Runs over a conjugate of its step: states enter and leave the kernel through a compiled map of rows.
+    """A stepper whose method is conjugate to its kernel: states enter and leave the kernel through a compiled map.
 
-    `map_rows(rows, *way, tally)` maps rows in their place; `way_in` and `way_out` are inverse to each other. The other
-    arguments are those of `FixedStepper`.
+    `map_rows(rows, *arguments, tally)` maps rows in place, with the arguments `preprocess` or `postprocess`, which are inverse to
+    each other. The other arguments are those of `FixedStepper`.
     """
 
     def __init__(
-        self, name: str, h: float, *args: Any, map_rows: Callable, way_in: tuple, way_out: tuple, **more: Any
+        self, name: str, h: float, *args: Any, map_rows: Callable, preprocess: tuple, postprocess: tuple, **more: Any
     ) -> None:
-        self._map_rows, self._way_in, self._way_out = map_rows, way_in, way_out
+        self._map_rows, self._preprocess, self._postprocess = map_rows, preprocess, postprocess
         super().__init__(name, h, *args, **more)
-        map_rows(np.empty((0, self.size)), *way_in, np.zeros(SIZE))  # compile
+        map_rows(np.empty((0, self.size)), *preprocess, np.zeros(SIZE))  # compile
 
     def enter(self, y: Array) -> Array:
-        return self._map(np.array(y)[None], self._way_in)[0]
+        return self._map(np.array(y)[None], self._preprocess)[0]
 
     def leave(self, rows: Array) -> Array:
-        return self._map(rows, self._way_out)
+        return self._map(rows, self._postprocess)
 
     def rows(self, out: Array, every: int) -> Array:
         self.leave(out[1:])
         return out
 
-    def _map(self, rows: Array, way: tuple) -> Array:
+    def _map(self, rows: Array, arguments: tuple) -> Array:
         tally = np.zeros(SIZE)
-        self._map_rows(rows, *way, tally)
+        self._map_rows(rows, *arguments, tally)
         if tally[FAILURE] or not finite(rows.ravel()):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, self.failures.get(int(tally[FAILURE]), left), h=self.h)

@@ -1,10 +1,10 @@
 """Straight-line machine code from an ordinary Python function, by running the function once on symbols.
 
-`@unrolled` turns a function of doubles and tuples of doubles into one that compiled code can call. Its loops, tuples and
-tests are those of Python and happen while compiling; what is left are the operations it asks for, in its order: + − × ÷ of
-doubles and `.sqrt()`, `.sin()`, `.cos()`, `.exp()`, `.log()`. So a formula may be written as a loop over a table of
-coefficients, zeros left out, and costs what it would cost written out by hand. Without compilation (NUMBA_DISABLE_JIT) the
-function is simply called, and computes the same bits.
+`@unrolled` turns a function of doubles and tuples of doubles into one that compiled code can call. Python runs its loops,
+tuples and tests while compiling. The machine code contains only its operations, in their order: + − × ÷ of doubles and
+`.sqrt()`, `.sin()`, `.cos()`, `.exp()`, `.log()`. So a formula may be a loop over a table of coefficients that skips zeros,
+and costs as much as if written out by hand. Without compilation (NUMBA_DISABLE_JIT) the function is simply called, and
+computes the same bits.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ def _function(name: str) -> Callable[..., Any]:
 
 
 class Number:
-    """What formulas reckon with: operators and functions of all kinds of unknown numbers, each of which says what it makes."""
+    """The base of all kinds of unknown numbers in formulas: operators and functions, which call `make`."""
 
     __slots__ = ()
 
     def make(self, operation: str, *operands: Any) -> Any:
-        """The number that an operation gives."""
+        """The result of an operation."""
         raise NotImplementedError
 
     __add__, __radd__ = _operators("add")
@@ -52,13 +52,13 @@ class Number:
 
 
 class Symbol(Number):
-    """A double that compiled code will know."""
+    """A double that is known only when the compiled code runs."""
 
     def __init__(self, emit: Any, value: Any):
         self.emit, self.value = emit, value
 
     def make(self, operation: str, *operands: Any) -> Symbol:
-        """The instruction, emitted."""
+        """Emit the instruction of an operation."""
         values = [x.value if isinstance(x, Symbol) else self.value.type(float(x)) for x in operands]
         if operation in FUNCTIONS:
             function = self.emit.module.declare_intrinsic(f"llvm.{operation}", [self.value.type])
@@ -67,17 +67,17 @@ class Symbol(Number):
 
 
 class Unknown(Number):
-    """Any double: whatever is done with it gives one again."""
+    """Any double. Every operation returns it."""
 
     def make(self, operation: str, *operands: Any) -> Unknown:
-        """Itself."""
+        """The same number, since any double may come out."""
         return self
 
 
 class Unrolled:
-    """What `unrolled` makes of a function. Called from Python it is that function.
+    """An unrolled function. Called from Python, it runs the function itself.
 
-    `digest` identifies it in all processes, as that of a kernel does.
+    `digest` identifies it in all processes, like that of a kernel.
     """
 
     def __init__(self, function: Callable[..., Any]):
@@ -92,30 +92,30 @@ class Unrolled:
 
 
 def unrolled(function: Callable[..., Any]) -> Any:
-    """The decorator. The function may close over what `jit` takes, and over plain functions and what has a `digest`."""
+    """The decorator. The function may close over all that `jit` takes, plain functions, and objects with a `digest`."""
     if not COMPILED:
         return function
-    made = Unrolled(function)
-    IDENTIFIED[made.digest] = made
+    result = Unrolled(function)
+    IDENTIFIED[result.digest] = result
 
-    @type_callable(made)
+    @type_callable(result)
     def typed(context):
         @wraps(function)
-        def result(*arguments):
+        def type_of_call(*arguments):
             return type_of(function(*map(example, arguments)))
 
-        return result
+        return type_of_call
 
-    @lower_builtin(made, types.VarArg(types.Any))
+    @lower_builtin(result, types.VarArg(types.Any))
     def generate(context, builder, signature, values):
         symbols = (wrap(builder, kind, value) for kind, value in zip(signature.args, values, strict=True))
         return unwrap(context, builder, signature.return_type, function(*symbols))
 
-    return made
+    return result
 
 
 def example(kind: Any) -> Any:
-    """Any value of a type: what a function returns for it shows what it returns for all."""
+    """A value of a type, to find the type that a function returns."""
     return tuple(map(example, kind.types)) if isinstance(kind, TUPLE) else Unknown()
 
 

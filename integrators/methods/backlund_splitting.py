@@ -313,17 +313,17 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         self.sweep: PerturbedTop | Problem | None = (
             None  # if its frequencies in time change: then the end of a run counts, too
         )
-        way_in, way_out = ends_of(chosen, h, corrected)
+        preprocess, postprocess = ends_of(chosen, h, corrected)
         step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
         super().__init__(
             NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
-            map_rows=map_over(field, level, timed), way_in=(numbers, way_in, (start, 0.0, 0.0)),
-            way_out=(numbers, way_out, (start - chosen.a[0] * h, 0.0, 0.0)),
+            map_rows=map_over(field, level, timed), preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
+            postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
             rhs_per_step=n, failures=FAILURES, timed=timed,
         )  # fmt: skip
 
     def rows(self, out: Array, every: int) -> Array:
-        numbers, parts, (start, *_) = self._way_out
+        numbers, parts, (start, *_) = self._postprocess
         self._map(out[1:], (numbers, parts, (start, every * self.h, 1.0)))
         return out
 

@@ -414,7 +414,7 @@ def _conjugate(
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
     end = scaled(first, -scales, numbers) if len(numbers) else -begin
     return ConjugateStepper(
-        name, h, constants, step, map_rows=rows, way_in=(processor, begin, 0.0), way_out=(0.0, end, -processor),
+        name, h, constants, step, map_rows=rows, preprocess=(processor, begin, 0.0), postprocess=(0.0, end, -processor),
         rhs_per_step=len(steps), failures=FAILURES,
     )  # fmt: skip
 
