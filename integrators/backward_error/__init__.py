@@ -1,1 +1,1 @@
-"""What backward error analysis says of the methods: power series of their steps, and the phase errors that follow."""
+"""Predicts the phase errors of methods by backward error analysis, from power series of their steps."""

@@ -1,21 +1,22 @@
-"""The error of a method by backward error analysis: how fast its clock is wrong, and how fast its torus turns.
+"""Predicts where a method will be, by backward error analysis: how wrong its clock is, and how fast it turns too far.
 
-After n steps of h a state is at the exact solution of the time t + τ(t), t = nh, turned about e3 by θ(t), and off the torus by
-what the method loses of the invariants. But for what oscillates with the nutation
+After n steps of h, at t = nh, a state is at the exact solution of the time t + τ(t), turned about e3 by θ(t), and off the
+torus by the drift of the invariants. Apart from oscillations with the nutation,
 
-    τ = clock t + ½ clock_growth t²        θ = turn t + ½ turn_growth t²,
+    τ = clock t + ½ clock_growth t²        θ = turn t + ½ turn_growth t².
 
-and the growths, like the distance to the torus, are 0 unless the method lets the invariants drift.
-`PredictedPhase.states` has all parts. docs/phase-theory.md has the formulas and their sources.
+The growths and the distance to the torus are 0 unless the method lets the invariants drift. `PredictedPhase.states` has all
+parts. docs/phase-theory.md has the formulas and their sources.
 
-The two-point map: T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates. Any other: the local error
-is a power series in h (`steps`), of which `TERMS` terms are taken; to first order in it the error e = X p + E o follows
+For the two-point map, T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates. For any other method
+the local error is a power series in h (`steps`), of which `TERMS` terms are taken. To first order in it the error e = X p + E o
+follows
 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
-X = (X_H, X_J3), the rows of G the gradients of H, J3, C1 and C2, E = Gᵀ(G Gᵀ)⁻¹: p is the error along the torus, o that of the
-invariants. All is periodic in s, the time modulo a nutation, and is summed by its Fourier series. Of a symmetric method the mean
-of Gδ vanishes; what first order leaves of it is taken off.
+with X = (X_H, X_J3), the gradients of H, J3, C1 and C2 as rows of G, and E = Gᵀ(G Gᵀ)⁻¹. p is the error along the torus, and o
+that of the invariants. All is periodic in s, the time modulo a nutation, and is summed by its Fourier series. For a symmetric
+method the mean of Gδ vanishes; the rest of it at first order is removed.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.backward_error.steps import STEPS, Series, flow
+from lagrange_bench.integrators.backward_error.steps import STEPS, Series, taylor_flow
 from lagrange_bench.integrators.checks import check_state, check_step, check_times
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -39,39 +40,40 @@ from lagrange_bench.integrators.truth import exact
 from lagrange_bench.support.precision import workdps
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
-SPANS = (1e-6, 1e3)  # of |h|, in time scales of the top
+SPANS = (1e-6, 1e3)  # least and largest |h|, in time scales of the top
 DIGITS = 30  # of T(λ), which for small h is nearly h
 TERMS = 20  # of the power series of the local error
-CONVERGED = 1e-3  # the last two of these terms over their sum, at most
-POINTS = (64, 256, 1024)  # of a nutation; more where 64 do not resolve it
-SMOOTH = 1e-5  # the highest Fourier modes over the largest, at most
-RESONANT = 1e-9  # |e^{iθ} − 1| of a mode that every step meets in the same phase θ
-ROUND_OFF = 1e-14  # of a local error, in units of the top
-THIN = 1e-6  # the least singular value of vectors of length 1 over the largest, if they are independent
+CONVERGED = 1e-3  # the last two terms may be this part of their sum
+POINTS = (64, 256, 1024)  # in a nutation; more are tried if 64 do not resolve it
+SMOOTH = 1e-5  # the highest Fourier modes may be this part of the largest
+RESONANT = 1e-9  # a mode with a smaller |e^{iθ} − 1| has the same phase θ at every step
+ROUND_OFF = 1e-14  # a smaller local error, in units of the top, is round-off
+THIN = 1e-6  # independent unit vectors have a larger ratio of least to largest singular value
 
 
 class NoPrediction(ValueError):
-    """There is no theory of a method on a top; the message is the reason."""
+    """There is no theory for a method on a top. The message is the reason."""
 
 
 @dataclass(frozen=True)
 class PredictedPhase:
-    """What backward error analysis says of the runs of one method, from one state, with one step.
+    """The prediction for the runs of one method, from one state, with one step.
 
     Parameters
     ----------
     clock, turn : float or None
-        By how much the method's clock is fast, a number, and how fast it turns about e3 too far, in rad per unit of time.
-        None without a prediction.
+        The relative error of the method's clock (positive: fast), and the rate by which it turns too far about e3, in rad per
+        unit of time. None without a prediction.
     clock_growth, turn_growth : float
-        How these grow, per unit of time: 0 for a method that keeps the invariants in the mean.
+        Their growth per unit of time. It is 0 if the method conserves the invariants in the mean.
     amplitude : float
-        Of the nutation: how far it takes J and x from a steady precession, over their scales. `states` leaves about the error
-        over this, as a share of the error; from 1 on the prediction may be worse than none. Infinite where it is exact.
+        The amplitude of the nutation: how far it takes J and x from a steady precession, relative to their scales. `states`
+        misses about the part error/amplitude of the error. If this part is 1 or more, the prediction may be worse than none.
+        Infinite if the prediction is exact.
     reason : str
-        Why there is no prediction; else empty.
+        Why there is no prediction; "" if there is one.
     _theory : Theory, optional
-        The series behind the numbers, for `shifts`.
+        The series that `states` and `shifts` evaluate.
     """
 
     clock: float | None
@@ -83,17 +85,17 @@ class PredictedPhase:
     _theory: Theory | None = field(default=None, repr=False, compare=False)
 
     def states(self, t: ArrayLike) -> Array:
-        """States (N, 6) where the method is at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
+        """The states (N, 6) of the method at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
-        With what oscillates, and what is lost of the invariants. Exact for the two-point map. Of any other method first order
-        in the local error: where the method is off by more than `amplitude`, worth little.
-        NoPrediction, a ValueError, if there is none.
+        They include oscillations and the drift of the invariants. For the two-point map they are exact. For any other method they
+        are of first order in the local error, and of little worth if its error exceeds `amplitude`.
+        NoPrediction, a ValueError, if there is no prediction.
         """
         theory = self._known()
         return theory.states(theory.steps(t))
 
     def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
-        """How far ahead the method is in time, and by what angle it has turned too far, (N,) each; `t` as of `states`."""
+        """The time by which the method is ahead, and the angle by which it has turned too far, (N,) each; t as in `states`."""
         theory = self._known()
         return theory.shifts(theory.steps(t))
 
@@ -106,47 +108,50 @@ class PredictedPhase:
 def predicted_phase(
     top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
 ) -> PredictedPhase:
-    """How the phases of `method` go wrong, and where it will be, by backward error analysis; without taking a step.
+    """Predict the phase errors of a method, and where it will be, by backward error analysis, without taking a step.
 
     Parameters
     ----------
     top, y0, h, method : LagrangeTop, (6,), float, str or Method
-        As of `integrate`; `top` in a uniform field.
+        As in `integrate`; `top` is in a uniform field.
     lam : complex, optional
-        Parameter of the two-point map, Im λ > 0, for a method with this option; h is then the time its step is meant to take.
+        Parameter of the two-point map, Im λ > 0, for a method with this option. Its step is then meant to take the time h.
 
     Returns
     -------
     PredictedPhase
-        Its `states(t)` are those of the method after a time t. Its rates say the same in two numbers: up to what oscillates, the
-        method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
-        t². Where there is no prediction clock and turn are None, and `reason` says why.
+        `states(t)` are the states of the method after a time t. The rates say the same in a few numbers: apart from oscillations,
+        the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
+        t². Without a prediction clock and turn are None, and `reason` says why.
 
     Raises
     ------
     ValueError
-        An argument that makes no sense; the message names it.
+        An argument is not valid; the message names it.
     """
     plain = top
     if not isinstance(top, LagrangeTop):
         raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
     plain.single()
-    found, state, h = find_method(method), check_state(y0), check_step(h)
-    if lam is not None and "lam" not in found.options:
-        raise ValueError(f"lam: {found.name} has no such option")
+    record, state, h = find_method(method), check_state(y0), check_step(h)
+    if lam is not None and "lam" not in record.options:
+        raise ValueError(f"lam: {record.name} has no such option")
     try:
-        return theory(plain, state, h, found, None if lam is None else check_parameter(lam)).phase
+        return theory(plain, state, h, record, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
         return PredictedPhase(None, None, reason=str(reason))
 
 
 @dataclass(frozen=True)
 class Sum:
-    """Σ of g(s0), g(s1), … up to g(s_{n−1}), s_n = nh, g periodic: n mean + w(s_n) − w(s0), w(s + h) − w(s) = g(s) − mean."""
+    """The sum g(s_0) + … + g(s_{n−1}) of a periodic g with s_n = nh: n mean + w(s_n) − w(s_0).
+
+    The wave w obeys w(s + h) − w(s) = g(s) − mean.
+    """
 
     mean: Array
     modes: NDArray[Any]  # of w
-    angle: Array  # of the modes, from step to step
+    angle: Array  # by which a step turns each mode
 
     @classmethod
     def of(cls, g: Array, angle: NDArray[Any]) -> Sum:
@@ -169,11 +174,11 @@ class Sum:
 
 
 class Theory:
-    """The error of a method, to first order in its local error; within, everything is in units of the top.
+    """The error of a method, to first order in its local error. Inside, everything is in units of the top.
 
-    step : (points, 6), what a step adds to p and o, at equal distances over a nutation. S : (points, 2, 4), or 0. angle :
-    (points,), by what a step turns each Fourier mode. drifts : whether the invariants do, in the mean. amplitude : see
-    `PredictedPhase`.
+    step : (points, 6), the increments of p and o in a step, at equal distances over a nutation. S : (points, 2, 4), or 0.
+    angle : (points,), by which a step turns each Fourier mode. drifts : whether the invariants drift in the mean.
+    amplitude : see `PredictedPhase`.
     """
 
     def __init__(
@@ -200,18 +205,18 @@ class Theory:
         return PredictedPhase(*rates, self.amplitude, _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
-        """How many steps make the times t (N,): whole numbers where t is a multiple of h but for its rounding."""
+        """The numbers of steps for the times t (N,): whole numbers if t is a multiple of h up to rounding."""
         n = check_times(t) / self.user_h
         whole = np.rint(n)
         return np.where(np.abs(n - whole) <= 4.0 * np.finfo(float).eps * np.abs(n), whole, n)
 
     def shifts(self, n: ArrayLike) -> tuple[Array, Array]:
-        """After n steps (N,): how far ahead the method is in time, and by what angle it has turned too far."""
+        """The time by which the method is ahead after n steps (N,), and the angle by which it has turned too far."""
         p = self._along(np.asarray(n, dtype=float))
         return p[:, 0] / self.units.time(1.0), p[:, 1]
 
     def states(self, n: ArrayLike) -> Array:
-        """Where the method is after n steps (N,), (N, 6)."""
+        """The states (N, 6) of the method after n steps (N,)."""
         n = np.asarray(n, dtype=float)
         p = self._along(n)
         y = exact.solution(self.top, self.y0, self.h * n + p[:, 0])
@@ -227,7 +232,7 @@ class Theory:
 
 
 def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex | None = None) -> Theory:
-    """Of what has been checked; NoPrediction if there is none."""
+    """The theory of a method, from checked arguments; NoPrediction if there is none."""
     span = abs(h) / top.scales(y0)[2]
     if not SPANS[0] <= span <= SPANS[1]:
         raise NoPrediction(f"h is {span:g} time scales of the top, and must be between {SPANS[0]:g} and {SPANS[1]:g}")
@@ -245,12 +250,12 @@ def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex |
 
 
 def exact_in_time(top: LagrangeTop, y0: Array, h: float) -> Theory:
-    """No error."""
+    """The theory of a method without error."""
     return Theory(top, y0, h, np.zeros((1, 6)), np.zeros((1, 2, 4)), np.zeros(1))
 
 
 def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
-    """Exact: the time T(λ) and a turn by Θ(λ); a step with h < 0 is the inverse map."""
+    """The theory of the two-point map: the time T(λ) and the turn Θ(λ), both exact. A step with h < 0 is the inverse map."""
     try:
         with workdps(DIGITS):
             T, turn = time_and_turn(top.alpha, y0, lam)
@@ -290,16 +295,19 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
 
 
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:
-    """Φ_h − φ_h at states (N, 6): `TERMS` terms of its power series in h, from the order on."""
+    """Φ_h − φ_h at states (N, 6), from `TERMS` terms of its power series in h, which begins at the order of the method."""
     assert method.order is not None
     alpha, first, power = top.single(), method.order + 1, method.order + TERMS
     *y, step = (Series(np.zeros((power + 1, len(states)))) for _ in range(7))
     for part, column in zip(y, states.T, strict=True):
         part.c[0] = column
     step.c[1] = 1.0
-    pairs = zip(STEPS[method.name](alpha, tuple(y), step, power), flow(alpha, tuple(y), step, power), strict=True)
+    pairs = zip(
+        STEPS[method.name](alpha, tuple(y), step, power), taylor_flow(alpha, tuple(y), step, power), strict=True
+    )
     terms = (
-        np.array([(after - there).c[first:] for after, there in pairs]) * (h ** np.arange(first, power + 1))[:, None]
+        np.array([(after - exact_end).c[first:] for after, exact_end in pairs])
+        * (h ** np.arange(first, power + 1))[:, None]
     )
     total = terms.sum(axis=1)
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
@@ -308,7 +316,7 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
 
 
 def nutation_amplitude(top: LagrangeTop, y0: Array, X: Array, period: float) -> float:
-    """From X_H and X_J3 (N, 6, 2) over a nutation: the largest part of X_H across X_J3, over the frequency."""
+    """The amplitude of the nutation: the largest part of X_H across X_J3, over the frequency. X : both, (N, 6, 2)."""
     rate, size, _ = top.scales(y0)
     motion, turn = np.moveaxis(X / np.repeat((rate, size), 3)[:, None], -1, 0)
     across = motion - (np.sum(motion * turn, axis=1) / np.sum(turn * turn, axis=1))[:, None] * turn
@@ -330,12 +338,12 @@ def flows(top: LagrangeTop, states: Array) -> Array:
 
 
 def gradients(top: LagrangeTop, states: Array) -> Array:
-    """Of H, J3, C1 and C2, as rows (N, 4, 6)."""
+    """The gradients of H, J3, C1 and C2, as rows (N, 4, 6)."""
     return np.array([top.gradients(y) for y in states])
 
 
 def shears(top: LagrangeTop, states: Array) -> Array:
-    """X⁺(f' E − E') at states (N, 6), (N, 2, 4). As X⁺ Gᵀ = 0, it is X⁺(f' Gᵀ − Gᵀ')(G Gᵀ)⁻¹."""
+    """X⁺(f' E − E') at states (N, 6), shape (N, 2, 4). Because X⁺ Gᵀ = 0, it is X⁺(f' Gᵀ − Gᵀ')(G Gᵀ)⁻¹."""
     G, rates = gradients(top, states), top.rhs(states)
     still = gradients(top, np.zeros_like(states))  # gradients are affine functions of the state
     changes = gradients(top, rates) - still
@@ -354,6 +362,6 @@ def independent(columns: Array) -> bool:
 
 
 def smooth(values: Array) -> bool:
-    """Whether a periodic function on a grid has a Fourier series that ends before the grid does."""
+    """Whether the Fourier series of a periodic function on a grid ends before the modes of the grid do."""
     size = np.abs(np.fft.fft(values, axis=0)).reshape(len(values), -1).max(axis=1)
     return bool(size[3 * len(size) // 8 : 5 * len(size) // 8].max() <= SMOOTH * size.max())

@@ -1,7 +1,7 @@
-"""One step of a method as a power series in h, at many states at once.
+"""The step of each method as a power series in h, at many states at once.
 
-Where a kernel is a formula, the kernel itself runs on power series; where it iterates, or rounds a function to a
-polynomial, its equations do. A step without a series is missing in `STEPS`.
+If a kernel is a formula, the kernel itself runs on power series. If it iterates, or rounds a function to a polynomial, its
+equations do. `STEPS` has no entry for a step without a series.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from lagrange_bench.integrators.problem.system import uniform_system
 
 
 class Series:
-    """Σ c[k] h^k, truncated; `c` is (terms, points), of any type. Exact but for round-off.
+    """A truncated power series Σ c[k] h^k, exact up to round-off; `c` is (terms, points), of any type.
 
-    Comparisons are those of the leading coefficients, at every point.
+    A comparison is true if it is true for the leading coefficients at every point.
     """
 
-    __array_ufunc__ = None  # NumPy leaves its operators to these
+    __array_ufunc__ = None  # so NumPy uses the operators below
 
     def __init__(self, c: NDArray[Any]):
         self.c = c
@@ -89,11 +89,11 @@ class Series:
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
-TALLY = np.zeros(SIZE)  # what a kernel reports, which is nothing here
+TALLY = np.zeros(SIZE)  # for kernels, which report nothing here
 
 
 class Functions:
-    """Those of `math` that kernels call, of series."""
+    """The functions of `math` that kernels call, for series."""
 
     sqrt = Series.sqrt
 
@@ -105,8 +105,8 @@ def rhs(alpha: float, s: State) -> State:
     return -alpha * s[4], alpha * s[3], 0.0 * s[2], *cross(s[:3], s[3:])
 
 
-def flow(alpha: float, s: State, h: Series, power: int) -> State:
-    """The motion itself: its Taylor series by Picard's iteration, one term after the other."""
+def taylor_flow(alpha: float, s: State, h: Series, power: int) -> State:
+    """The Taylor series of the exact motion, by Picard's iteration, one term after the other."""
     c = [part.c.copy() for part in s]
     for k in range(power):
         rates = rhs(alpha, tuple(Series(part[: k + 1]) for part in c))
@@ -122,7 +122,10 @@ def runge_kutta_step(tableau: Tableau, alpha: float, s: State, h: Series, power:
 
 
 def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
-    """Back to the nearest point with the invariants of s, by one Newton step: the second changes what is of second order."""
+    """A Runge–Kutta step, then one Newton step to the nearest point with the invariants of s.
+
+    A second Newton step would change only terms of second order.
+    """
     j, _, xx, xJ = on_series(runge_kutta.products)(*s)
     energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
     after = runge_kutta_step(tableau, alpha, s, h, power)
@@ -130,14 +133,14 @@ def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: i
 
 
 def taylor_step(order: int, alpha: float, s: State, h: Series, power: int) -> State:
-    after = flow(alpha, s, h, order)
+    after = taylor_flow(alpha, s, h, order)
     for part in after:
         part.c[order + 1 :] = 0.0
     return after
 
 
 def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int) -> State:
-    """K = h b f(y + μ K) by iteration, which settles one more power of h each time."""
+    """K = h b f(y + μ K), by iteration. Each iteration gives one more power of h."""
     _, b, mu = gauss.tableau(stages)
     weights, mu_ = [h * float(w) for w in b], [[float(m) for m in row] for row in mu]
     K: list[State] = [tuple(0.0 * part for part in s)] * stages

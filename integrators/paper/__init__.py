@@ -1,4 +1,4 @@
-"""The paper's mathematics, section by section; `docs/equations.md` goes through it equation by equation.
+"""The mathematics of the paper as code that runs, section by section. `docs/equations.md` lists it by equation.
 
     1         phase_space                                          states, brackets, equations of motion, invariants
     2         lax; gaudin_model, gaudin_curve; contraction         Lax matrices, curve; the magnet; two sites become the top
@@ -9,9 +9,9 @@
     5.4       eulerian                                             the one-point map in Euler angles
     5.5       two_point                                            the two-point map
     5.6       interpolating_flow                                   its time step and the flow it interpolates
-    rivals    discrete_lax                                         the discrete tops of others, as two-point maps
+    rivals    discrete_lax                                         discrete tops by others, as two-point maps
     n sites   gaudin_maps, gaudin_doubling                         both maps of the magnet, and its exact step
 
-`errata` gathers the misprints. Nothing imports this package but its own commands, its experiment and its tests (the layers in
-pyproject.toml say so); `GaudinMagnet` is a public name.
+`errata` collects the misprints. Only the paper's own commands, experiment and tests import this package (a contract in
+pyproject.toml). `GaudinMagnet` is a public name.
 """

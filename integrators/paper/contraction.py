@@ -1,6 +1,6 @@
 """The contraction of the two-site Gaudin magnet to the top (paper, section 2, (2.15)–(2.21); section 5.2).
 
-Sites 0 and ε, J = s_1 + s_2, x = ε s_2. What is exact at every ε (`E`) and what holds in the limit (`L`):
+Sites 0 and ε, J = s_1 + s_2, x = ε s_2. Some equations are exact at every ε (`E`), others hold in the limit (`L`):
 
     E  L_G(u) = alpha σ3 + σ·J/u + σ·x/(u(u − ε))                       L  x/u²: the remainder is O(ε), against (2.18)
     E  {J_k, J_l} = J_m, {J_k, x_l} = x_m, {x_k, x_l} = ε x_m           L  {x, x} = 0: e(3) instead of o(4), (2.20)
@@ -9,7 +9,7 @@ Sites 0 and ε, J = s_1 + s_2, x = ε s_2. What is exact at every ε (`E`) and w
     E  2H = ε H_2 + s_1² + s_2², H_1 + H_2 = 2 alpha J3: the top's flow is that of (ε/2) H_2, with the bracket of o(4)
     L  the one- and two-point maps, with λ and the sheet of site 1 (the second, `site=1`): u²v → m = √Q, +√C1 at 0
 
-Every limit is reached with an error O(ε). The contraction of the generating function is in `generating_functions`.
+Every limit has an error O(ε). The contraction of the generating function is in `generating_functions`.
 """
 
 from random import Random
@@ -48,13 +48,13 @@ def from_magnet(spins: Any, eps: Any) -> Numbers:
 
 
 def lax_vector(top: LagrangeTop, y: Any, u: Any, eps: Any = 0) -> Numbers:
-    """ℓ(u) = alpha e3 + J/u + x/(u(u − ε)), exact for the magnet; for ε = 0 that of the top; (2.18) corrected."""
+    """ℓ(u) = alpha e3 + J/u + x/(u(u − ε)), exact for the magnet; for ε = 0 it is ℓ(u) of the top. (2.18) corrected."""
     y = np.asarray(y)
     return top.alpha * E3 + y[..., :3] / u + y[..., 3:] / (u * (u - eps))
 
 
 def bracket(y: Any, eps: Any = 0) -> Numbers:
-    """The Poisson tensor (6, 6) of (J, x) at finite ε: that of the top but for {x_k, x_l} = ε x_m; (2.20) corrected."""
+    """The Poisson tensor (6, 6) of (J, x) at finite ε: that of the top except {x_k, x_l} = ε x_m. (2.20) corrected."""
     P = poisson_tensor(y)
     P[3:, 3:] = eps * poisson_tensor(np.asarray(y)[3:])
     return P
@@ -74,7 +74,7 @@ def energy(magnet: GaudinMagnet, spins: Any) -> Any:
 
 
 def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, float]:
-    """Largest differences between what is contracted and the limit at one ε, in double: each of them is O(ε).
+    """The largest differences between the magnet at one ε and the limit, in double. Each is O(ε).
 
     y : real. lam : also the u of the Lax matrix and the curve, Im > 0.
     """
@@ -100,7 +100,7 @@ def deviations(top: LagrangeTop, y: Any, lam: complex, eps: float) -> dict[str, 
 
 
 def _remainder(rng: Random, printed: bool) -> float:
-    """(2.18), printed with a remainder that is claimed to be o(ε): that over ε; corrected without one."""
+    """(2.18). Printed: its remainder, which is claimed to be o(ε), over ε. Corrected: there is no remainder."""
     top, y = draw(rng)
     eps, u = 2.0**-20 if printed else 0.125, 0.5 + rng.random()
     magnet, spins = to_magnet(top, y, eps)

@@ -15,10 +15,10 @@ of the deformed curve m² = Q_h(λ). Each step is the flow of the top with the s
 are elliptic integrals (`clock`). The map of Kahan, Hirota and Kimura, `methods.kahan`, is the same map again, at another state
 with another step (`of_kahan`). Proofs: Propositions 8 and 9 in docs/exact-step.md.
 
-Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, and Suris, J. Nonlinear Math. Phys. 8 (2001) 534, whose
-abstracts say that Lax representations are found. We have read the abstracts only: the pair, and that both maps are the
-two-point map, are derived by us. Of the map of Kahan, Hirota and Kimura we found no Lax pair for this top in the
-literature; Kimura, arXiv 1611.02271, has one for their Euler top.
+Sources: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, and Suris, J. Nonlinear Math. Phys. 8 (2001) 534. Their abstracts
+say that there are Lax representations. We have read only the abstracts. The pair here, and the proof that both maps are the
+two-point map, are our own. We know of no published Lax pair of the map of Kahan, Hirota and Kimura for this top; Kimura, arXiv
+1611.02271, has one for their Euler top.
 """
 
 from typing import Any
@@ -65,9 +65,9 @@ def clock(top: LagrangeTop, y: Any, h: float) -> tuple[float, float]:
 
 
 def of_kahan(top: LagrangeTop, y: Any, h: Any) -> tuple[Numbers, Any]:
-    """The state and the step at which the map of Bobenko and Suris does what Kahan's does at y (6,) with h.
+    """The state and the step with which the map of Bobenko and Suris is Kahan's step of h at y (6,).
 
-    ValueError where κ eps² ≥ 1.
+    ValueError if κ eps² ≥ 1.
     """
     y = np.asarray(y)
     J, x = y[:3], y[3:]

@@ -1,8 +1,8 @@
-"""The errata of the paper as data: each one evaluated as printed and as corrected.
+"""The errata of the paper as data. Each can be evaluated as printed and as corrected.
 
-Two kinds: a formula that is wrong, and a sentence that is wrong beside formulas that are right (`prose`). A module of this
-package that implements a section of the paper lists the errata of that section in a module-level `ERRATA`;
-`errata()` gathers them in the order of the paper. What is true is tested; this is for showing.
+There are two kinds: wrong formulas, and wrong sentences beside right formulas (`prose`). A module that implements a section of
+the paper lists the errata of this section in `ERRATA`. `errata()` collects them in the order of the paper, to show them; the
+corrected formulas are tested elsewhere.
 """
 
 import cmath
@@ -23,7 +23,7 @@ MODULES = (
 
 
 class Erratum(NamedTuple):
-    """One erratum: what is printed, what is right, and what either misses by."""
+    """One erratum: the printed text, the corrected text, and the residual of either."""
 
     equation: str  # number in the paper, or its label and line, e.g. "(2.22)"
     section: str  # numbers and dots, "5.1"

@@ -92,8 +92,8 @@ def branch_points(magnet: Any, spins: Any, origin: Any = 0) -> Numbers:
         A[2 * j, 2 * j + 1], A[-1, 2 * j] = 1.0, -1.0
         A[2 * j, -1], A[2 * j + 1, -1] = complex(H[j]), complex(C[j])
     A[-1, -1] = -(float(magnet.alpha) ** 2)
-    found = scipy.linalg.eigvals(A, N)
-    return found[np.isfinite(found)]
+    zeros = scipy.linalg.eigvals(A, N)
+    return zeros[np.isfinite(zeros)]
 
 
 def spectral_polynomial(magnet: Any, spins: Any) -> Numbers:
