@@ -24,7 +24,7 @@ from lagrange_bench.arguments import in_range, location, positive
 from lagrange_bench.output import Answer, table
 
 MOST_ROWS = 10**7  # 4 GB of text
-DOUBLE = 17  # digits that make a double again
+DOUBLE = 17  # digits from which a double can be read back exactly
 
 
 def run(options: argparse.Namespace) -> Answer:
