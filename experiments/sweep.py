@@ -20,7 +20,10 @@ from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
 
 Cell = dict[str, Any]
-LISTS = {"method": "methods", "state": "tops"}  # field of a cell → key in a table, where they differ; see also `with_units`
+LISTS = {
+    "method": "methods",
+    "state": "tops",
+}  # field of a cell → key in a table, where they differ; see also `with_units`
 
 
 class Sweep(NamedTuple):
