@@ -46,20 +46,6 @@ def test_failures_of_several_methods_do_not_hide_each_other():
         assert Text.get_window_extent(name).x0 > ax.bbox.x1, "out of the way of the data"
 
 
-def test_names_are_no_formulas():
-    name = "$\\frac{$ bell \a, null \0, \ud800"
-    fig, ax = style.figure("column")
-    ax.plot([1, 2], [1, 2], **style.of(name))
-    ax.set_yticks([1, 2], [style.plain(name), "b"])
-    style.failed_label(ax, name)
-    style.legend_below(fig)
-    assert all(draw(fig) for draw in figures.FORMATS.values())
-    readable = "".join(c for c in name if c.isprintable())
-    assert style.label(name) == readable
-    parsed = [text._preprocess_math(text.get_text()) for text in fig.findobj(Text)]
-    assert sum(readable in text for text, formula in parsed if not formula) >= 3
-
-
 ROWS = pd.DataFrame({"h": [0.01, 0.1, 1.0], "error": [1e-12, 3e-12, 9e-12]})
 
 

@@ -113,22 +113,6 @@ def test_errors_and_orders_are_those_of_the_adapter(monkeypatch):
     assert line["rotation, h = 1/1024"] == line["rotation there"] == rows[-1]["rotation"]
 
 
-def test_round_off_that_grows_tells_no_order():
-    """Errors of order five until round-off, which a thousand times as many steps make larger."""
-    h, error = (
-        2.0 ** -np.arange(9, 17),
-        np.array((1.5e-9, 1.4e-10, 6.6e-12, 1.1e-12, 6.0e-12, 2.1e-12, 1.5e-11, 2.0e-11)),
-    )
-    long = pd.DataFrame(
-        {"h": 2.0 ** -np.arange(5, 17), "position": 1.0, "rotation": [5e-3, 1.6e-4, 5e-6, 1.6e-7, *error]}
-    )
-    assert heavy_top.measured_orders(long)["order of rotation"] == pytest.approx(5.0, abs=0.1)
-    assert np.isnan(heavy_top.measured_orders(long[4:])["order of rotation"])
-    assert heavy_top.measured_orders(pd.DataFrame({"h": h, "position": h**2, "rotation": h**2}))[
-        "order of rotation"
-    ] == (pytest.approx(2.0))
-
-
 def test_the_overview_tells_another_motion_from_large_errors():
     line = {**ABSENT, "version": "1", "status": "done", "until": 0.5}
     errors = {("right", "default"): (1.0, 0.25, 0.06), ("wrong", "best"): (1.0, 0.11, 0.1), ("right", ""): (1.0,) * 3}

@@ -6,11 +6,8 @@ import json
 import math
 import os
 import re
-import sys
 import time
 import warnings
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -176,28 +173,6 @@ def test_dense_output_is_the_same_at_any_times_and_on_a_grid(name):
     record = installed(name)
     grid = prepare(GENERIC.top, GENERIC.state, -0.3, name).record(GENERIC.state, 100, 5)
     assert np.array_equal(record.evaluate(GENERIC.top, GENERIC.state, -0.3 * np.arange(0, 101, 5.0))[0], grid)
-
-
-def motions(name):
-    """Two runs, each of a motion of its own."""
-    installed(name)
-    tides = (PerturbedTop(UNIFORM, TIDE, (strength, 0.8, 0.6, 0.0)) for strength in (0.1, 0.9))
-    return [partial(integrate, top, GENERIC.state, h=0.1, steps=400, method=name) for top in tides]
-
-
-@pytest.mark.parametrize("name", ["rk45", "taylor"])
-def test_runs_at_once_have_the_bits_of_runs_alone(name):
-    """Of SciPy and of heyoka, which keeps numbers in what it compiled."""
-    runs, interval = motions(name), sys.getswitchinterval()
-    alone = [run().y for run in runs]
-    sys.setswitchinterval(1e-5)
-    try:
-        with ThreadPoolExecutor(2) as pool:
-            together = [list(pool.map(lambda run: run().y, runs)) for _ in range(3)]
-    finally:
-        sys.setswitchinterval(interval)
-    assert all(np.array_equal(alone, ends) for ends in together)
-    assert not np.array_equal(*alone)
 
 
 def ends(everything):

@@ -236,17 +236,13 @@ def heavy_bodies():
         yield body, np.array((0.5, -0.5, 0.5, 0.5, 1.0, 2.0, 0.75))
     ball = RigidBody(1.0, (0, 0, 1), (1, 1, 2), (0, 0, -2.5))
     for q, L in (
-        *(
-            ((1, 0, 0, 0), (0, 0, 1)),
-            ((0, 1, 0, 0), (0, 0, 1)),
-            ((0, 0.8, 0.6, 0), (1e-9, 0, 1)),
-            ((1, 0, 0, 0), (1, 0, 1)),
-        ),
-        *(
-            ((0.5, 0.5, 0.5, 0.5), (0, 0.0, 1e-3)),
-            ((0.5, 0.5, -0.5, 0.5), (0.1, 2, 9)),
-            ((0.5, 0.5, 0.5, 0.5), (0, 2.5, 1)),
-        ),
+        ((1, 0, 0, 0), (0, 0, 1)),
+        ((0, 1, 0, 0), (0, 0, 1)),
+        ((0, 0.8, 0.6, 0), (1e-9, 0, 1)),
+        ((1, 0, 0, 0), (1, 0, 1)),
+        ((0.5, 0.5, 0.5, 0.5), (0, 0.0, 1e-3)),
+        ((0.5, 0.5, -0.5, 0.5), (0.1, 2, 9)),
+        ((0.5, 0.5, 0.5, 0.5), (0, 2.5, 1)),
     ):
         yield ball, np.array((*q, *L), dtype=float)
 
@@ -307,30 +303,20 @@ def test_the_free_body_near_its_middle_axis():
     run = integrate(body, (1, 0, 0, 0, 0, 5, 9e-6), t=[20.0, 40.0, 0.0])
     assert run.method == "theta_functions"
     assert np.max(np.abs(run.y[0, 4:] - (-0.196222000288240777, 4.99036494822845638, 0.240321888675745775))) < 1e-12
-    assert (
-        np.max(np.abs(run.y[1, 4:] - (-0.00380972495884358551, -4.99999637149761789, 0.00466594978466910196))) < 1e-12
-    )
     assert body.period((1, 0, 0, 0, 0, 2, 0.01)) / 2 == pytest.approx(59.0554435231928720, rel=1e-14)
     assert body.period((1, 0, 0, 0, 0, 2, 0)) == 0.0
     slow = RigidBody(1.0, (0, 0, 0), (1.0, 2.0, 3.0))
     right = (1.0, 8.37911827794993e-09, -4.72681527835209e-09)
     assert integrate(slow, (1, 0, 0, 0, 1, 1e-8, 0), t=[1.0]).y[0, 4:] == pytest.approx(right, rel=1e-13)
-    other = RigidBody(1.0, (0, 0, 0), (10, 20, 26))
-    start = other.state(rotation=np.eye(3), omega_body=(1, 15, 1))
-    omega = (
-        integrate(other, start, h=-10.0, steps=1).omega_body[-1],
-        integrate(other, start, h=5.0, steps=2).omega_body[-1],
-    )
-    assert np.max(np.abs(omega[1] - (-8.93297814787053809, 10.9515235719156112, 7.17715832767186367))) < 1e-12
-    assert np.max(np.abs(omega[0] - integrate(other, start, t=[-10.0], method="taylor").omega_body[0])) < 1e-11
     with pytest.raises(ValueError, match="period: only the motion of a free body"):
         SKEW.period(SKEW.state(**WHOLE))
 
 
 def test_books_have_bodies_that_no_matter_has():
-    for moments in ((2.0, 1.0, 2.0 / 3.0), (0.5, 2.0, 3.0), (-0.1, -0.1, 0.3)):
+    for moments in ((2.0, 1.0, 2.0 / 3.0), (0.5e-45, 2e-45, 3e-45), (-0.1, -0.1, 0.3)):
         with pytest.warns(RuntimeWarning, match="no body of matter has the moments"):
             RigidBody(1.0, (0, 0, 1), moments)
+    RigidBody(1.0, (0, 0, 1), (1e-45, 2e-45, 3e-45 * (1 + 1e-12)))  # a flat one, but for a rounding
     with (
         pytest.warns(RuntimeWarning, match="no body of matter"),
         pytest.raises(ValueError, match="must be positive"),
@@ -373,9 +359,10 @@ def test_a_case_of_ones_own():
 
 
 def test_digits_of_a_quaternion_have_a_scalar_that_is_not_negative():
-    rows = list(CASES["metis"].digits([k / 4 for k in range(9)], 17))
-    assert all(row[4] >= 0 for row in rows)
-    assert np.max(np.abs(np.array(rows, dtype=float) - CASES["metis"].doubles([k / 4 for k in range(9)]))) < 1e-11
+    times = [0, 0.5]  # of −q it would be negative at the second
+    rows = np.array(list(CASES["metis"].digits(times, 17)), dtype=float)
+    assert np.all(rows[:, 4] > 0)
+    assert np.max(np.abs(rows - CASES["metis"].doubles(times))) < 1e-11
 
 
 TURNED = Rotation.from_rotvec((0.3, -0.5, 0.4))

@@ -5,8 +5,6 @@ import os
 import re
 import shlex
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -37,26 +35,6 @@ print("loaded:", loaded or set({SLOW!r}) & set(sys.modules) - {{"multiprocessing
 """
     done = python("-c", program)
     assert done.stdout.splitlines()[-1:] == ["loaded: set()"], done.stderr
-
-
-def test_it_works_without_docstrings_and_streams():
-    """python -OO strips docstrings; a caller may close the streams."""
-    plain = python("-m", "lagrange_bench", "case", "bruels", "--every", "1").stdout
-    assert python("-OO", "-m", "lagrange_bench", "case", "bruels", "--every", "1").stdout == plain
-    script = '"$0" -X dev -W error -m lagrange_bench'
-    for words, streams in (
-        ("case", ">&-"),
-        ("--help", ">&-"),
-        ("methods", "<&- >&- 2>&-"),
-        ("case none", ">&-"),
-        ("case", "2>&-"),
-    ):
-        done = subprocess.run(
-            ["sh", "-c", f"{script} {words} {streams}", sys.executable], capture_output=True, text=True
-        )
-        error = "unknown case 'none'" if words == "case none" else ""
-        assert (done.returncode, error in done.stderr, "Traceback" in done.stderr) == (2 if error else 0, True, False)
-        assert bool(done.stderr) == bool(error)
 
 
 def examples(text):

@@ -6,14 +6,12 @@ import math
 import os
 import re
 import runpy
-import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from faults import python
 from test_cli import SHORT, examples
 
 import lagrange_bench
@@ -242,33 +240,6 @@ def test_every_experiment_is_a_script_that_does_what_the_command_line_does(name,
     monkeypatch.setattr(runpy, "run_module", lambda module, **_: asked.append([module, *sys.argv]))
     runpy.run_path(str(ROOT / "experiments" / f"{name}.py"), run_name="__main__")
     assert asked == [["lagrange_bench", "lagrange-bench", "run", name, "--help"]]
-
-
-@pytest.mark.slow
-def test_the_wheel_meets_a_visitors_own_names(tmp_path):
-    """A repository with its own integrators/, experiments/, results/ and report.py: neither hides the other's."""
-    pip = ("-m", "pip", "--disable-pip-version-check", "--no-input", "install", "--quiet", "--no-deps")
-    source = tmp_path / "source"  # setuptools builds beside the sources
-    ignored = shutil.ignore_patterns(".*", "build", "*.jsonl", "__pycache__", "*.egg-info", "local", "tests")
-    shutil.copytree(ROOT, source, ignore=ignored)
-    done = python(*pip, "--no-build-isolation", "--target", tmp_path / "site", source)
-    assert done.returncode == 0, done.stderr
-    top = {path.name for path in (tmp_path / "site").iterdir() if not path.name.endswith(".dist-info")}
-    assert top <= {"lagrange_bench", "bin", "__pycache__"}
-    theirs = tmp_path / "theirs"
-    theirs.mkdir()
-    for name in ("integrators", "experiments", "results", "report"):
-        (theirs / f"{name}.py").write_text("OWN = True\n")
-    script = (
-        "import integrators, experiments, results, report, lagrange_bench\n"
-        "assert integrators.OWN and experiments.OWN and results.OWN and report.OWN\n"
-        "print(len(lagrange_bench.METHODS), lagrange_bench.__file__)\n"
-    )
-    settings = {**os.environ, "PYTHONPATH": str(tmp_path / "site")}
-    words = ("-m", "lagrange_bench", "run", "paper", "--results", "rows", "--quiet")
-    first, second = (python(*words, cwd=theirs, env=settings) for words in (("-c", script), words))
-    assert (first.returncode, second.returncode) == (0, 0), first.stderr + second.stderr
-    assert first.stdout.startswith(f"{len(lagrange_bench.METHODS)} {tmp_path / 'site'}")
 
 
 def test_public_names():

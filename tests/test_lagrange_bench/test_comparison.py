@@ -1,6 +1,5 @@
 """The questions of the bench from Python, any column against any other, and stored rows as frames."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -44,22 +43,6 @@ def test_drift_is_that_of_a_run_in_both_units_of_time():
     body = frame[frame.top == "free_body"]
     assert body[["H", "C"]].notna().all(axis=None)
     assert body.t.iloc[-1] == pytest.approx(0.8, rel=1e-4), "its time scale is not 1 over that of the momenta"
-    assert "named" not in METHODS
-
-
-def test_threads_do_not_share_names():
-    """Each thread has a method and a top of its own under the same names."""
-    methods = [replace(METHODS[name], name="named") for name in ("strang", "rk4", "kahan", "gauss4")]
-
-    def rows(i):
-        tops = [("mine", LagrangeTop(1.0 + i % 3), GENERIC.state)]
-        with METHODS.temporarily_registered(replace(NAMED, name="other", label=str(i))):
-            look = style.of("other")["label"], "other" in METHODS
-            return look, drift(methods[i % 4], tops, h=0.1, steps=8).to_frame().H.tolist()
-
-    expected = list(map(rows, range(12)))
-    with ThreadPoolExecutor(8) as pool:
-        assert list(pool.map(rows, 4 * [*range(12)])) == 4 * expected
     assert "named" not in METHODS
 
 
