@@ -85,6 +85,15 @@ def test_step_is_what_the_tableau_says(name):
             assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h, solver)
 
 
+def test_a_residual_that_rises_once_is_not_yet_round_off():
+    """Far from convergence a slow fixed point is no step: it goes on to what Newton finds."""
+    y = np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
+    slow, newton = (
+        prepare(LagrangeTop(1.0), y, 1.89, "gauss6", solver=s).advance(y, 1) for s in ("fixed_point", "newton")
+    )
+    assert metrics.scaled_error(LagrangeTop(1.0), y, slow, newton) < 64 * EPS
+
+
 @pytest.mark.parametrize("name", [*STAGES, "collective_midpoint"])
 def test_no_step_is_an_error(name):
     """A fast top turns ten times in a step: the fixed point diverges or goes on for ever, Newton solves it, if it is unique."""
