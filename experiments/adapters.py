@@ -322,8 +322,8 @@ def pybullet(pb: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run
     def read() -> State:
         if top.free:
             return *pb.getBasePositionAndOrientation(body), pb.getBaseVelocity(body)[1]
-        found = pb.getLinkState(body, 0, computeForwardKinematics=1, computeLinkVelocity=1)
-        return found[0], found[5], found[7]
+        link = pb.getLinkState(body, 0, computeForwardKinematics=1, computeLinkVelocity=1)
+        return link[0], link[5], link[7]
 
     return stepping(loop(pb.stepSimulation), read)
 

@@ -67,8 +67,8 @@ def prepare(
     StepError
         The method cannot be prepared for this top and step.
     """
-    problem, found, state, _ = _look_up(top, y0, method)
-    return _prepare(found, problem, state, check_step(own_step(h, h_scaled, (problem, state))), options)
+    problem, record, state, _ = _look_up(top, y0, method)
+    return _prepare(record, problem, state, check_step(own_step(h, h_scaled, (problem, state))), options)
 
 
 def integrate(
@@ -126,15 +126,15 @@ def integrate(
     StepError
         The method failed.
     """
-    problem, found, state, flight = _look_up(top, y0, method)
+    problem, record, state, flight = _look_up(top, y0, method)
     h = own_step(h, h_scaled, (problem, state))
     if t is None and (h is None or steps is None):
-        found.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
+        record.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
     if times is not None:
-        run = _evaluate(found, problem, state, times, options)
+        run = _evaluate(record, problem, state, times, options)
     else:
-        run = _advance(found, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
+        run = _advance(record, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
     if flight is not None:
         start = replace(run.start, flight=flight)  # type: ignore[type-var]
         return replace(run, y=np.hstack((run.y, problem.flown(flight, run.t))), start=start)
@@ -142,15 +142,15 @@ def integrate(
 
 
 def _advance(
-    found: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
+    record: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
 ) -> Trajectory:
     """`integrate` by steps of h."""
-    start = Start(state, found, h if found.control == "step" else None, options)
-    stepper = _prepare(found, top, state, h, options)
+    start = Start(state, record, h if record.control == "step" else None, options)
+    stepper = _prepare(record, top, state, h, options)
     if not math.isfinite(h * steps):
-        raise StepError(found.name, "the time n h is beyond the largest double", h=h)
+        raise StepError(record.name, "the time n h is beyond the largest double", h=h)
     y = stepper.record(state, steps, every)
-    return Trajectory(top, found.name, grid_times(h, every, len(y)), y, stepper.work, start=start)
+    return Trajectory(top, record.name, grid_times(h, every, len(y)), y, stepper.work, start=start)
 
 
 def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:

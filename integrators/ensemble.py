@@ -87,7 +87,7 @@ def integrate_ensemble(
     """
     states = _check_states(top, Y0)
     n, sample = len(states), motion_of(top, 0) if len(states) else LagrangeTop()
-    found = find_method(default_method(sample) if method is None else method)
+    record = find_method(default_method(sample) if method is None else method)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
     if h_scaled is not None:
@@ -95,22 +95,22 @@ def integrate_ensemble(
     times = checks.check_times_or_grid(t, h, steps, every)
     if times is None:
         h = checks.check_step(h)
-        found.prepare_for(sample, options)
+        record.prepare_for(sample, options)
         steps, stride = checks.check_grid(steps, every, "steps")
         grid: dict[str, Any] = {"h": h, "steps": steps, "every": every}
         times = grid_times(h, stride, steps // stride + 1)[-1 if every is None else 0 :]
     else:
-        if found.evaluate_for(sample, options) is None:
-            raise ValueError(f"t: {found.name} steps on a grid only; give h and steps")
+        if record.evaluate_for(sample, options) is None:
+            raise ValueError(f"t: {record.name} steps on a grid only; give h and steps")
         grid = {"t": times}
-    work = _Work(top, states, found, grid, options, np.empty((len(times), *states.shape)))
+    work = _Work(top, states, record, grid, options, np.empty((len(times), *states.shape)))
     work.do(threads)
     if work.failures and on_failure == "raise":
         place, error = min(work.failures, key=lambda failure: failure[0])
         more = f"; {len(work.failures)} of {n} tops fail" if len(work.failures) > 1 else ""
-        raise StepError(found.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
-    start = Start(states, found, grid.get("h") if found.control == "step" else None, options)
-    return EnsembleTrajectory(top, found.name, times, work.out, t is None and every is None, start)
+        raise StepError(record.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
+    start = Start(states, record, grid.get("h") if record.control == "step" else None, options)
+    return EnsembleTrajectory(top, record.name, times, work.out, t is None and every is None, start)
 
 
 @dataclass

@@ -139,13 +139,13 @@ class Registry(Mapping[str, Any]):
         if loaded is not None and loaded[0] is entry:
             return loaded[1]
         with no_exit():
-            found = entry.load()
-        if not isinstance(found, self.kind):
-            raise TypeError(f"{entry.value} is a {type(found).__name__}, not a lagrange_bench.{self.kind.__name__}")
-        if found.name != name and ":" not in name:
-            raise ValueError(f"{entry.value} calls itself {found.name!r} but is registered as {name!r}")
-        self._loaded[name] = entry, found
-        return found
+            record = entry.load()
+        if not isinstance(record, self.kind):
+            raise TypeError(f"{entry.value} is a {type(record).__name__}, not a lagrange_bench.{self.kind.__name__}")
+        if record.name != name and ":" not in name:
+            raise ValueError(f"{entry.value} calls itself {record.name!r} but is registered as {name!r}")
+        self._loaded[name] = entry, record
+        return record
 
     def include(self, name: str) -> None:
         """Know what `module:NAME` stands for under these very words in this process, without an entry point.
@@ -230,18 +230,18 @@ def find_method(method: str | Method) -> Method:
     ------
     ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
     """
-    found = _load(method, METHODS) if isinstance(method, str) else method
-    if not isinstance(found, Method):
+    record = _load(method, METHODS) if isinstance(method, str) else method
+    if not isinstance(record, Method):
         raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
-    if not available(found):
-        raise NotInstalled(found.name, how_to_get(str(found.requires)))
-    return found
+    if not available(record):
+        raise NotInstalled(record.name, how_to_get(str(record.requires)))
+    return record
 
 
 def _reduced(method: Method) -> Any:
     """How a record is pickled: a registered one, whose builder may be made by another function, by its name."""
-    entry, found = METHODS._loaded.get(method.name, (None, None))
-    if entry is not None and entry.value and found is method:
+    entry, registered = METHODS._loaded.get(method.name, (None, None))
+    if entry is not None and entry.value and registered is method:
         return find_method, (method.name,)
     return object.__reduce_ex__(method, 2)
 
@@ -285,7 +285,7 @@ def _load(name: str, registry: Registry) -> Any:
     try:
         if not colon:
             return registry[name]
-        found = getattr(import_own(path), attribute)
+        record = getattr(import_own(path), attribute)
     except KeyError as error:
         if hint := in_own_file(name, word):
             raise ValueError(f"no {word} is registered as {name!r}{hint}") from None
@@ -293,9 +293,9 @@ def _load(name: str, registry: Registry) -> Any:
     except Exception as error:  # importing somebody else's module may raise anything
         hint = _meant(name, error, registry)
         raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}{hint}") from error
-    if not isinstance(found, registry.kind):
-        raise ValueError(f"{word} {name} is a {type(found).__name__}, not a lagrange_bench.{registry.kind.__name__}")
-    return found
+    if not isinstance(record, registry.kind):
+        raise ValueError(f"{word} {name} is a {type(record).__name__}, not a lagrange_bench.{registry.kind.__name__}")
+    return record
 
 
 def in_own_file(name: str, word: str) -> str:

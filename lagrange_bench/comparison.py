@@ -263,8 +263,8 @@ def _listed(names: Names) -> list[str] | None:
 
 def _methods(rows: pd.DataFrame) -> pd.Series:
     """The method of each row; of one without, what else was measured."""
-    found = rows.reindex(columns=["method", "engine", "variant", "form"]).bfill(axis=1)["method"]
-    return found.fillna("rows").astype(str)
+    names = rows.reindex(columns=["method", "engine", "variant", "form"]).bfill(axis=1)["method"]
+    return names.fillna("rows").astype(str)
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:

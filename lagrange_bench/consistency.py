@@ -58,9 +58,9 @@ class Rows:
         """`kinematics` of all rows (N,), that of the first and of turns that are not clear 0; None where few turns are clear."""
         if self.omega is None or not len(self.clear) or 2 * np.count_nonzero(self.clear) < len(self.clear):
             return None
-        found = np.zeros(self.rows)
-        found[self.places[1:]] = np.where(self.clear, self.kinematics(), 0.0)
-        return found
+        errors = np.zeros(self.rows)
+        errors[self.places[1:]] = np.where(self.clear, self.kinematics(), 0.0)
+        return errors
 
     def off(self, frame: str | None = None, part: str = "mean") -> float:
         """The median of `kinematics`; NaN where the rows do not tell."""

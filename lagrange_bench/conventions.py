@@ -190,10 +190,10 @@ class Frames:
 
         Without an exact motion: what the motion keeps is off the first row, and positions are off where the rotations put them.
         """
-        found: dict[str, Array] = {}
+        largest: dict[str, Array] = {}
 
         def add(**errors: Array) -> None:
-            found.update({name: np.maximum(error, found.get(name, 0.0)) for name, error in errors.items()})
+            largest.update({name: np.maximum(error, largest.get(name, 0.0)) for name, error in errors.items()})
 
         attitudes = self.attitudes(given)
         for R, defect in attitudes:
@@ -230,7 +230,7 @@ class Frames:
             rows = self.rows(given) if exact is None else None
             if rows is not None and (off := rows.errors()) is not None:
                 add(kinematics=off)
-        return {name: found[name] for name in UNITS if name in found}
+        return {name: largest[name] for name in UNITS if name in largest}
 
     def rows(self, given: Mapping[str, Array]) -> Rows | None:
         """Attitudes and angular velocities, to be compared with each other; None without attitudes."""

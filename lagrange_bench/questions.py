@@ -80,12 +80,12 @@ def drift(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.125)
-    asked = _Asked(methods, tops)
-    frame = asked.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
-    for top in asked.tops:
+    request = _Request(methods, tops)
+    frame = request.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
+    for top in request.tops:
         here, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
         frame.loc[here, "worst"] = worst(frame.reindex(columns=names)[here], names)
-    return asked.comparison(frame, "t_scaled", "worst")
+    return request.comparison(frame, "t_scaled", "worst")
 
 
 def phase(
@@ -115,13 +115,13 @@ def phase(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.25)
-    asked = _Asked(methods, tops)
-    for top in asked.tops:
+    request = _Request(methods, tops)
+    for top in request.tops:
         if not truths.closed_form(top.top) and step(top.unit) * steps > truths.LONGEST:
             beyond = f"beyond {truths.LONGEST:g} time scales; take fewer"
             raise ValueError(f"steps: {top.name} has no reference solution {beyond}")
-    frame = asked.measure(phase_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
-    return asked.comparison(frame, "t_scaled", "time" if "time" in frame and frame["time"].notna().all() else "error")
+    frame = request.measure(phase_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
+    return request.comparison(frame, "t_scaled", "time" if "time" in frame and frame["time"].notna().all() else "error")
 
 
 def order(methods: Methods, tops: Tops = "generic") -> Comparison:
@@ -144,22 +144,22 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     ValueError
         Bad input, or a method that has no order: it chooses its own steps, or is exact in time.
     """
-    asked = _Asked(methods, tops)
-    for method in asked.methods:
+    request = _Request(methods, tops)
+    for method in request.methods:
         if method.control == "tolerance" or method.order is None:
             why = "chooses its own steps" if method.control == "tolerance" else "is exact in time"
             raise ValueError(f"methods: {method.name} {why}: it has no order")
 
     def measure(cell: Cell) -> list[Cell]:
-        start = next((top.top, top.state) for top in asked.tops if top.name == cell["state"])
+        start = next((top.top, top.state) for top in request.tops if top.name == cell["state"])
         points = check.order_points(METHODS[cell["method"]], check.ORDER_SPANS, (start,))
         if points.exact:
             raise StepError(cell["method"], f"every step is exact up to round-off on {cell['state']}")
         few = len(points.spans) < 3
-        found = np.nan if few else np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0] - 1
-        return [{"h": h, "error": e, "order": found} for h, e in zip(points.spans, points.errors, strict=True)]
+        slope = np.nan if few else np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0] - 1
+        return [{"h": h, "error": e, "order": slope} for h, e in zip(points.spans, points.errors, strict=True)]
 
-    return asked.comparison(asked.measure(measure, lambda unit: {}), "h_scaled", "error")
+    return request.comparison(request.measure(measure, lambda unit: {}), "h_scaled", "error")
 
 
 def work_precision(
@@ -190,7 +190,9 @@ def work_precision(
     ValueError
         Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
     """
-    return _race(_Asked(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds")
+    return _race(
+        _Request(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds"
+    )
 
 
 def perturbed(
@@ -217,11 +219,11 @@ def perturbed(
     ValueError
         As `work_precision`; and a top in a uniform field.
     """
-    asked = _Asked(methods, tops)
-    for top in asked.tops:
+    request = _Request(methods, tops)
+    for top in request.tops:
         if "uniform" in top.top.offers:
             raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
-    return _race(asked, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
+    return _race(request, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
 
 
 def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Comparison:
@@ -248,22 +250,22 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
         known = ", ".join(body_experiment.POWERS)
         raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
-    asked = _Asked(methods, [_Placed(case, case, *body_experiment.motion(case)) for case in cases])
-    units = {top.name: top.unit for top in asked.tops}
+    request = _Request(methods, [_NamedProblem(case, case, *body_experiment.motion(case)) for case in cases])
+    units = {top.name: top.unit for top in request.tops}
 
     def measure(cell: Cell) -> list[Cell]:
         case, rows = cell["state"], []
         for k in body_experiment.POWERS[case]:
             h = body_experiment.UNTIL[case] / 2**k
-            found = _tried(body_experiment.measure, {**cell, "case": case, "h": h})
-            rows += [{**row, "h": h / units[case]} for row in found]
+            measured = _measured(body_experiment.measure, {**cell, "case": case, "h": h})
+            rows += [{**row, "h": h / units[case]} for row in measured]
         return rows
 
-    return asked.comparison(asked.measure(measure, lambda unit: {}), "h", "rotation")
+    return request.comparison(request.measure(measure, lambda unit: {}), "h", "rotation")
 
 
 @dataclass(frozen=True)
-class _Placed:
+class _NamedProblem:
     """A problem and a state under a name."""
 
     name: str
@@ -282,7 +284,7 @@ class _Placed:
         return float(self.top.scales(self.state)[0] * self.unit)
 
 
-class _Asked:
+class _Request:
     """Methods and tops that were checked."""
 
     def __init__(self, methods: Any, tops: Any):
@@ -297,7 +299,7 @@ class _Asked:
         one = isinstance(tops, str) or hasattr(tops, "state") or pair
         if not one and not isinstance(tops, Iterable):
             raise ValueError(f"tops must be names, or pairs of a problem and a state; got {tops!r}")
-        self.tops = tuple(_placed(top) for top in ([tops] if one else tops))
+        self.tops = tuple(_named(top) for top in ([tops] if one else tops))
         if still := [top.name for top in self.tops if not np.isfinite(top.unit)]:
             raise ValueError(f"tops: {still[0]} is at rest for ever: its time has no scale")
         if len({top.name for top in self.tops}) < max(len(self.tops), 1):
@@ -313,9 +315,9 @@ class _Asked:
         with names[0], names[1], warnings.catch_warnings():
             warnings.simplefilter("ignore", StepWarning)  # of steps that are tried because they are long
             for top, method in product(self.tops, self.methods):
-                asked = {"method": method.name, "state": top.name, **cell(top.unit)}
-                found = _tried(measure, asked)
-                rows += [{**asked, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in found]
+                fields = {"method": method.name, "state": top.name, **cell(top.unit)}
+                measured = _measured(measure, fields)
+                rows += [{**fields, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in measured]
         frame = pd.DataFrame(rows).rename(columns={"state": "top"}).drop(columns="part", errors="ignore")
         return in_both_units(frame, {top.name: top.unit for top in self.tops})
 
@@ -325,25 +327,25 @@ class _Asked:
         return Comparison(frame, x, y, self.methods, labels, invariants)
 
 
-def _tried(measure: Measure, cell: Cell) -> list[Cell]:
+def _measured(measure: Measure, cell: Cell) -> list[Cell]:
     try:
         return [{**row, "status": "done", "failure": None} for row in measure(cell)]
     except StepError as error:
         return [{"status": "failed", "failure": str(error)}]
 
 
-def _placed(top: Any) -> _Placed:
+def _named(top: Any) -> _NamedProblem:
     """A top of a name, of the bench or of the user's own; or a problem and a state of it."""
-    if isinstance(top, _Placed):
+    if isinstance(top, _NamedProblem):
         return top
     if isinstance(top, str):
         if ":" in top:
             named = find_top(top)
-            return _Placed(top, named.label, named.top, named.state)
-        return _Placed(top, NAMED_TOPS[top].label if top in NAMED_TOPS else top, *states.find(top))
+            return _NamedProblem(top, named.label, named.top, named.state)
+        return _NamedProblem(top, NAMED_TOPS[top].label if top in NAMED_TOPS else top, *states.find(top))
     if hasattr(top, "state"):  # a named top
         if top in (NAMED_TOPS[name] for name in (top.name,) if name in NAMED_TOPS):
-            return _placed(top.name)
+            return _named(top.name)
         top = top.name, top.top, top.state
     if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or (problem := _problem(top[-2])) is None:
         raise ValueError(f"tops: a top is a name, or a pair of a problem and a state; got {top!r}")
@@ -351,7 +353,7 @@ def _placed(top: Any) -> _Placed:
     label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(given), 60, placeholder=" …")
     if label in NAMED_TOPS or states.is_drawn(label):
         raise ValueError(f"tops: the bench has a top named {label}; give yours another name: ('mine', problem, y0)")
-    return _Placed(label, label, problem, problem.check_state(y0))
+    return _NamedProblem(label, label, problem, problem.check_state(y0))
 
 
 def _problem(thing: Any) -> Any:
@@ -370,19 +372,19 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
 
 
 def _race(
-    asked: _Asked, measure: Measure, fields: Cell, span: Callable[[float], float], longest: float, x: str
+    request: _Request, measure: Measure, fields: Cell, span: Callable[[float], float], longest: float, x: str
 ) -> Comparison:
     """Work against precision of each method on each top."""
     if not check_real(longest, "longest") > 0:
         raise ValueError(f"longest must be positive; got {longest!r}")
-    for top in asked.tops:
+    for top in request.tops:
         if not SPANS[0] <= (length := span(top.unit)) <= SPANS[1]:
             raise ValueError(f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {length:g}")
     fields = {**fields, "per_octave": 1, "decades": 1, "longest": longest}
-    frame = asked.measure(measure, lambda unit: {**fields, "span": float(span(unit))})
+    frame = request.measure(measure, lambda unit: {**fields, "span": float(span(unit))})
     if "seconds" not in frame or not frame["seconds"].notna().any():
         why = next((f": {reason}" for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
         below = f"below {work_experiment.USEFUL:g} within longest = {longest:g} s"
         raise ValueError(f"methods: no run has an error {below}{why}")
     frame["total"] = frame["seconds"] + frame["setup_seconds"]
-    return asked.comparison(frame, x, "error")
+    return request.comparison(frame, x, "error")

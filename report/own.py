@@ -29,12 +29,12 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
     names = [name for name in _names(rows) if name not in BUILT_IN]
     if not names:
         return []
-    found, published = panels.findings(rows), Store(REFERENCE).rows("work_precision")
+    findings, published = panels.findings(rows), Store(REFERENCE).rows("work_precision")
     return [
         OwnMethod(
             name,
             style.label(name),
-            pd.DataFrame(found.get(name, []), columns=["claimed", "found"]),
+            pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]),
             pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published)),
         )
         for name in names

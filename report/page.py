@@ -142,8 +142,8 @@ def assemble(
 def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> None:
     """Adds what only the bench's own page has."""
     report.claims = judge(rows, source)
-    found = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
-    report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in found if finding.broken]
+    findings = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
+    report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in findings if finding.broken]
     _make(report, "fairness", lambda: fairness.assemble(rows))
     _make(report, "panels", lambda: panels.script(rows))
     _make(report, "answers", lambda: chooser.answers(rows))

@@ -29,8 +29,8 @@ Curves = dict[str, list[int]]  # method → x0, y0, x1, y1, …
 
 def script(rows: dict[str, pd.DataFrame]) -> str:
     """The data of all panels as JSON; empty if there are no curves."""
-    found = [*_part(rows, "phase", "h").get("state", ()), *_part(rows, "perturbed", "work").get("state", ())]
-    tops = [_top(name, rows) for name in dict.fromkeys(found) if name in NAMED_TOPS]
+    states = [*_part(rows, "phase", "h").get("state", ()), *_part(rows, "perturbed", "work").get("state", ())]
+    tops = [_top(name, rows) for name in dict.fromkeys(states) if name in NAMED_TOPS]
     if not tops:
         return ""
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)

@@ -43,10 +43,10 @@ def table(rows: pd.DataFrame, experiment: str, name: str) -> pd.DataFrame:
     """The named table an experiment makes of its rows. NoData: it makes none of that name."""
     if experiment not in _TABLES or _TABLES[experiment][0] is not rows:
         keep(experiment, rows, {each: flat(frame) for each, frame in load(experiment).tables(rows).items()})
-    found = _TABLES[experiment][1].get(name, pd.DataFrame())
-    if found.empty:
+    table = _TABLES[experiment][1].get(name, pd.DataFrame())
+    if table.empty:
         raise NoData(f"no table {name!r}")
-    return found
+    return table
 
 
 def entries(
@@ -153,9 +153,9 @@ def lead(
         if any(span == length and least <= target <= most for length, most, least in errors):
             if missing := sorted(asked - set(group.method)):
                 raise NoData(f"a run with method = {missing[0]} over t = {show(span)} on {state} is missing")
-            found = work_precision.best(group, target, "total")
-            rivals = found.family == "closed-form" if closed else ~found.family.isin(EXACT)
-            ours, others = found[found.family == "backlund"].total, found[rivals].total
+            race = work_precision.best(group, target, "total")
+            rivals = race.family == "closed-form" if closed else ~race.family.isin(EXACT)
+            ours, others = race[race.family == "backlund"].total, race[rivals].total
             ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0
             ratios[f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"] = ratio
     if not ratios:

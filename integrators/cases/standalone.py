@@ -74,12 +74,12 @@ def templates() -> Any:
     """The files in `code`."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    found = Environment(
+    environment = Environment(
         loader=PackageLoader("lagrange_bench.integrators.cases", "code"), undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    found.filters |= {"number": number, "numbers": numbers, "decimal": decimal}
-    return found
+    environment.filters |= {"number": number, "numbers": numbers, "decimal": decimal}
+    return environment
 
 
 def number(v: Any) -> str:

@@ -212,15 +212,15 @@ class Program:
         for place, (operation, *arguments) in enumerate(self.lines, self.inputs):
             if moving.intersection(arguments):
                 moving.add(place)
-            found: Counter[Any] = Counter({place: 1})
+            factored: Counter[Any] = Counter({place: 1})
             if operation in ("mul", "div", "neg"):
-                found = factors(arguments[0]).copy()
-                (found.subtract if operation == "div" else found.update)(
+                factored = factors(arguments[0]).copy()
+                (factored.subtract if operation == "div" else factored.update)(
                     {"sign": 1} if operation == "neg" else factors(arguments[1])
                 )
             elif operation == "sqrt" or (operation == "add" and all(map(keeps_sign, arguments))):
                 positive.add(place)
-            powers[place] = found
+            powers[place] = factored
         return [
             i
             for i, (operation, argument, *_) in enumerate(self.lines)
@@ -529,8 +529,8 @@ def bandwidth(program: Program, place: int, numbers: Sequence[Any]) -> float:
         rates = iter(phase_rates(program, place)(*map(np.float64, numbers)))
     widths: dict[Any, float] = {}
     for line, (operation, *arguments) in enumerate(program.lines, program.inputs):
-        found = [widths.get(argument, 0.0) for argument in arguments]
-        widths[line] = sum(found) if operation in ("mul", "div") else max(found)
+        sizes = [widths.get(argument, 0.0) for argument in arguments]
+        widths[line] = sum(sizes) if operation in ("mul", "div") else max(sizes)
         if operation in WAVES:
             widths[line] += float(np.max(np.abs(next(rates))))
     return max(widths.get(output, 0.0) for output in program.outputs)

@@ -73,13 +73,13 @@ FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 def flow(s, alpha, h):
     """The exact step over h, λ(h) computed in place, and whether one was found: in equal parts where h is too long for that."""
     torus, parts = invariants(s, alpha), 1
-    R, eta, mr, mi, found = parameter(torus, s[2], alpha, h)
-    while not found and parts < MOST_PARTS:
+    R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h)
+    while not ok and parts < MOST_PARTS:
         parts *= 2
-        R, eta, mr, mi, found = parameter(torus, s[2], alpha, h / parts)
-    for _ in range(parts if found else 0):
+        R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h / parts)
+    for _ in range(parts if ok else 0):
         s = move(s, alpha, (R, eta, mr, mi))
-    return s, found
+    return s, ok
 
 
 @unrolled
@@ -171,8 +171,8 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
                 s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
                 tally[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
-                s, found = flow(s, alpha, c[place + TIME])
-                if not found:
+                s, ok = flow(s, alpha, c[place + TIME])
+                if not ok:
                     tally[loops.FAILURE] = LOST
             t = c[first - 1] + (c[STEP] * tally[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
             s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
@@ -223,8 +223,8 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
             for k in range(len(parts)):
                 t += parts[k, 0]
                 if parts[k, 0] != 0.0:
-                    s, found = flow(s, alpha, parts[k, 0])
-                    if not found:
+                    s, ok = flow(s, alpha, parts[k, 0])
+                    if not ok:
                         tally[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
                     s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
@@ -253,8 +253,8 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
         for k in range(steps):
-            s, found = flow(s, alpha, h)
-            if not found:
+            s, ok = flow(s, alpha, h)
+            if not ok:
                 break
             s = kicked(s, numbers(c, NUMBERS, c[start] + (k + 1) * h), (h,))
             h2 = invariants(s, alpha)[2]

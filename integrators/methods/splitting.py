@@ -433,28 +433,28 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     Comput. 16 (1995) 151), with t as one more part.
     """
     letters = (scheme.a, scheme.b) if scheme.first == "A" else (scheme.b, scheme.a)
-    found: list[Stage] = []
+    stages: list[Stage] = []
     now = 0.0
 
     def flow(part: int, length: float) -> None:
-        last, before, when = found[-1] if found else (-1, 0.0, 0.0)
+        last, before, when = stages[-1] if stages else (-1, 0.0, 0.0)
         if last == part and (when == now or not parts[part].timed):
-            found[-1] = part, before + length, when
+            stages[-1] = part, before + length, when
         else:
-            found.append((part, length, now))
+            stages.append((part, length, now))
 
     if len(parts) == 2 and not parts[0].timed:
         for i, length in enumerate(alternating(*letters)):
             first = (i % 2 == 0) == (scheme.first == "A")
             flow(0 if first else 1, length)
             now += length if first else 0.0
-        return found
+        return stages
     for i, weight in enumerate(weights_of_two(*letters)):
         now += weight if i % 2 else 0.0
         for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
             flow(part, weight)
         now += 0.0 if i % 2 else weight
-    return found
+    return stages
 
 
 def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:

@@ -167,8 +167,8 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
 def closed_flows(system: System, numbers: tuple[float, ...], posed: Iterable[Program] = ()) -> tuple[Part, ...]:
     """The parts of H with these parameters, or those posed by the user; none if an addend has no closed flow."""
     energies = tuple(posed) or (system.energy,)
-    found = [taken_apart(system, numbers, energy) for energy in energies]
-    return tuple(part for parts in found if parts for part in parts) if None not in found else ()
+    lists = [taken_apart(system, numbers, energy) for energy in energies]
+    return tuple(part for parts in lists if parts for part in parts) if None not in lists else ()
 
 
 def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
@@ -179,7 +179,7 @@ def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> 
     first = space.momenta.start
     vectors = y[first:]
     (H,) = tape.run(energy, *inputs)
-    found: dict[Key, list[Term]] = defaultdict(list)
+    terms: dict[Key, list[Term]] = defaultdict(list)
     products: dict[Key, dict[int, Term]] = defaultdict(dict)  # of two components along one axis: axis → weight
     for weight, core in addends(tape, tape.constant(1.0), H, y):
         moved = [i for i, v in enumerate(y) if depends_on(tape, core, {v.place})]
@@ -187,7 +187,7 @@ def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> 
         if not moved:
             continue
         if (space.affine and min(moved) >= 3) or max(moved) < first:
-            found["kick",].append(weight * core)
+            terms["kick",].append(weight * core)
             continue
         moved = [i - first for i in moved]
         if min(moved) < 0:
@@ -195,7 +195,7 @@ def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> 
         if pair and moved[0] % 3 not in products[pair] and not (space.affine and pair == (1, 1)):
             products[pair][moved[0] % 3] = weight
         elif len({i % 3 for i in moved}) == 1:
-            found["axis", moved[0] % 3].append(weight * core)
+            terms["axis", moved[0] % 3].append(weight * core)
         else:
             return None
     for (j, k), weights in products.items():
@@ -204,19 +204,19 @@ def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> 
         common = weights[same[0]] if len(values) == 3 and same else None
         round_body = common is not None and space == BODY
         if common is not None and j == k and (space.affine or round_body):
-            found["square", j].append(common * dot(vectors[:3], vectors[:3]))
+            terms["square", j].append(common * dot(vectors[:3], vectors[:3]))
         elif common is not None and j != k and not space.affine:
-            found["pair", j, k].append(common * dot(y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]))
+            terms["pair", j, k].append(common * dot(y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]))
         for axis, weight in weights.items():
             if common is None or axis not in same:
                 rest = weight if common is None else weight - common
-                found["axis", axis].append(rest * (vectors[3 * j + axis] * vectors[3 * k + axis]))
-    axes = [key for key in found if key[0] == "axis"]
-    if space == BODY and ("square", 0) in found and len(axes) == 1:  # they commute
-        found["free", axes[0][1]] = found.pop(("square", 0)) + found.pop(axes[0])
+                terms["axis", axis].append(rest * (vectors[3 * j + axis] * vectors[3 * k + axis]))
+    axes = [key for key in terms if key[0] == "axis"]
+    if space == BODY and ("square", 0) in terms and len(axes) == 1:  # they commute
+        terms["free", axes[0][1]] = terms.pop(("square", 0)) + terms.pop(axes[0])
     order = ("square", "pair", "free", "axis", "kick")
-    keys = sorted(found, key=lambda key: (order.index(key[0]), key[1:]))
-    return [Part(key, tape.program((sum(found[key], tape.constant(0.0)),)), space, system.body) for key in keys]
+    keys = sorted(terms, key=lambda key: (order.index(key[0]), key[1:]))
+    return [Part(key, tape.program((sum(terms[key], tape.constant(0.0)),)), space, system.body) for key in keys]
 
 
 def _value(tape: Tape, weight: Term, numbers: tuple[float, ...]) -> Any:

@@ -287,8 +287,8 @@ class Problem(Dynamics):
     def _check_parts(self) -> None:
         """The gradients must add up, and each part must have a closed flow."""
         for i, program in enumerate(self.posed):
-            found = taken_apart(self.system, self.numbers, program)
-            if found is None or len(found) > 1:
+            parts = taken_apart(self.system, self.numbers, program)
+            if parts is None or len(parts) > 1:
                 raise ValueError(
                     f"problem {self.name}: parts[{i}] has no closed flow: it is not a function of t and x, nor of components "
                     "along one axis, nor a multiple of |J|² or s_j·s_k, or it is several of these"

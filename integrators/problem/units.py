@@ -147,13 +147,13 @@ def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
 
     A vector without a scale counts as infinite, unless it vanishes.
     """
-    sizes, start, found = problem.sizes(y0), 0, []
+    sizes, start, ratios = problem.sizes(y0), 0, []
     for count in problem.vectors:
         length = np.linalg.norm(difference[..., start : start + count], axis=-1)
         size = float(sizes[start])
-        found.append(length / size if size > 0 else np.where(length > 0, np.inf, 0.0))
+        ratios.append(length / size if size > 0 else np.where(length > 0, np.inf, 0.0))
         start += count
-    return np.asarray(np.max(found, axis=0))
+    return np.asarray(np.max(ratios, axis=0))
 
 
 def scaled_distance(problem: Any, y0: ArrayLike, y: Array, other: Array) -> Array:

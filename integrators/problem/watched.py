@@ -27,7 +27,7 @@ def watched(name: str, stepper: Any, size: int = 6) -> Stepper:
     for word in ("record", "advance", "work"):
         if getattr(stepper, word, None) is None or getattr(type(stepper), word, None) is Stepper.record:
             raise ValueError(f"{name}: prepare returned {stepper!r} without {word}: return a stepper")
-    return Watched(name, stepper, size)  # type: ignore[return-value]
+    return CheckedStepper(name, stepper, size)  # type: ignore[return-value]
 
 
 @cache
@@ -36,7 +36,7 @@ def _own(kind: type) -> bool:
     return all(getattr(method, "__module__", "").startswith(OWN) for method in methods)
 
 
-class Watched:
+class CheckedStepper:
     """A stepper whose first calls are looked at; then they are the stepper's own, at no cost. All else is the stepper's.
 
     Raises
@@ -69,23 +69,23 @@ class Watched:
 
     def _call(self, word: str, shape: tuple[int, ...], y: Array, *counts: int) -> Array:
         before = y.tobytes()
-        found = getattr(self.stepper, word)(y, *counts)
+        rows = getattr(self.stepper, word)(y, *counts)
         if y.tobytes() != before:
             raise ValueError(f"{self.name}: {word} wrote to its input; it must return a fresh array")
-        check_rows(self.name, word, found, shape)
-        if found is self.last:
+        check_rows(self.name, word, rows, shape)
+        if rows is self.last:
             raise ValueError(f"{self.name}: {word} returned the same array twice; it must return a fresh one")
-        if not np.isfinite(found).all():
+        if not np.isfinite(rows).all():
             raise StepError(self.name, f"{word} returned a state that is not finite")
-        self.last = found
+        self.last = rows
         self.left[word] -= 1
         if not self.left[word]:
             setattr(self, word, getattr(self.stepper, word))
-        return found  # type: ignore[no-any-return]
+        return rows  # type: ignore[no-any-return]
 
 
-def check_rows(name: str, word: str, found: Any, shape: tuple[int, ...]) -> None:
-    """ValueError unless `found`, returned by the function `word` of the method `name`, is an array of floats of this shape."""
-    if not isinstance(found, np.ndarray) or found.shape != shape or found.dtype != np.float64:
-        kind = f"{found.dtype} {found.shape}" if isinstance(found, np.ndarray) else type(found).__name__
+def check_rows(name: str, word: str, rows: Any, shape: tuple[int, ...]) -> None:
+    """ValueError unless `rows`, returned by the function `word` of the method `name`, is an array of floats of this shape."""
+    if not isinstance(rows, np.ndarray) or rows.shape != shape or rows.dtype != np.float64:
+        kind = f"{rows.dtype} {rows.shape}" if isinstance(rows, np.ndarray) else type(rows).__name__
         raise ValueError(f"{name}: {word} must return an array of floats (float64) of shape {shape}; got {kind}")

@@ -99,15 +99,15 @@ def parse(word: str) -> Name:
     """The parts of a name; capitals do not matter, and a point is as good as a slash or an underscore."""
     unit, strange = "", ""
 
-    def bracket(found: re.Match[str]) -> str:
+    def bracket(match: re.Match[str]) -> str:
         nonlocal unit, strange
-        content = found[1].strip()
+        content = match[1].strip()
         if unit_of(content) and not content.isdecimal():
             unit = content
             return " "
         known = not re.search(r"[^\d\s,]", content) or content.lower() in FRAMES or _split([content.lower()])[1]
         strange = strange if known else content
-        return found[0] if known else " "
+        return match[0] if known else " "
 
     rest = re.sub(r"[\[({<]([^\])}>]*)[\])}>]", bracket, word)
     tokens = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", rest).lower()
@@ -178,9 +178,9 @@ def kind_of(stem: Iterable[str]) -> str | None:
     if all(len(word) <= 2 for word in words) and not re.search(r"\br .. .$|\bb [aw]\b", " ".join(words)):
         words = words[:1]  # p_RS_R
     while True:
-        found = next((kind for kind, pattern in KINDS if re.search(pattern, " ".join(words))), None)
-        if found is not None:
-            return found
+        kind = next((kind for kind, pattern in KINDS if re.search(pattern, " ".join(words))), None)
+        if kind is not None:
+            return kind
         if len(words) < 2 or not (len(words[-1]) <= 2 or words[-1] in FRAMES):  # names of frames, as in omega_BN_B
             return None
         words = words[:-1]

@@ -81,10 +81,10 @@ def number(word: str, comma: bool = False) -> float:
     plain = word.strip().replace("−", "-")
     if plain.lower() in MISSING:
         return math.nan
-    if (found := NUMBER.fullmatch(plain)) and (comma or "," not in found[1]):
-        unit = unit_of(found[4]) if found[4] else UNITS["1"]
+    if (match := NUMBER.fullmatch(plain)) and (comma or "," not in match[1]):
+        unit = unit_of(match[4]) if match[4] else UNITS["1"]
         if unit is not None:
-            return float(f"{found[1].replace(',', '.')}e{found[2] or found[3] or 0}") * unit.factor
+            return float(f"{match[1].replace(',', '.')}e{match[2] or match[3] or 0}") * unit.factor
     if clock := CLOCK.fullmatch(plain):
         return 3600.0 * int(clock[1] or 0) + 60.0 * int(clock[2]) + float(clock[3])
     if odd := ODD.fullmatch(plain):
@@ -278,11 +278,11 @@ class Text:
                 fits = len(words) == width or (ends and len(words) == width - 1)
                 if not fits or not any(word and not is_number(word, True) for word in words):
                     continue
-                found = [unit_of(word.strip("[](){} ")) for word in words]
+                parsed = [unit_of(word.strip("[](){} ")) for word in words]
                 if not units and all(
-                    unit or not word.strip("[](){} ") for unit, word in zip(found, words, strict=True)
+                    unit or not word.strip("[](){} ") for unit, word in zip(parsed, words, strict=True)
                 ):
-                    units = {k: word.strip("[](){} ") for k, word in enumerate(words) if found[k]}
+                    units = {k: word.strip("[](){} ") for k, word in enumerate(words) if parsed[k]}
                 else:
                     names = words[: width - 1] if ends and not words[-1] else words
                 break
