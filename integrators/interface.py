@@ -154,8 +154,8 @@ class Claims:
     poisson : bool
         One step is a Poisson map.
     conserves : set of str
-        Of INVARIANTS: at round-off, for every h that the method takes, as far as the problem conserves them. Round-off may grow
-        with the angle of a step: some ulps for each time scale of h.
+        Of INVARIANTS, or as a problem names its own: at round-off, for every h that the method takes, as far as the problem
+        conserves them. Round-off may grow with the angle of a step: some ulps for each time scale of h.
     conserves_if_quadratic : set of str
         These, too, if H is quadratic.
     keeps : dict
@@ -165,7 +165,7 @@ class Claims:
     Raises
     ------
     ValueError
-        A field of a wrong type, or an unknown invariant.
+        A field of a wrong type, or an invariant that is no word.
     """
 
     symmetric: bool = False
@@ -177,8 +177,8 @@ class Claims:
     def __post_init__(self) -> None:
         _check_kinds(self, KINDS_OF_CLAIMS)
         for name in ("conserves", "conserves_if_quadratic"):
-            if unknown := getattr(self, name) - set(INVARIANTS):
-                raise ValueError(f"{name} names unknown invariants: {sorted(map(str, unknown))}")
+            if unknown := [word for word in getattr(self, name) if not (isinstance(word, str) and word.isidentifier())]:
+                raise ValueError(f"{name} names invariants by words, such as 'J3'; got {sorted(map(str, unknown))}")
             object.__setattr__(self, name, frozenset(getattr(self, name)))  # can be hashed
 
 

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import tau
 from typing import Any
 
@@ -118,6 +119,28 @@ class Frames:
         other = copy(self)
         other._convert(replace(self.convention, **changes))
         return other
+
+    @cached_property
+    def others(self) -> dict[str, Frames]:
+        """Of bodies that one may have posed in place of this one, and in which words."""
+        body, arm = self.moving, self.moving.com
+        changes: dict[str, dict[str, Any]] = {}
+        if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
+            changes["gravity is reversed: it points up."] = {"gravity": -body.gravity}
+        if self.length:
+            steiner = body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+            about = "were taken for those about the"
+            for one, two, sign in (("fixed point", "centre of mass", 1), ("centre of mass", "fixed point", -1)):
+                words = f"the moments of inertia about the {one} {about} {two}."
+                changes[words] = {"inertia_com": body.inertia_com + sign * steiner}
+        found = {}
+        for words, change in changes.items():
+            facts = {name: getattr(body, name) for name in ("mass", "com", "inertia_com", "gravity", "fixed")}
+            found[words] = other = copy(self)
+            with warnings.catch_warnings(), suppress(ValueError):
+                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no body has
+                other.case = replace(self.case, body=RigidBody(**{**facts, **change}), exact={})  # type: ignore[type-var]
+        return found
 
     def _refer(self, R: Array, omega: Array) -> None:
         """Take what the motion keeps from one attitude and angular velocity in the body."""
@@ -499,28 +522,11 @@ class Hints:
     def bodies(self) -> list[str]:
         """Another body: gravity the other way, moments about another point, no gyroscopic torque."""
         judged = next((name for name in ("rotation", "position", "omega") if self._wrong(name)), None)
-        case = self.frames.case
-        if judged is None or case is None or len(self.t) < ENOUGH:
+        if judged is None or len(self.t) < ENOUGH:
             return []
-        body, arm, others = case.body, case.body.com, {}
-        if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
-            others["gravity is reversed: it points up."] = {"gravity": -body.gravity}
-        if self.frames.length:
-            steiner = body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-            about = "were taken for those about the"
-            more, less = body.inertia_com + steiner, body.inertia_com - steiner
-            others[f"the moments of inertia about the fixed point {about} centre of mass."] = {"inertia_com": more}
-            others[f"the moments of inertia about the centre of mass {about} fixed point."] = {"inertia_com": less}
-        errors = {}
-        for words, change in others.items():
-            facts = {name: getattr(body, name) for name in ("mass", "com", "inertia_com", "gravity", "fixed")}
-            moved = copy(self.frames)
-            with warnings.catch_warnings(), suppress(ValueError):
-                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no body has
-                moved.case = replace(case, body=RigidBody(**{**facts, **change}), exact={})
-                errors[words] = self._error(judged, exact=moved.exact(self.t))
-        if "free" in body.offers:
-            x, R, omega = self.frames.exact([0.0])
+        errors = {words: self._error(judged, exact=each.exact(self.t)) for words, each in self.frames.others.items()}
+        if "free" in self.frames.moving.offers:
+            _, R, omega = self.frames.exact([0.0])
             turned = R[0] @ Rotation.from_rotvec(self.t[:, None] * omega).as_matrix()
             errors[WITHOUT] = self._error(judged, exact=(self.exact[0], turned, np.repeat(omega, len(turned), axis=0)))
         return self._best(judged, errors)

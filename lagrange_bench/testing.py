@@ -8,7 +8,7 @@
         assert_order(METHOD)
 
 A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
-potential, too), or a pair (problem, y0) of any problem that the method accepts. docs/ci.md says how to use this.
+potential, too), or (problem, y0) or (name, problem, y0) of any problem that the method accepts. docs/ci.md says how to use this.
 
 `h` is in the top's own unit of time, `h_scaled` in its time scale, 1/(|J| + √(|alpha||x|)), which makes steps on several tops
 alike. Drifts are in ulps (units in
@@ -36,7 +36,7 @@ TOPS = ("generic", "figure1", "fast", "slow")
 LENGTH = 10**5
 ROUND_OFF = 2.0  # ulps
 
-Top = str | tuple[Any, Any]
+Top = str | tuple[Any, Any] | tuple[str, Any, Any]
 Named = tuple[str, Any, np.ndarray]
 
 
@@ -208,23 +208,26 @@ def drifts(
                 try:
                     times, y = states.sample(top, y0, name, own, counts, **options or {})
                 except StepError as error:
-                    raise AssertionError(f"{name} on {label}, {step}, in {n} steps: {error.reason}") from None
+                    raise AssertionError(f"{name} on {label}, {step}, {_at(error, n)}: {error.reason}") from None
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
                 yield Run(label, step, counts, ulps, top.names)
 
 
+def _at(error: StepError, n: int) -> str:
+    return f"in {n} steps" if error.step is None else f"step {error.step} of {n}"
+
+
 def find(word: Top) -> Named:
     """A label for messages, the problem and its state, from the name of a top or from a pair (problem, y0)."""
     if isinstance(word, str):
         return word, *check.find(word)
-    pair = isinstance(word, (tuple, list)) and len(word) == 2
-    problem: Any = word[0] if pair else None
-    if not hasattr(problem, "check_state"):
-        raise ValueError(f"tops: a top is a name or a pair (top or Problem, y0); got {word!r}")
-    y0 = problem.check_state(word[1])
-    return f"{problem!r} from {y0.tolist()}", problem, y0
+    problem: Any = word[-2] if isinstance(word, (tuple, list)) and len(word) in (2, 3) else None
+    if not hasattr(problem, "check_state") or not (len(word) == 2 or isinstance(word[0], str)):
+        raise ValueError(f"tops: a top is a name, or (problem, y0), or (name, problem, y0); got {word!r}")
+    y0 = problem.check_state(word[-1])
+    return f"{f'{word[0]}, ' * (len(word) == 3)}{problem} from {y0.tolist()}", problem, y0
 
 
 def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.experiments.measuring import first_step, metrics, states
-from lagrange_bench.integrators import POTENTIALS, PerturbedTop
+from lagrange_bench.integrators import INVARIANTS, POTENTIALS, PerturbedTop
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
@@ -396,6 +396,14 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         for quantity, size in drifts.items():
             worst[quantity] = worst[quantity].worse_of(size, name, span)
     at = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
+    for quantity in sorted(method.claims.conserves - set(INVARIANTS) - set(quantities)):
+        yield Verdict(
+            f"conserves {quantity}",
+            None,
+            None,
+            "",
+            f"no problem here has an invariant {quantity}; name one by --problem",
+        )
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
         largest = worst.get(quantity if on else f"({quantity})")
@@ -634,7 +642,9 @@ def label(start: Start) -> str:
     """The name of a start in messages."""
     if isinstance(start, str):
         return start
-    return f"{getattr(start[0], 'name', start[0])} from {np.round(start[1], 3).tolist()}"
+    problem = start[0]
+    name = problem if isinstance(problem, RigidBody) else getattr(problem, "name", problem)
+    return f"{name} from {np.round(start[1], 3).tolist()}"
 
 
 def find(name: Start) -> tuple[Any, Array]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.interface import Method, Stepper
+from lagrange_bench.integrators.interface import Method, StepError, Stepper
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.problem import Problem
@@ -178,7 +178,11 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
         if stepper.from_start:  # if it went on from here, the interruption would be judged, too
             y, done, seconds = y0, 0, 0.0
         start = perf_counter()
-        y, done = stepper.advance(y, n - done), n
+        try:
+            y, done = stepper.advance(y, n - done), n
+        except StepError as error:
+            step = None if error.step is None else done + error.step
+            raise StepError(error.method, error.reason, h=error.h, step=step) from None
         seconds += perf_counter() - start
         yield y, seconds
 

@@ -195,9 +195,9 @@ class FixedStepper(Stepper):
         out[0] = state
         self.tally = tally = np.zeros(len(self.tally))  # of the last call, for a method that reads its MEMORY
         for first in range(0, n, INTERRUPTIBLE):
-            last = min(first + INTERRUPTIBLE, n)
+            last, before = min(first + INTERRUPTIBLE, n), (state.copy(), tally.copy())
             if not self._run(state, first, last, every, self.block, self.constants, tally, out):
-                raise self._failure(last, tally)
+                raise self._failure(first, last, *before)
         self.work.steps += n
         self.work.iterations += int(tally[ITERATIONS])
         self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
@@ -214,13 +214,22 @@ class FixedStepper(Stepper):
         """
         return self.leave(out)
 
-    def _failure(self, last: int, tally: Array) -> StepError:
-        if code := int(tally[FAILURE]):
-            reason = self.failures.get(code, f"failure code {code}")
-            if tally[RESIDUAL]:
-                reason += f" (residual {tally[RESIDUAL]:.1e})"
-            return StepError(self.name, reason, h=self.h, step=int(tally[FAILED_AT]))
-        reason = "the state left the range of floating-point numbers in this step or before it"
+    def _failure(self, first: int, last: int, y: Array, tally: Array) -> StepError:
+        """Why the steps from `first`, with this state and tally, to `last` end early, and at which: found by halves."""
+        reason, out = "the state left the range of floating-point numbers", np.empty((2, self.size), y.dtype)
+        while first < last:
+            middle = (first + last) // 2 if last - first > 1 else last
+            state, counted = y.copy(), tally.copy()
+            if self._run(state, first, middle, middle, self.block, self.constants, counted, out):
+                y, tally, first = state, counted, middle
+                continue
+            if code := int(counted[FAILURE]):
+                reason = self.failures.get(code, f"failure code {code}")
+                reason += f" (residual {counted[RESIDUAL]:.1e})" if counted[RESIDUAL] else ""
+                return StepError(self.name, reason, h=self.h, step=int(counted[FAILED_AT]))
+            if middle == last:
+                break
+            last = middle
         return StepError(self.name, reason, h=self.h, step=last)
 
 

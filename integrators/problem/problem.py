@@ -245,13 +245,14 @@ class Problem(Dynamics):
         """Those of `names` that a method keeps at round-off, by its claims for a top in any field.
 
         C1 and C2 stand for the Casimir functions, J3 for components that stay, H of a quadratic field for all quadratic
-        functions. A splitting keeps a component if all parts do.
+        functions, and other words for what the problem calls so. A splitting keeps a component if all parts do.
         """
         conserves = method.claims.conserves
         if method.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
             return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
-        kept = casimirs if {"C1", "C2"} <= conserves else frozenset[str]()
+        kept = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
+        kept |= casimirs if {"C1", "C2"} <= conserves else frozenset()
         if "J3" in conserves:
             splits = method.needs in ("parts", "kinetic", "top")
             flows = [part.flow.moving.outputs for part in self.parts] if splits else []

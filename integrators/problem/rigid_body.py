@@ -116,6 +116,9 @@ class RigidBody(Problem):
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"
 
+    def __str__(self) -> str:
+        return f"{type(self).__name__} with moments {', '.join(f'{value:.6g}' for value in self.inertia)} kg m²"
+
     def _vertical_axis(self, y: Any, p: Any) -> list[Any]:
         """|q|² Rᵀ(up), components of `up` that are 0 or 1 as constants."""
         up = [float(v) if v in (0.0, 1.0) else p[7 + i] for i, v in enumerate(self.up.tolist())]

@@ -393,7 +393,7 @@ def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
 
 RECORDS = [
     (KEPT, 'conserves=["J3"]', "conserves must be a set"),
-    (KEPT, 'conserves={"J4"}', "conserves names unknown invariants: ['J4']"),
+    (KEPT, 'conserves={"J 4"}', "conserves names invariants by words, such as 'J3'; got ['J 4']"),
     (KEPT, "symmetric=1", "symmetric must be True or False; got 1"),
     (
         "claims=Claims(conserves",

@@ -1,5 +1,6 @@
 """Tests for users' own methods: the assertions fail where they should, and name the top, the step and the value."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 from lagrange_bench import testing
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.states import problem
-from lagrange_bench.integrators import METHODS, LagrangeTop
+from lagrange_bench.integrators import METHODS, Claims, LagrangeTop, Problem, RigidBody
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -73,9 +74,14 @@ def test_growth_that_comes_late_or_is_not_finite():
 
 
 def test_a_run_that_ends_early_or_is_not_finite():
-    told = "^rk4 on generic, h_scaled = 30, in 100 steps: the state left the range of .* or before it"
-    with pytest.raises(AssertionError, match=told):
+    told = r"^rk4 on generic, h_scaled = 30, step (\d+) of 100: the state left the range of floating-point numbers$"
+    with pytest.raises(AssertionError, match=told) as caught:
         assert_drift("rk4", tops=["generic"], h_scaled=30, steps=100, J3=0)
+    first = int(re.search(told, str(caught.value))[1])  # to whose step before it the run gets
+    testing_run = next(testing.drifts(METHODS["rk4"], testing.find_all(["generic"]), None, 30, first - 1))
+    assert testing_run.counts[-1] == first - 1
+    with pytest.raises(AssertionError, match=f"step {first} of {first}"):
+        assert_drift("rk4", tops=["generic"], h_scaled=30, steps=first, J3=0)
     run = testing.Run("generic", "h = 0.1", [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
     assert run.largest("H")[1] == 2
     assert not run.largest("H")[0] <= 1e300
@@ -117,6 +123,23 @@ def test_order():
     ):
         with pytest.raises(ValueError, match=message):
             assert_order(method, tops=tops)
+
+
+def test_bodies_are_named_with_their_moments():
+    body = RigidBody(1, (0, 0, 0), (1, 2, 2.5), (0, 0, 0))
+    start = body.state(rotation=np.eye(3), omega_body=(0.1, 3, 0.1))
+    with pytest.raises(AssertionError, match=r"on racket, RigidBody with moments 1, 2, 2\.5 kg m² from \[1\.0, "):
+        assert_drift("rk4", tops=[("racket", body, start)], h=0.1, steps=64, H=1)
+    with pytest.raises(ValueError, match=r"\(name, problem, y0\)"):
+        assert_drift("rk4", tops=[(body, body, start)], H=1)
+
+
+@pytest.mark.parametrize("word", ["C", "D"])
+def test_a_claim_is_of_what_the_problem_calls_it(word):
+    euler = Problem("euler", "so3", lambda t, y, p: y[0] ** 2 / 2 + y[1] ** 2 / 4)
+    claiming = replace(METHODS["implicit_midpoint"], name="mine", claims=Claims(conserves=frozenset({word})))
+    told = {v.claim: v.passed for v in check.conserves(claiming, True, [(euler, np.array([0.3, -0.4, 1.2]))], 100)}
+    assert told[f"conserves {word}"] is (True if word == "C" else None)
 
 
 def test_bounds_and_orders_on_spins():
