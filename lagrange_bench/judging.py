@@ -38,6 +38,7 @@ DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
 SOME_ROWS = 8  # from which the growth of an error is told
 KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
+ROUNDING = 1e-10  # relative: larger errors are not of rounding
 ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not grow
 
 
@@ -106,7 +107,8 @@ class Judgement:
     def growth(self, name: str) -> float:
         """The exponent p of an error that grows like t^p; NaN where the rows do not tell."""
         t, error = self.curves[name]
-        floor = max(self.floor.get(name, 0.0), ROUND_OFF * self.sizes.get(name, 1.0))
+        least = 1 / self.step if name == "kinematics" else self.sizes.get(name, 1.0)
+        floor = max(self.floor.get(name, 0.0), ROUND_OFF * least)
         if np.count_nonzero(error > floor) < SOME_ROWS:
             return math.nan
         return metrics.growth_exponent(t - t[0], error, floor=floor).p
@@ -121,7 +123,8 @@ class Judgement:
         nearest = round(power)
         law = "t" if nearest == 1 else f"t^{nearest}"
         law = law if abs(power - nearest) < 0.25 else f"t^{power:.1f}"
-        return f"{law}, a random walk" if power < 0.75 and name in KEPT else law
+        rounding = name in KEPT and self.errors[name].max < ROUNDING * self.sizes.get(name, 1.0)
+        return f"{law}, a random walk" if power < 0.75 and rounding else law
 
     def _growing(self, name: str) -> str:
         grows = self.grows(name)
