@@ -14,7 +14,6 @@ import tempfile
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import (
@@ -284,6 +283,3 @@ def _draw_steps(steps: pd.DataFrame, style):
 
 tables = tabulated(steps, periods, start, headline)
 draw = drawn(steps=_draw_steps)
-
-if __name__ == "__main__":
-    script.run("cost")

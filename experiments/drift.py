@@ -13,7 +13,6 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
@@ -216,6 +215,3 @@ def _draw_h(rows: pd.DataFrame, style):
 casimirs = partial(_draw_time, names=["C1", "C2"], what="the larger of C1 and C2")
 tables = tabulated(verdicts, named_tops, long_steps)
 draw = drawn(time=_draw_time, casimirs=casimirs, h=_draw_h)
-
-if __name__ == "__main__":
-    script.run("drift")

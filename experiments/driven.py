@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script, work_precision
+from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import accuracy_settings, interpreted, options_of, rounded
@@ -137,6 +137,3 @@ def _draw_work(rows: pd.DataFrame, style):
 
 
 draw = drawn(work=_draw_work)
-
-if __name__ == "__main__":
-    script.run("driven")

@@ -34,7 +34,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.experiments import adapters, heavy_top, script
+from lagrange_bench.experiments import adapters, heavy_top
 from lagrange_bench.experiments.adapters import CONTROLLED, DISCRETE, DOUBLES, EXPLICIT
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring.states import rounded
@@ -389,6 +389,3 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
 
 
 draw = drawn(steps=_draw_steps, defaults=partial(_draw_steps, rest=True))
-
-if __name__ == "__main__":
-    script.run("engines")

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, timing
@@ -488,6 +487,3 @@ def _draw_rivals(good: pd.DataFrame, style):
 
 
 draw = drawn(throughput=_draw_throughput, rivals=_draw_rivals)
-
-if __name__ == "__main__":
-    script.run("ensemble")

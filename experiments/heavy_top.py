@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import rounded
@@ -172,6 +171,3 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
 
 tables = tabulated(orders)
 draw = drawn(steps=_draw_steps, work=_draw_work)
-
-if __name__ == "__main__":
-    script.run("heavy_top")

@@ -15,7 +15,6 @@ from random import Random
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.reductions import largest, worst
@@ -173,6 +172,3 @@ def _draw_magnets(rows: pd.DataFrame, style):
 
 tables = tabulated(invariants, magnets)
 draw = drawn(figures=_draw_orbits, invariants=_draw_drift, magnet=_draw_magnets)
-
-if __name__ == "__main__":
-    script.run("paper")

@@ -26,7 +26,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import drift, script, work_precision
+from lagrange_bench.experiments import drift, work_precision
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics, states
@@ -338,6 +338,3 @@ def _draw_order(rows: pd.DataFrame, style):
 work = {f"work_t{span:.0f}": partial(_draw_work, span=span) for span in WORK["full"]}
 tables = tabulated(kept, orders, winners, tolerances, problems)
 draw = drawn(**work, winner=_draw_winner, order=_draw_order)
-
-if __name__ == "__main__":
-    script.run("perturbed")

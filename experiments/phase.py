@@ -18,7 +18,6 @@ import numpy as np
 import pandas as pd
 import scipy
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest
@@ -363,6 +362,3 @@ def _draw_theory(rows: pd.DataFrame, style):
 
 tables = tabulated(orders, frequency_shifts, promise, theory)
 draw = drawn(h=_draw_h, families=_draw_families, time=_draw_time, theory=_draw_theory)
-
-if __name__ == "__main__":
-    script.run("phase")

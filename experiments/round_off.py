@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
@@ -285,6 +284,3 @@ def _draw_long(rows: pd.DataFrame, style):
 
 tables = tabulated(forms, long_run)
 draw = drawn(forms=_draw_forms, long_run=_draw_long)
-
-if __name__ == "__main__":
-    script.run("round_off")

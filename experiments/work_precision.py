@@ -17,7 +17,6 @@ from time import perf_counter
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import script
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, states, timing
@@ -376,6 +375,3 @@ def _draw_profile(rows: pd.DataFrame, style):
 
 tables = tabulated(cheapest, best_steps, ends)
 draw = drawn(time=draw_frontier, profile=_draw_profile)
-
-if __name__ == "__main__":
-    script.run("work_precision")

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Sequence
-from functools import partial
+from functools import cache, partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
 from lagrange_bench.report.claims import Answer, Bound, Claim, Measure, NoData, Reading, Refuted, select, values
+from lagrange_bench.results.store import Store, find_results
 
 EXACT = ("backlund", "closed-form")  # families that are exact in time
 SETS = {  # of tops, as `where` names them
@@ -56,9 +57,16 @@ def entries(
     return values(table(rows, experiment, name), *columns, **lines)
 
 
+@cache
+def published() -> frozenset[str]:
+    """The built-in methods that have published rows. A new one has none: nothing is claimed of it yet."""
+    cells = (record["cell"] for record in Store(find_results("reference")).open("cost").latest)
+    return frozenset(BUILT_IN).intersection(cell.get("method") for cell in cells)
+
+
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows, if every method of the bench that can run here is among them. Plug-ins are judged where they have rows."""
-    asked = [name for name in methods_on() if name in BUILT_IN and available(METHODS[name])]
+    """The rows, if every published method that can run here is among them. Others are judged where they have rows."""
+    asked = [name for name in methods_on() if name in published() and available(METHODS[name])]
     if missing := sorted(set(asked) - set(rows.method)):
         raise NoData(f"not measured: {', '.join(missing)}")
     return rows
@@ -82,8 +90,10 @@ def orders_as_claimed(rows: pd.DataFrame) -> Reading:
 
 def taken_by_theory(rows: pd.DataFrame) -> Reading:
     """The share of a measured error that theory takes away, of each run whose error says something."""
+    from lagrange_bench.integrators.backward_error.prediction import PREDICTED
+
     asked = {name for name, m in methods_on().items() if m.control == "step" and m.order is not None}
-    asked &= set(BUILT_IN)  # of a plug-in there is no theory
+    asked &= published() & PREDICTED
     if missing := sorted(asked - set(rows[rows.part == "theory"].method)):
         raise NoData(f"not held against theory: {', '.join(missing)}")
     theory = table(rows, "phase", "theory")
@@ -146,7 +156,7 @@ def lead(
     runs = work_precision.useful(all_methods(rows))
     if "h" in runs:
         runs = runs[~(runs.h > every)]  # of a tolerance every run counts
-    asked = {"backlund", *(name for name in BUILT_IN if closed and METHODS[name].family == "closed-form")}
+    asked = {"backlund", *(name for name in published() if closed and METHODS[name].family == "closed-form")}
     for ((span, state), group), target in product(
         runs.groupby(work_precision.APART, sort=False), work_precision.TARGETS
     ):

@@ -40,6 +40,7 @@ from lagrange_bench.integrators.truth import exact
 from lagrange_bench.support.precision import workdps
 
 PAPERS = ("backlund_paper", "backlund_textbook")  # two-point maps with λ = i h √C1/2
+PREDICTED = frozenset((*STEPS, *PAPERS))  # methods whose errors are predicted; others need no entry
 SPANS = (1e-6, 1e3)  # least and largest |h|, in time scales of the top
 DIGITS = 30  # of T(λ), which for small h is nearly h
 TERMS = 20  # of the power series of the local error

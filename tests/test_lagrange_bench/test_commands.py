@@ -5,7 +5,6 @@ import json
 import math
 import os
 import re
-import runpy
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,7 +16,6 @@ from test_cli import SHORT, examples
 import lagrange_bench
 from lagrange_bench import LagrangeTop, PerturbedTop, integrate
 from lagrange_bench.commands import integrate as command
-from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
@@ -231,15 +229,6 @@ def test_a_potential_on_any_top(run, answer, tmp_path):
     named = (*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
     assert "tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)" in run(*named)[1]
     assert [name for name, v in answer(*named)["invariants"].items() if not v["conserved"]] == ["J3"]
-
-
-@pytest.mark.parametrize("name", EXPERIMENTS)
-def test_every_experiment_is_a_script_that_does_what_the_command_line_does(name, monkeypatch):
-    asked = []
-    monkeypatch.setattr(sys, "argv", ["script.py", "--help"])
-    monkeypatch.setattr(runpy, "run_module", lambda module, **_: asked.append([module, *sys.argv]))
-    runpy.run_path(str(ROOT / "experiments" / f"{name}.py"), run_name="__main__")
-    assert asked == [["lagrange_bench", "lagrange-bench", "run", name, "--help"]]
 
 
 def test_public_names():

@@ -1,0 +1,108 @@
+"""A method and an experiment that are added to a copy of the repository: two files each, and all that is tested still holds."""
+
+import os
+import shutil
+
+import pytest
+from faults import python
+
+from lagrange_bench.results.provenance import checkout
+
+METHOD = '''"""Heun's method of order three."""
+
+from lagrange_bench.integrators.interface import Claims, Method
+from lagrange_bench.integrators.methods.explicit import explicit_stepper
+
+
+def increment(rates, t, y, h):
+    first = rates(t, y)
+    second = rates(t + h / 3, [a + b / 3 for a, b in zip(y, first, strict=True)])
+    third = rates(t + 2 * h / 3, [a + 2 * b / 3 for a, b in zip(y, second, strict=True)])
+    return [(a + 3 * c) / 4 for a, c in zip(first, third, strict=True)]
+
+
+def prepare(problem, y0, h):
+    return explicit_stepper("heun3", problem, h, increment)
+
+
+SOURCE, CLAIMS = "Heun, Z. Math. Phys. 45 (1900) 23", Claims(conserves={"J3"})
+METHOD = Method("heun3", "Heun 3", "runge-kutta", 3, SOURCE, prepare, claims=CLAIMS, needs="rhs")
+'''
+EXPERIMENT = '''"""Ends: where is a method after a few steps?"""
+
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
+from lagrange_bench.experiments.measuring.states import find
+from lagrange_bench.integrators import prepare
+
+VERSION = 1
+SCALED_TIMES = True
+MEASURED = {"": ("error",)}
+
+
+def cells(profile):
+    return [{"method": name, "state": "generic", "h": 0.1, "steps": 8} for name in ("backlund", "heun3")]
+
+
+def measure(cell):
+    top, y0 = find(cell["state"])
+    y = prepare(top, y0, method=cell["method"], h_scaled=cell["h"]).advance(y0, cell["steps"])
+    return [{"error": float(abs(top.invariants(y) - top.invariants(y0)).max())}]
+
+
+@of_part("", "The largest change of an invariant")
+def ends(rows):
+    return rows[["method", "error"]]
+
+
+@of_part()
+def picture(rows, style):
+    fig, ax = style.figure("column")
+    ax.plot(rows.error)
+    fig.caption = "Errors."
+    return fig
+
+
+tables, draw = tabulated(ends), drawn(picture=picture)
+'''
+LINES = {  # file → where a line goes, and the line
+    "integrators/registry.py": (
+        "    # splitting\n",
+        '    "heun3": "lagrange_bench.integrators.methods.heun3:METHOD",\n',
+    ),
+    "experiments/__init__.py": ('    "drift", ', '"ends", '),
+}
+CHECKS = [  # that name every method or every experiment
+    *("tests/test_integrators/test_contract.py", "tests/test_experiments/test_round_off.py", "tests/test_docs.py"),
+    *(
+        "tests/test_experiments/test_experiments.py",
+        "tests/test_report/test_claims.py",
+        "tests/test_report/test_readme.py",
+    ),
+]
+CHOSEN = "heun3 or golden or ends or confirmed_by or documents or changes_no_verdict"
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_an_addition_is_a_file_and_a_line(tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(
+        checkout(), copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "local", "build", "__pycache__")
+    )
+    (copy / "integrators" / "methods" / "heun3.py").write_text(METHOD)
+    (copy / "experiments" / "ends.py").write_text(EXPERIMENT)
+    for name, (place, line) in LINES.items():
+        text = (copy / name).read_text(encoding="utf-8")
+        assert text.count(place) == 1
+        (copy / name).write_text(text.replace(place, line + place), encoding="utf-8")
+    here = {"cwd": copy, "env": {**os.environ, "PYTHONPATH": str(copy)}, "timeout": 1800}
+    done = python("-m", "lagrange_bench", "run", "ends", "--results", "out", "--jobs", "1", "--quiet", **here)
+    assert done.returncode == 0, done.stderr
+    units = (
+        "from lagrange_bench import load; f = load('out')['ends']; print(set(f.method), set(f.h_scaled), len(set(f.h)))"
+    )
+    assert python("-c", units, **here).stdout.split()[-2:] == ["{0.1}", "1"]
+    words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", CHOSEN, *CHECKS)
+    done = python(*words, **here)
+    assert done.returncode == 0, done.stdout[-5000:]
+    assert int(done.stdout.split(" passed")[0].split()[-1]) > 12
