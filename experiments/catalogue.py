@@ -37,7 +37,7 @@ def load(name: str) -> ModuleType:
     ------
     UnknownExperiment : no such experiment, or the module misses a part of the protocol.
     """
-    from lagrange_bench.integrators.registry import import_own, no_exit
+    from lagrange_bench.integrators.own_modules import import_own, no_exit
 
     find: Callable[[str], ModuleType] = importlib.import_module
     if name in EXPERIMENTS:

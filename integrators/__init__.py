@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.compiling.expression import sin as sin
     from lagrange_bench.integrators.compiling.expression import sqrt as sqrt
     from lagrange_bench.integrators.ensemble import integrate_ensemble as integrate_ensemble
+    from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory as EnsembleTrajectory
     from lagrange_bench.integrators.interface import INVARIANTS as INVARIANTS
     from lagrange_bench.integrators.interface import Claims as Claims
     from lagrange_bench.integrators.interface import Method as Method
@@ -49,7 +50,6 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.registry import METHODS as METHODS
     from lagrange_bench.integrators.registry import POTENTIALS as POTENTIALS
     from lagrange_bench.integrators.registry import available as available
-    from lagrange_bench.integrators.trajectory import EnsembleTrajectory as EnsembleTrajectory
     from lagrange_bench.integrators.trajectory import Trajectory as Trajectory
     from lagrange_bench.integrators.truth import exact as exact
     from lagrange_bench.integrators.truth import reference as reference

@@ -20,13 +20,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
 from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate, own_step
+from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory, motion_of
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.trajectory import EnsembleTrajectory, Start, motion_of
+from lagrange_bench.integrators.trajectory import Start
 from lagrange_bench.support import machine
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache

@@ -17,16 +17,16 @@ import multiprocessing
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from lagrange_bench.integrators.interface import Method, StepError
+from lagrange_bench.integrators.own_modules import import_own, in_own_file, no_exit
 from lagrange_bench.support.words import suggestion
 
 BUILT_IN = {
@@ -43,7 +43,7 @@ BUILT_IN = {
     "taylor": "lagrange_bench.integrators.methods.taylor:NATURAL",
     "taylor_accurate": "lagrange_bench.integrators.methods.taylor:ACCURATE",
     "taylor_compact": "lagrange_bench.integrators.methods.taylor:COMPACT",
-    "taylor_fixed": "lagrange_bench.integrators.methods.taylor:FIXED",
+    "taylor_fixed": "lagrange_bench.integrators.methods.taylor_fixed:METHOD",
     # runge-kutta
     "rk4": "lagrange_bench.integrators.methods.runge_kutta:CLASSICAL",
     "rk45_fixed": "lagrange_bench.integrators.methods.runge_kutta:FIFTH",
@@ -298,11 +298,6 @@ def _load(name: str, registry: Registry) -> Any:
     return record
 
 
-def in_own_file(name: str, word: str) -> str:
-    """How to name what is in a file NAME.py of the current folder; nothing if there is no such file."""
-    return f"; for the one in {name}.py use {name}:{word.upper()}" if Path(f"{name}.py").is_file() else ""
-
-
 def _meant(name: str, error: Exception, registry: Registry) -> str:
     """What to add to the reason why `module:NAME` cannot be loaded: what was perhaps meant."""
     module = name.partition(":")[0]
@@ -331,41 +326,6 @@ def _check_imported(name: str, registry: Registry) -> None:
     module, colon, _ = name.partition(":")
     if colon and module not in sys.modules:
         raise ValueError(f"unknown {registry.word} {name!r}; if it is your own, add --module {module}")
-
-
-def import_modules(names: Iterable[str]) -> None:
-    """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
-    for name in names:
-        try:
-            import_own(name)
-        except Exception as error:  # somebody's own module may raise anything
-            raise ValueError(f"--module {name} cannot be imported: {type(error).__name__}: {error}") from error
-
-
-def import_own(module: str) -> ModuleType:
-    """Import a module that the user names: from the current folder first, as `python -m` does, else as installed.
-
-    The folder comes first only meanwhile, and last from then on. So a file that is being edited is found before an
-    installed copy of it, and a folder called `results` or `report` hides nothing of the bench later.
-    """
-    here = str(Path.cwd())
-    if "" not in sys.path and here not in sys.path:
-        sys.path.append(here)
-    sys.path.insert(0, here)
-    try:
-        with no_exit():
-            return importlib.import_module(module)
-    finally:
-        sys.path.remove(here)
-
-
-@contextmanager
-def no_exit() -> Iterator[None]:
-    """Inside, a module that calls sys.exit() cannot be imported; it does not end this process."""
-    try:
-        yield
-    except SystemExit as end:
-        raise ImportError(f"it calls sys.exit({end.code!r})") from end
 
 
 def available(method: Method) -> bool:

@@ -1,44 +1,32 @@
-"""What `integrate` and `integrate_ensemble` return: times and states, and what follows from them.
+"""What `integrate` returns: times and states of one motion, and what follows from them.
 
 run = integrate(top, y0, h=0.1, steps=1000, every=10)
 run.to_frame(), run.plot("axis"), run.error(), run.save("run.csv")
 
-Pictures and files are made by `plot_and_save`.
+Pictures and files are made by `plot_and_save`; where a rigid body is, says `body_motion`. Of ensembles see `ensemble_trajectory`.
 """
 
 from __future__ import annotations
 
-import math
-import textwrap
-import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators import plot_and_save
+from lagrange_bench.integrators.body_motion import MOTION_COLUMNS, BodyMotion
 from lagrange_bench.integrators.checks import check_times
 from lagrange_bench.integrators.interface import Array, Method, Work
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.rigid_body import RigidBody
-from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import scaled_distance
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
-    from scipy.spatial.transform import Rotation
 
 E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q2", "q3", "L1", "L2", "L3")
-MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
-    "position": ("px", "py", "pz"),
-    "quaternion": ("qw", "qx", "qy", "qz"),
-    "omega_body": ("wx", "wy", "wz"),
-    "velocity": ("vx", "vy", "vz"),
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +158,7 @@ class Table:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Trajectory(Table):
+class Trajectory(BodyMotion, Table):
     """Times and states of one motion: what `integrate` returns.
 
     Parameters
@@ -290,195 +278,3 @@ class Trajectory(Table):
         if what == "invariants":
             self._started("plot")
         return plot_and_save.plot(self, what, ax, look)
-
-    # ------------------------------------------------------------------ the body
-
-    @property
-    def _body(self) -> RigidBody:
-        """The body that moves. AttributeError: there is none."""
-        if not isinstance(self.problem, RigidBody):
-            raise AttributeError(f"{self.top!r} has no rotation or position: follow a RigidBody")
-        return self.problem
-
-    def _with_rotation(self) -> NDArray[np.bool_]:
-        """The rows that have a rotation, a mask: not those where the method failed."""
-        with np.errstate(over="ignore"):
-            size = np.sum(self.y[:, :4] ** 2, axis=1)
-        return (size > 0.0) & (size < math.inf)
-
-    @property
-    def rotation(self) -> Rotation:
-        """The N rotations of a RigidBody, a SciPy Rotation from the body's frame to the world's."""
-        body = self._body
-        if not (known := self._with_rotation()).all():
-            raise ValueError(f"there is no rotation where the method failed: the state is {self.y[~known][0].tolist()}")
-        return body.rotations(self.y)
-
-    def euler_angles(self) -> Array:
-        """Euler angles of the body.
-
-        Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
-
-        Returns
-        -------
-        (N, 3)
-            (theta, phi, psi) in rad: R = R3(phi) R2(theta) R3(psi).
-        """
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # says that
-            return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
-
-    @property
-    def position(self) -> Array:
-        """The centre of mass of a RigidBody in the world's frame, m, shape (N, 3)."""
-        return self.rotation.apply(self._body.com) if self._body.fixed else self.y[:, 7:10]
-
-    @property
-    def velocity(self) -> Array:
-        """The velocity of the centre of mass of a RigidBody in the world's frame, m/s, shape (N, 3)."""
-        return np.cross(self.omega_world, self.position) if self._body.fixed else self.y[:, 10:]
-
-    @property
-    def omega_body(self) -> Array:
-        """Angular velocity of a RigidBody in its own frame, rad/s, shape (N, 3)."""
-        return self._body.angular_velocity(self.y)
-
-    @property
-    def omega_world(self) -> Array:
-        """Angular velocity of a RigidBody in the world's frame, rad/s, shape (N, 3)."""
-        return self.rotation.apply(self.omega_body)
-
-    @property
-    def energy(self) -> Array:
-        """Kinetic plus potential energy of a RigidBody, J, shape (N,); 0 at rest at the height of the origin."""
-        body, turning = self._body, self.problem.energy(self.states)
-        if body.fixed:
-            return turning
-        return turning + body.mass * (np.sum(self.velocity**2, axis=1) / 2 - self.position @ body.gravity)
-
-    @property
-    def momentum(self) -> Array:
-        """Angular momentum of a RigidBody about its fixed point (or its centre of mass, if it flies) in the world's frame.
-
-        kg m²/s, shape (N, 3).
-        """
-        return self.rotation.apply(self.y[:, 4:7] @ self._body.axes)
-
-    def _motion(self) -> dict[str, Array]:
-        if not isinstance(self.problem, RigidBody):
-            return {}
-        known, names = self._with_rotation(), ["position", "quaternion", "omega_body"]
-        names += [] if self.problem.fixed else ["velocity"]
-        motion = {name: np.full((len(known), len(MOTION_COLUMNS[name])), np.nan) for name in names}
-        if known.any():  # SciPy 1.15 makes no Rotation of none
-            run = replace(self, y=self.y[known])
-            motion["quaternion"][known] = run.rotation.as_quat(canonical=True, scalar_first=True)
-            for name in {*names} - {"quaternion"}:
-                motion[name][known] = getattr(run, name)
-        return motion
-
-
-def motion_of(top: Any, place: int) -> Any:
-    """What is followed in the motion of this place of an ensemble: of arrays of alphas or parameters its own."""
-
-    def number(value: Any) -> float:
-        return float(value[place] if np.ndim(value) else value)
-
-    if isinstance(top, PerturbedTop):
-        return PerturbedTop(LagrangeTop(number(top.alpha)), top.potential, tuple(map(number, top.parameters)))
-    return LagrangeTop(number(top.alpha)) if isinstance(top, LagrangeTop) else top
-
-
-@dataclass(frozen=True, repr=False, eq=False)
-class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
-    """Times and states of many motions: what `integrate_ensemble` returns.
-
-    As an array (`np.asarray`, indexing, arithmetic) it is `y`; or, where only the end is recorded, that one row, of shape (n, 6).
-
-    Parameters
-    ----------
-    top : LagrangeTop, PerturbedTop, Problem, …
-        What was followed, with an array of alphas or parameters where the motions differ.
-    method : str
-        The method's name.
-    t : (rows,)
-        Times in the units of h.
-    y : (rows, n, 6)
-        States in those of Y0; of a Problem (rows, n, size).
-    end_only : bool
-        Whether the one row is the end.
-    start : Start
-        How the run began: its `state` (n, 6) are those of all motions.
-    """
-
-    top: Any
-    method: str
-    t: Array
-    y: Array
-    end_only: bool
-    start: Start
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        return np.array(self.y[0] if self.end_only else self.y, dtype=dtype, copy=copy)
-
-    def __array_ufunc__(self, ufunc: np.ufunc, how: str, *inputs: Any, **options: Any) -> Any:
-        arrays = (np.asarray(v) if isinstance(v, EnsembleTrajectory) else v for v in inputs)
-        return getattr(ufunc, how)(*arrays, **options)
-
-    def __getitem__(self, place: Any) -> Any:
-        return np.asarray(self)[place]
-
-    def __len__(self) -> int:
-        return len(np.asarray(self))
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Of what it is as an array."""
-        return np.asarray(self).shape
-
-    def __repr__(self) -> str:
-        rows, n, top = *self.y.shape[:2], textwrap.shorten(repr(self.top), 60, placeholder=" …")
-        span = f", t = {self.t[0]:.10g} … {self.t[-1]:.10g}" if rows else ""
-        return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
-
-    def motion(self, place: int) -> Trajectory:
-        """The motion of one place, with its own `error()`, `plot()` and `sol()`.
-
-        Y0 is not copied: do not change it before.
-
-        Parameters
-        ----------
-        place : int
-            Its row in Y0.
-
-        Returns
-        -------
-        Trajectory
-            Of that motion.
-
-        Raises
-        ------
-        ValueError, IndexError
-            `place` is no whole number, or there are not so many motions.
-        """
-        motions = self.y.shape[1]
-        if isinstance(place, bool) or not isinstance(place, (int, np.integer)):
-            raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
-        if not -motions <= place < motions:
-            raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
-        state, top = self.start.state[place], motion_of(self.top, place)
-        state, flight = top.parted(state) if isinstance(top, RigidBody) else (state, None)
-        start = replace(self.start, state=state, flight=flight)
-        return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start)
-
-    def _motion(self) -> dict[str, Array]:
-        if not isinstance(self.problem, RigidBody):
-            return {}
-        rows = self.y.reshape(-1, self.y.shape[2])  # all motions are of the same body
-        motion = Trajectory(self.top, self.method, self.t, rows, Work())._motion()
-        return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in motion.items()}
-
-    def _places(self) -> dict[str, Array]:
-        """Times and numbers of the motions."""
-        rows, n = self.y.shape[:2]
-        return {"t": np.repeat(self.t, n), "motion": np.tile(np.arange(n), rows)}

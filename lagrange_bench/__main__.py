@@ -103,7 +103,7 @@ def _run(argv: list[str]) -> int:
     announce.quiet = bool(options.quiet)
     with contextlib.redirect_stdout(sys.stderr) if options.json else contextlib.nullcontext():
         if getattr(options, "module", ()):
-            from lagrange_bench.integrators.registry import import_modules
+            from lagrange_bench.integrators.own_modules import import_modules
 
             import_modules(options.module)
         answer = options.run(options)

@@ -135,7 +135,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
 
 def own(word: str, what: str) -> Any:
     """The object `module:NAME`. ValueError if it cannot be loaded."""
-    from lagrange_bench.integrators.registry import import_own
+    from lagrange_bench.integrators.own_modules import import_own
 
     module, _, name = word.partition(":")
     try:

@@ -24,7 +24,7 @@ from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
-from lagrange_bench.integrators.registry import import_modules
+from lagrange_bench.integrators.own_modules import import_modules
 from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources

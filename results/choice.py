@@ -42,7 +42,8 @@ class Choice:
         """ValueError if no cell has one of the names, or if the choice leaves no cell: otherwise nobody would notice."""
         if not (self or self.highlight):
             return
-        from lagrange_bench.integrators.registry import NAMED_TOPS, in_own_file
+        from lagrange_bench.integrators.own_modules import in_own_file
+        from lagrange_bench.integrators.registry import NAMED_TOPS
 
         cells = list(cells)
         known_names = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}

@@ -39,8 +39,9 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import bandwidth, phase_rates, put, take
+from lagrange_bench.integrators.compiling.expression import put, take
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.tape import bandwidth, phase_rates
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Stepper, StepWarning, Work
 from lagrange_bench.integrators.methods import backlund, step_halving

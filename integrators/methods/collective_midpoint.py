@@ -39,9 +39,10 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, take, with_slopes
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, take
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.compiling.tape import Tape, with_slopes
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
 from lagrange_bench.integrators.methods.lie_group import cross as vector

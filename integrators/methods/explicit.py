@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Split, Tape
 from lagrange_bench.integrators.compiling.loops import FixedStepper
+from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.methods.runge_kutta import stepper, stepping
 from lagrange_bench.integrators.problem.system import System
 

@@ -21,8 +21,9 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, Tape, machine_code, put, take
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, put, take
 from lagrange_bench.integrators.compiling.intrinsics import stack
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau

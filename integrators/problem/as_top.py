@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Program, Tape
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.problem.field import Potential
 from lagrange_bench.integrators.problem.parts import Part, addends, depends_on
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop

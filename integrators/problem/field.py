@@ -1,7 +1,7 @@
 """A potential V(x) of the axis x, and the formulas made from it: what methods compile.
 
 A `Potential` is V with the names of its parameters. V is an ordinary Python function of + − × ÷, whole and half powers,
-`sqrt`, `sin`, `cos`, `exp` and `log`. It is recorded once (`compiling.expression`) as a `Formula`: so the same formula serves
+`sqrt`, `sin`, `cos`, `exp` and `log`. It is recorded once (`compiling.tape`) as a `Formula`: so the same formula serves
 floats, mpmath, heyoka and the compiled kernels. A `Field` is alpha x3 + V with all derivatives, made from what was recorded.
 """
 
@@ -13,7 +13,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Program, Tape, Term, record_own
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.tape import Tape, Term, record_own
 from lagrange_bench.integrators.problem.symmetry import remainder
 
 SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived

@@ -21,7 +21,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term, cos, sin, sqrt
+from lagrange_bench.integrators.compiling.expression import Program, cos, sin, sqrt
+from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
 from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 from lagrange_bench.integrators.problem.system import BODY, Space, System, depends
 

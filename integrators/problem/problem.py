@@ -4,7 +4,7 @@
     body = Problem("body", "so3", lambda t, y, p: (y[0]**2/p[0] + y[1]**2/p[1] + y[2]**2/p[2])/2, (1.0, 2.0, 3.0), frame="body")
     integrate(body, (0.3, -0.4, 1.2), h=0.05, steps=1000, method="gauss6").invariants()
 
-H is recorded once (`compiling.expression`); the right-hand side, its Jacobian and the kernels of methods follow from that. The
+H is recorded once (`compiling.tape`); the right-hand side, its Jacobian and the kernels of methods follow from that. The
 brackets are in `system`, the splitting into parts with closed flows in `parts`.
 """
 
@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
-from lagrange_bench.integrators.compiling.expression import Program, Tape, record_own
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.tape import Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, taken_apart
 from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, remainder

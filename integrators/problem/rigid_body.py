@@ -21,16 +21,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real, warn_caller
-from lagrange_bench.integrators.compiling.expression import Tape
+from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.problem import free_motion
+from lagrange_bench.integrators.problem.inertia import (
+    TURNED,
+    check_inertia,
+    differences_of_inverses,
+    direction_of,
+    principal,
+    upright,
+)
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rotation import as_motion, real_array
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -39,9 +46,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 UNIT = 1e-6  # largest difference of |q| from 1: what poor methods lose in a long run may be continued
-ULP = 2.0**-52
-DECIMAL, TURNED = 4 * ULP, 64 * ULP  # relative: what rounding leaves of zero in moments, and in a matrix of turned axes
-UNREAL = 1e-12  # relative: moments that no body has miss the triangle inequality by more
 
 
 class RigidBody(Problem):
@@ -96,13 +100,13 @@ class RigidBody(Problem):
         if self.mass <= 0:
             raise ValueError(f"mass must be positive; got {mass}")
         self.inertia_com = np.diag(moments) if moments.ndim == 1 else moments
-        _check_inertia(self.inertia_com)
+        check_inertia(self.inertia_com)
         size, lever = math.hypot(*self.gravity.tolist()), self.com if self.fixed else np.zeros(3)
-        self.up = -_unit(self.gravity) if size else np.array((0.0, 0.0, 1.0))
-        self.inertia, self.axes, self.symmetry = _principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
+        self.up = -direction_of(self.gravity) if size else np.array((0.0, 0.0, 1.0))
+        self.inertia, self.axes, self.symmetry = principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
         weight = self.mass * size * (self.axes @ lever)
         self.weight = np.where(np.abs(weight) > TURNED * np.max(np.abs(weight)), weight, 0.0)
-        r, differences = _differences(self.inertia)
+        r, differences = differences_of_inverses(self.inertia)
         numbers = (1.0 / self.inertia[r], *differences, *self.weight, *self.up)
         invariants = {"J3": self._vertical_momentum}
         if (axis := self.symmetry) is not None:
@@ -130,7 +134,7 @@ class RigidBody(Problem):
 
     def _hamiltonian(self, t: Any, y: Any, p: Any) -> Any:
         """|L|²/(2 I_r) + Σ D_i L_i²/2 + w·Γ; p = (1/I_r, D, w, up)."""
-        differences = _differences(self.inertia)[1]
+        differences = differences_of_inverses(self.inertia)[1]
         kinetic = p[0] * sum(v * v for v in y[4:7]) / 2.0
         kinetic = kinetic + sum(p[1 + i] * (y[4 + i] * y[4 + i]) / 2.0 for i in range(3) if differences[i])
         heights = enumerate(self._vertical_axis(y, p))
@@ -308,108 +312,13 @@ class RigidBody(Problem):
     @cached_property
     def world(self) -> Array:
         """(3, 3): rows are the frame of `top` in the world; the third points up."""
-        return _upright(self.up)
+        return upright(self.up)
 
     def reduced(self, y: Array) -> Array:
         """(J, x) of `top`, shape (6,), for one state (7,)."""
         to_frame = self.world @ self.rotations(y).as_matrix() @ self.axes.T
         assert self.symmetry is not None
         return np.concatenate((to_frame @ (y[4:7] / self.across), self._towards * to_frame[:, self.symmetry]))
-
-
-# ------------------------------------------------------------------------------------------------ moments of inertia
-
-
-def _check_inertia(inertia: Array) -> None:
-    """ValueError for a matrix that is not symmetric; a warning for moments that no body has."""
-    size = float(np.max(np.abs(inertia)))
-    if np.max(np.abs(inertia - inertia.T)) > UNREAL * size:
-        raise ValueError(f"inertia_com must be a symmetric matrix; got {inertia.tolist()}")
-    least, middle, most = np.linalg.eigvalsh(inertia).tolist()
-    if least < -UNREAL * size or most > least + middle + UNREAL * size:
-        warn_caller(
-            f"inertia_com: no body of matter has the moments {[least, middle, most]} about its centre of mass; "
-            "they are taken as they are",
-            RuntimeWarning,
-        )
-
-
-def _principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tuple[Array, Array, int | None]:
-    """Principal moments about the fixed point, their axes as rows, and the number of the axis of symmetry.
-
-    `lever` leads from the fixed point to the centre of mass. Moments are made equal where they differ by rounding only.
-    """
-    diagonal = not np.count_nonzero(inertia_com - np.diag(np.diag(inertia_com)))
-    straight = diagonal and np.count_nonzero(lever) <= 1
-    slack = (DECIMAL if straight else TURNED) * float(np.max(np.abs(inertia_com)))
-    along = lever if np.any(lever) else None
-    if along is not None and (pair := _about(inertia_com, along, slack)) is not None:
-        C, A = pair
-        A += Fraction(mass) * _dot(along, along)
-        if straight:
-            k, axes = int(np.flatnonzero(lever)[0]), np.eye(3)
-        else:
-            k, axes = 2, _upright(_unit(along))
-        inertia = np.array([float(C) if i == k else float(A) for i in range(3)])
-        return _positive(inertia), axes, k
-    inertia = inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-    if straight:
-        moments, axes = np.diag(inertia).copy(), np.eye(3)
-    else:
-        moments, columns = np.linalg.eigh(inertia)
-        axes = columns.T * np.linalg.det(columns)
-    slack = (DECIMAL if straight else TURNED) * float(np.max(np.abs(moments)))
-    pairs = [(i, j, k) for i, j, k in ((0, 1, 2), (1, 2, 0), (0, 2, 1)) if abs(moments[i] - moments[j]) <= slack]
-    for i, j, _ in pairs:
-        moments[j] = moments[i]
-    free = not (heavy and np.any(lever))
-    return _positive(moments), axes, max((k for *_, k in pairs), default=None) if free else None
-
-
-def _positive(moments: Array) -> Array:
-    if np.min(moments) <= 0.0:
-        raise ValueError(f"inertia_com: moments about the fixed point must be positive; got {moments.tolist()}")
-    return moments
-
-
-def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fraction] | None:
-    """Moments along and across a direction of symmetry, exact; None if it is none, rounding apart."""
-    direction = _unit(along)
-    C = direction @ inertia @ direction
-    A = (np.trace(inertia) - C) / 2
-    if np.max(np.abs(inertia - A * np.eye(3) - (C - A) * np.outer(direction, direction))) > slack:
-        return None
-    rows = [_dot(row, along) for row in inertia]
-    exact = sum((v * Fraction(float(a)) for v, a in zip(rows, along, strict=True)), Fraction(0)) / _dot(along, along)
-    return exact, (sum(map(Fraction, np.diag(inertia).tolist()), Fraction(0)) - exact) / 2
-
-
-def _unit(v: Array) -> Array:
-    """v/|v|, also where squares underflow: a power of two is taken out first."""
-    v = v / math.ldexp(1.0, math.frexp(np.max(np.abs(v)))[1] - 1)
-    return v / np.linalg.norm(v)  # type: ignore[no-any-return]
-
-
-def _dot(a: Array, b: Array) -> Fraction:
-    return sum((Fraction(v) * Fraction(w) for v, w in zip(a.tolist(), b.tolist(), strict=True)), Fraction(0))
-
-
-def _differences(inertia: Array) -> tuple[int, list[float]]:
-    """r and D_i = 1/I_i − 1/I_r, without cancellation; r is one of the two nearest moments."""
-    I = inertia.tolist()
-    r = min(((0, 1), (1, 2), (2, 0)), key=lambda pair: abs(I[pair[0]] - I[pair[1]]) / (I[pair[0]] * I[pair[1]]))[0]
-    return r, [(I[r] - v) / I[r] / v for v in I]
-
-
-def _upright(up: Array) -> Array:
-    """(3, 3): rows of a frame whose third is `up`; along an axis without rounding."""
-    if up[2] == 1.0:
-        return np.eye(3)
-    first = np.zeros(3)
-    first[(np.argmax(np.abs(up)) + 1) % 3] = 1.0
-    first -= (first @ up) * up
-    first /= np.linalg.norm(first)
-    return np.array((first, np.cross(up, first), up))
 
 
 def _matrices(rotation: Any) -> Array:

@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.compiling.expression import Program, Split, Tape, Term
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
 from lagrange_bench.integrators.problem.field import cross, cross_in, dot
 
 

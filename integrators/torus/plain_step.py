@@ -39,9 +39,10 @@ import numpy as np
 from lagrange_bench.integrators.compiling import double_double
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, scale, sub, times, two_prod
-from lagrange_bench.integrators.compiling.expression import Program, record, sqrt
+from lagrange_bench.integrators.compiling.expression import Program, sqrt
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.lanes import LANES
+from lagrange_bench.integrators.compiling.tape import record
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts

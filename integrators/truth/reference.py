@@ -33,7 +33,8 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_times
-from lagrange_bench.integrators.compiling.expression import Program, Tape
+from lagrange_bench.integrators.compiling.expression import Program
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop

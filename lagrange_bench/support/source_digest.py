@@ -181,7 +181,7 @@ def _spec(name: str) -> ModuleSpec | None:
         return None
     path = list(place.submodule_search_locations or ()) if place else None
     if path is None and name != BENCH:
-        with contextlib.suppress(OSError):  # as `registry.import_own` does
+        with contextlib.suppress(OSError):  # as `own_modules.import_own` does
             if (own := PathFinder.find_spec(name, [str(Path.cwd())])) is not None:
                 return own
     finders = (finder.find_spec for finder in sys.meta_path if hasattr(finder, "find_spec"))

@@ -26,7 +26,7 @@ from lagrange_bench import (
 )  # fmt: skip
 from lagrange_bench.experiments import perturbed
 from lagrange_bench.integrators import exact, integrate, prepare, reference
-from lagrange_bench.integrators.compiling.expression import bandwidth, record
+from lagrange_bench.integrators.compiling.tape import bandwidth, record
 from lagrange_bench.integrators.methods import backlund_splitting as bs
 from lagrange_bench.integrators.methods import step_halving
 from lagrange_bench.integrators.torus import step_table

@@ -9,8 +9,9 @@ import pytest
 from lagrange_bench import TOPS, FixedStepper, StepError, compiled, prepare
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import FUNCTIONS, Tape, apply, machine_code, record
+from lagrange_bench.integrators.compiling.expression import FUNCTIONS, apply, machine_code
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, RESIDUAL
+from lagrange_bench.integrators.compiling.tape import Tape, record
 from lagrange_bench.integrators.methods import dop853, taylor
 from tests.faults import interrupted
 from tests.installed import installed

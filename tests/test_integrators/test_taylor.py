@@ -11,7 +11,7 @@ from lagrange_bench import METHODS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop,
 from lagrange_bench.experiments import ensemble
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import exact, integrate, prepare, reference
-from lagrange_bench.integrators.methods import taylor
+from lagrange_bench.integrators.methods import taylor, taylor_fixed
 from lagrange_bench.integrators.problem.potentials import TIDE
 from tests.installed import in_uniform_fields, installed
 
@@ -27,7 +27,7 @@ def in_tide(strength, alpha=1.0):
 
 @pytest.mark.parametrize("order", [1, 8, 16])
 def test_taylor_has_the_order_asked_for(order):
-    build = partial(taylor.prepare_fixed, order=order)
+    build = partial(taylor_fixed.prepare, order=order)
     record = in_uniform_fields(METHODS["taylor_fixed"], order=order, prepare=build)
     (verdict,) = check.order(record, quick=False)
     assert verdict.passed, verdict

@@ -1,0 +1,215 @@
+"""The Taylor polynomial of any degree at a fixed step, by recurrences compiled here; heyoka's is a Python call for each step.
+
+J3, whose coefficients vanish, is kept; nothing else is built in. An evaluation of the right-hand side counts as one Taylor
+coefficient of it: `order` for each step.
+
+Source: Jorba & Zou, Exp. Math. 14 (2005) 99.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lagrange_bench.integrators.checks import check_count
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.intrinsics import stack
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.interface import Array, Claims, Method
+from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.top import LagrangeTop
+
+MAX_ORDER = 60
+SCRATCH = 8 * (MAX_ORDER + 1)
+
+
+@jit
+def step(s, c, tally):
+    """The Taylor polynomial of one step in a uniform field, in powers of t/h; z[8k … 8k+4]: coefficient k of h J1, h J2, x."""
+    J1, J2, J3, x1, x2, x3 = s
+    h, alpha_h, order = c[0], c[1], int(c[2])
+    spin, kick = h * J3, h * alpha_h
+    z = stack(SCRATCH)
+    z[0], z[1], z[2], z[3], z[4] = h * J1, h * J2, x1, x2, x3
+    for k in range(order):
+        a = b = d = e = 0.0
+        for j in range(k + 1):  # Cauchy products
+            p, q = 8 * j, 8 * (k - j)
+            a += z[p + 1] * z[q + 4]
+            b += z[p] * z[q + 4]
+            d += z[p] * z[q + 3]
+            e += z[p + 1] * z[q + 2]
+        r, p = c[3 + k], 8 * k
+        z[p + 8] = -kick * z[p + 3] * r
+        z[p + 9] = kick * z[p + 2] * r
+        z[p + 10] = (a - spin * z[p + 3]) * r
+        z[p + 11] = (spin * z[p + 2] - b) * r
+        z[p + 12] = (d - e) * r
+    d1 = d2 = e1 = e2 = e3 = 0.0
+    for k in range(order, 0, -1):  # small terms first
+        p = 8 * k
+        d1 -= z[p - 5] * c[2 + k]
+        d2 += z[p - 6] * c[2 + k]
+        e1 += z[p + 2]
+        e2 += z[p + 3]
+        e3 += z[p + 4]
+    return J1 + alpha_h * d1, J2 + alpha_h * d2, J3, x1 + e1, x2 + e2, x3 + e3
+
+
+# what a line of a program does to coefficients: one kernel reads these tables, whatever the problem
+ADD, SUB, NEG, SCALE, MUL, DIV, SQRT, EXP, LOG, SIN, COS = range(11)
+CODES = {"add": ADD, "sub": SUB, "neg": NEG, "mul": MUL, "div": DIV, "sqrt": SQRT, "exp": EXP, "log": LOG}
+
+
+class Recurrences(NamedTuple):
+    """Operations and their two operands, by rows of coefficients; where y' is; numbers that are constants, and their rows.
+
+    Rows are those of t, y and p, of the operations, and of constants.
+    """
+
+    codes: Array
+    first: Array
+    second: Array
+    rates: Array
+    constants: tuple[float, ...]
+    rows: int
+
+
+@lru_cache(maxsize=64)
+def recurrences(system: System) -> Recurrences:
+    """The right-hand side as tables. A sine is followed by its cosine, and a cosine by its sine: each needs the other."""
+    program = system.rhs
+    table: list[tuple[int, int, int]] = []
+    place: dict[Any, int] = {i: i for i in range(program.inputs)}
+    moving = set(range(1 + system.size))
+    constants = sorted({a[1] for _, *args in program.lines for a in args if isinstance(a, tuple)})
+    constants = sorted({*constants, *(o[1] for o in program.outputs if isinstance(o, tuple))})
+    count = sum(2 if line[0] in ("sin", "cos") else 1 for line in program.lines)
+    known = {("=", value): program.inputs + count + i for i, value in enumerate(constants)}
+    for i, (operation, *arguments) in enumerate(program.lines, program.inputs):
+        a, b = (known[v] if isinstance(v, tuple) else place[v] for v in (arguments[0], arguments[-1]))
+        here = program.inputs + len(table)
+        place[i] = here
+        if operation in ("sin", "cos"):
+            table += [(SIN if operation == "sin" else COS, a, here + 1), (COS if operation == "sin" else SIN, a, here)]
+        elif operation == "mul" and not {a, b} <= moving:
+            table.append((SCALE, a, b) if a in moving else (SCALE, b, a))
+        else:
+            table.append((CODES[operation], a, b))
+        if moving & {a, b}:
+            moving |= {here, here + 1} if operation in ("sin", "cos") else {here}
+    rates = [known[o] if isinstance(o, tuple) else place[o] for o in program.outputs]
+    codes, first, second = (np.array(column, dtype=np.int64) for column in zip(*table or [(ADD, 0, 0)], strict=True))
+    size = program.inputs + count + len(constants)
+    return Recurrences(codes[:count], first, second, np.array(rates), tuple(constants), size)  # type: ignore[arg-type]
+
+
+@jit
+def coefficient(z, code, a, b, here, k):
+    """Coefficient k of one operation, from those of its operands and its own earlier ones."""
+    if code == ADD:
+        return z[a + k] + z[b + k]
+    if code == SUB:
+        return z[a + k] - z[b + k]
+    if code == NEG:
+        return -z[a + k]
+    if code == SCALE:
+        return z[a + k] * z[b]
+    total = 0.0
+    if code == MUL:
+        for j in range(k + 1):
+            total += z[a + j] * z[b + k - j]
+        return total
+    if code == DIV:
+        for j in range(1, k + 1):
+            total += z[b + j] * z[here + k - j]
+        return (z[a + k] - total) / z[b]
+    if k == 0:
+        v = z[a]
+        if code == SQRT:
+            return math.sqrt(v)
+        if code == EXP:
+            return math.exp(v)
+        if code == LOG:
+            return math.log(v)
+        return math.sin(v) if code == SIN else math.cos(v)
+    if code == SQRT:
+        for j in range(1, k):
+            total += z[here + j] * z[here + k - j]
+        return (z[a + k] - total) / (2.0 * z[here])
+    if code == LOG:
+        for j in range(1, k):
+            total += j * z[here + j] * z[a + k - j]
+        return (z[a + k] - total / k) / z[a]
+    other = here if code == EXP else b
+    for j in range(1, k + 1):
+        total += j * z[a + j] * z[other + k - j]
+    return -total / k if code == COS else total / k
+
+
+@lru_cache(maxsize=64)
+def kernel_of(system: System) -> Callable[..., Any]:
+    """The Taylor polynomial of one step of any system, in powers of t/h; constants: start, h, order, then numbers."""
+    made, n = recurrences(system), system.size
+    codes, first, second, rates = made.codes, made.first * (MAX_ORDER + 1), made.second * (MAX_ORDER + 1), made.rates
+    inputs, lines, timed, width = 1 + n + system.parameters, len(made.codes), system.timed, MAX_ORDER + 1
+    given, scratch, places = made.rows - lines - 1 - n, made.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
+    get = take(n)
+
+    @jit
+    def step(s, c, tally):
+        h, order, z, total = c[1], int(c[2]), stack(scratch), stack(n)
+        for i in range(scratch):
+            z[i] = 0.0
+        z[0], z[1] = c[0] + h * tally[CLOCK] if timed else c[0], h
+        for i in range(n):
+            z[width * (1 + i)], total[i] = s[i], 0.0
+        for i in range(given):  # parameters, then constants, which lie behind the operations
+            row = 1 + n + i if i < inputs - 1 - n else 1 + n + i + lines
+            z[width * row] = c[3 + i]
+        for k in range(order):
+            for i in range(lines):
+                here = width * (inputs + i)
+                z[here + k] = coefficient(z, codes[i], first[i], second[i], here, k)
+            for i in range(n):
+                z[width * (1 + i) + k + 1] = h * z[places[i] + k] / (k + 1)
+        for k in range(order, 0, -1):  # small terms first
+            for i in range(n):
+                total[i] += z[width * (1 + i) + k]
+        for i in range(n):
+            total[i] += s[i]
+        return get(total, 0)
+
+    return step
+
+
+def check_order(order: int) -> int:
+    if check_count(order, "order", least=1) > MAX_ORDER:
+        raise ValueError(f"order must be at most {MAX_ORDER}; got {order}")
+    return order
+
+
+def prepare(top: LagrangeTop, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
+    """The Taylor polynomial of degree `order`, at most 60, in every step."""
+    c = np.concatenate(((h, h * top.alpha, check_order(order)), 1 / np.arange(1.0, order + 1)))
+    return FixedStepper("taylor_fixed", h, c, step, rhs_per_step=order)
+
+
+def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
+    """As `prepare`, for any problem: the recurrences are read from tables."""
+    system = top.system
+    c = np.array((top.start, h, check_order(order), *top.numbers, *recurrences(system).constants))
+    size, timed = system.size, system.timed
+    return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
+
+
+METHOD = Method(
+    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, claims=Claims(conserves={"J3"}),
+    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_in_field, needs="smooth",
+    special={"uniform": prepare},  # the general kernel costs 4.5 times as much there
+)  # fmt: skip

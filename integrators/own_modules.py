@@ -1,0 +1,50 @@
+"""Modules of the user's own, which the words of a command name: they are looked for in the current folder, too."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+
+
+def import_modules(names: Iterable[str]) -> None:
+    """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
+    for name in names:
+        try:
+            import_own(name)
+        except Exception as error:  # somebody's own module may raise anything
+            raise ValueError(f"--module {name} cannot be imported: {type(error).__name__}: {error}") from error
+
+
+def import_own(module: str) -> ModuleType:
+    """Import a module that the user names: from the current folder first, as `python -m` does, else as installed.
+
+    The folder comes first only meanwhile, and last from then on. So a file that is being edited is found before an
+    installed copy of it, and a folder called `results` or `report` hides nothing of the bench later.
+    """
+    here = str(Path.cwd())
+    if "" not in sys.path and here not in sys.path:
+        sys.path.append(here)
+    sys.path.insert(0, here)
+    try:
+        with no_exit():
+            return importlib.import_module(module)
+    finally:
+        sys.path.remove(here)
+
+
+@contextmanager
+def no_exit() -> Iterator[None]:
+    """Inside, a module that calls sys.exit() cannot be imported; it does not end this process."""
+    try:
+        yield
+    except SystemExit as end:
+        raise ImportError(f"it calls sys.exit({end.code!r})") from end
+
+
+def in_own_file(name: str, word: str) -> str:
+    """How to name what is in a file NAME.py of the current folder; nothing if there is no such file."""
+    return f"; for the one in {name}.py use {name}:{word.upper()}" if Path(f"{name}.py").is_file() else ""
