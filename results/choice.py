@@ -57,10 +57,10 @@ class Choice:
                 close = (word == "method" and in_own_file(unknown[0], word)) or suggestion(unknown[0], known)
                 if word == "method" and (why := _refusal(unknown[0], known_names["top"])):
                     raise ValueError(f"{flag}: {why}")
+                if word == "top":
+                    known = [name for name in known if name in NAMED_TOPS]  # those that are drawn are too many to list
                 if word == "top" and unknown[0] in NAMED_TOPS:
-                    close = (
-                        ", though it is a named top; perhaps the full profile has it, and from Python tops= takes any."
-                    )
+                    close = f"; perhaps with --profile full, and from Python with tops={unknown[0]!r}."
                 more = f" Known: {', '.join(known)}" if close.endswith(".") and known else ""
                 raise ValueError(f"{flag}: no cell here has the {word} {unknown[0]!r}{close}{more}")
         if not any(map(self.takes, cells)):

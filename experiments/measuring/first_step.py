@@ -58,7 +58,7 @@ def _interpreted(stepper: Any, y0: Any) -> None:
 def describe(error: BaseException, method: Method, word: str | None) -> str:
     """An error as one line of text, with the innermost line of the method's own code."""
     if isinstance(error, loops.KernelError):
-        return f"the kernel cannot be compiled: {useful_lines(error.__cause__)}"
+        return error.reason
     if isinstance(error, NumbaError):
         return useful_lines(error)
     text = " ".join(f"{type(error).__name__}: {error}".split())

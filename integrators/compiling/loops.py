@@ -91,13 +91,17 @@ def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, siz
         returned = re.search(r"\w+ x (\d+)\) for 's", str(error))
         if returned and int(returned[1]) != size:
             raise KernelError(f"the kernel {step.__name__} returns {returned[1]} numbers, {size} are needed") from error
-        advice = f"`lagrange-bench check {step.__module__}:METHOD` looks for the line"
-        raise KernelError(f"the kernel {step.__name__} cannot be compiled: {useful_lines(error)} ({advice})") from error
+        advice = f" (`lagrange-bench check {step.__module__}:METHOD` looks for the line)"
+        raise KernelError(f"the kernel {step.__name__} cannot be compiled: {useful_lines(error)}", advice) from error
     return run
 
 
 class KernelError(ValueError):
-    """A kernel cannot be compiled. The cause is Numba's error."""
+    """A kernel cannot be compiled, for a `reason`. The cause is Numba's error."""
+
+    def __init__(self, reason: str, advice: str = "") -> None:
+        super().__init__(reason + advice)
+        self.reason = reason
 
 
 def _call(function: Callable[[], Any]) -> Any:

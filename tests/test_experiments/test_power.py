@@ -362,7 +362,8 @@ def mine(folder):
 
 
 FAULTS = [  # a change of the file, and what is said
-    ("alpha * h)", "aplha * h)", "the kernel cannot be compiled: NameError: name 'aplha' is not defined"),
+    ("alpha * h)", "aplha * h)", "the kernel step cannot be compiled: NameError: name 'aplha' is not defined"),
+    ("return turned(s, alpha * h)", "return s[0], s[1], s[2]", "the kernel step returns 3 numbers, 6 are needed"),
     ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:14)"),
     (RETURN, f'    raise KeyError("boom")\n{RETURN}', "KeyError: 'boom' ({file}:15)"),
     ("prepare(top, y0, h):", "prepare(top, y0):\n    h = 1", "TypeError: prepare() takes 2 positional arguments"),

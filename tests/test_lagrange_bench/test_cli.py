@@ -92,7 +92,7 @@ BAD = {  # words → what the line must name
     "case --until 3": "--until belongs to the NAME of a case",
     "case bruels --every 1e-9": "more than 10000000 rows",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
-    "run drift --tops fast": "--tops: no cell here has the top 'fast', though it is a named top; perhaps the full profile has it",
+    "run drift --tops fast": "--tops: no cell here has the top 'fast'; perhaps with --profile full, and from Python",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "figure phase_h --methods bakclund --results small": "did you mean 'backlund'?",
     "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",
