@@ -77,6 +77,7 @@ units in names | time_ns ~x_mm,y_mm,z_mm ~wx_deg_s,wy_deg_s,wz_deg_s | ns mm dw 
 words for units | Elapsed_(nanoseconds) X{mm} Y{mm} Z{mm} ~wx(rpm),wy(rpm),wz(rpm) | ns mm rpm |
 two bodies aside | t top.~xyz base.~xyz | t x - | where=body:top
 columns given | a b c d | t x | columns=t:a,x:1,y:c,z:d
+columns given beside others | t position.~xyz a b c | t - x | columns=x:a,y:b,z:c
 a late clock | t x y z | late x | t0=0
 no names | | t x | columns=t:0,x:1,y:2,z:3
 """
