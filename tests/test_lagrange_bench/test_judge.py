@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import re
 
 import numpy as np
 import pytest
@@ -71,6 +72,7 @@ def test_the_error_that_was_put_in_is_found():
     assert not tilted.start["right"]
     far = judge([0, 1e-3], position=[[0, 1.25, 0], [0, np.nan, 0]], case="bruels")
     assert (far.length.max, far.length.end, far.start["position"]) == pytest.approx((np.nan, np.nan, 0.25), nan_ok=True)
+    assert judge([0.0], [[0, 1.25, 0]], case="bruels").length.max == pytest.approx(0.25)
     scaled = judge(T, rotation=-0.7 * Q, case="bruels")
     assert (scaled.rotation.max < 1e-12, scaled.orthogonality.max) == (True, pytest.approx(0.3))
     sums = np.cumsum(np.full(2_000_000, 1e-6))[999::1000]  # 7e-11 s from where they should be
@@ -282,6 +284,20 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     os.close(start)
     code, _, err = run("judge", f"/dev/fd/{end}", "--case", "bruels")
     assert (code, "a pipe cannot be read twice" in err) == (2, True)
+
+
+def test_times_of_few_digits_hide_errors(tmp_path, answer):
+    """In four digits they are off by up to 5e-5 s, in which the body turns by 0.0075 rad."""
+    t = np.arange(40) / 750
+    lines = [
+        f"{time:.4f},{x!r},{y!r},{z!r}" for time, (x, y, z) in zip(t, BRUELS.solution(t).position.tolist(), strict=True)
+    ]
+    (tmp_path / "run.csv").write_text("\n".join(["t,x,y,z", *lines]))
+    (found,) = answer("judge", tmp_path / "run.csv", "--case", "bruels")["files"]
+    (hidden,) = re.findall(
+        r"The times are rounded by 5.0e-05 s: this hides errors of position below (\S+) m", str(found["notes"])
+    )
+    assert 1e-6 < found["position"]["max"] < float(hidden)
 
 
 @pytest.mark.parametrize(("method", "order"), [("rattle", 2), ("rk4", 4)])
