@@ -117,7 +117,7 @@ def timed(folder, seed, ratio=1.0, raw=False):
 
 
 @pytest.mark.parametrize("raw", [False, True])
-def test_times_that_differ(run, tmp_path, raw):
+def test_times_that_differ(run, tmp_path, monkeypatch, raw):
     old, new = timed(tmp_path / "old", 0, raw=raw), timed(tmp_path / "new", 1, 1.3, raw=raw)
     assert compare.compare(old, new).same  # without --times they are not looked at
     (group,) = compare.compare(old, new, times=True).times
@@ -127,6 +127,9 @@ def test_times_that_differ(run, tmp_path, raw):
     code, out, _ = run("compare", old, new, "--times")
     assert (code, "slower" in out) == (1, True)
     assert run("compare", old, new, "--times", "--threshold", "0.5")[0] == 0
+    monkeypatch.setattr("lagrange_bench.results.store.provenance.provenance", lambda: {"cpu": "another"})
+    (note,) = compare.compare(old, timed(tmp_path / "there", 1), times=True).notes
+    assert note.startswith("times were measured on different machines: ")
 
 
 def test_which_columns_are_times_and_many_tests_are_corrected_for():

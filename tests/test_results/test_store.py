@@ -425,3 +425,31 @@ def test_a_plug_in_stands_out_and_a_few_are_all_named():
     assert not [look for look in few.values() if look["label"].startswith("_")]
     both = style.looks(["gauss4", "gauss6"], named=[])
     assert both["gauss4"]["color"] != both["gauss6"]["color"], "of one family, and still told apart"
+
+
+def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
+    in_potentials = [{"method": "rk4", "state": "weak_tide"}]
+    for cells, said in (
+        (in_potentials, "^--methods: backlund does not take the potential tide: its record needs a top in a uniform"),
+        ([*in_potentials, {"method": "rk4", "state": "generic"}], "no cell here has the method 'backlund'"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            Choice(("backlund",)).check(cells)
+
+
+def test_default_results(monkeypatch, tmp_path):
+    root = Path(store.__file__).resolve().parent.parent
+    assert store.default_results("quick") == root / "results" / "local" / "quick"
+    assert store.default_results() == root / "results" / "reference"
+    monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
+    monkeypatch.chdir(tmp_path)
+    assert store.default_results("quick") == Path("results/quick")
+    assert store.default_results() == store.REFERENCE == root / "results" / "reference"
+    (tmp_path / "results" / "quick").mkdir(parents=True)
+    assert store.default_results() == Path("results/quick")
+    (tmp_path / "results" / "full").mkdir()
+    assert store.default_results() == Path("results/full")
+    with pytest.raises(FileNotFoundError, match="nothing is stored in results/full"):
+        store.find_results(None)
+    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
+        store.find_results(Path("nowhere"))
