@@ -17,7 +17,7 @@ import multiprocessing
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cached_property
@@ -84,10 +84,25 @@ BUILT_IN = {
     "rk4_normalized": "lagrange_bench.integrators.methods.whole_body:RK4_NORMALIZED",
 }
 
+# Methods that a better or a better known one of their family stands for. Their rows and claims are kept; figures and quick runs
+# of many methods leave them out.
+ARCHIVE = frozenset([
+    "backlund_unpinned", "backlund_paper", "backlund_textbook", "taylor_accurate", "taylor_compact", "taylor_fixed",
+    "rk45_fixed", "dop853_fixed", "scipy_dop853", "takahashi_imada", "force_gradient4", "kahan_li6", "sofroniou_spaletta10",
+    "collective_midpoint", "gauss4", "gauss6", "gauss12", "commutator_free4", "lie_midpoint", "rk4_normalized",
+])  # fmt: skip
+MANY = 8  # methods: of so many or fewer none is left out
+
 POTENTIALS_BUILT_IN = {
     name: f"lagrange_bench.integrators.problem.potentials:{name.upper()}"
     for name in ("quadratic", "axisymmetric", "charge", "dipole", "tide")
 }
+
+
+def without_archive(names: Iterable[str]) -> list[str]:
+    """Distinct names of methods, where there are many those not in the archive."""
+    distinct = list(dict.fromkeys(names))
+    return [name for name in distinct if name not in ARCHIVE] if len(distinct) > MANY else distinct
 
 
 BLOCKS = itertools.count(1)  # numbers of the blocks in which more is registered

@@ -115,6 +115,8 @@ def add_choice(command: argparse.ArgumentParser) -> None:
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
     text = "draw these methods in black dashes and name them in every figure, as plug-ins always are"
     command.add_argument("--highlight", type=names, metavar="a,b,…", default=(), help=text)
+    text = "also the methods of the archive (see methods --archive), which quick runs and figures of many methods leave out"
+    command.add_argument("--archive", action="store_true", help=text)
 
 
 def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
@@ -125,7 +127,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     from lagrange_bench.results.choice import Choice
     from lagrange_bench.results.store import Store
 
-    choice = Choice(options.methods, options.tops, options.highlight)
+    choice = Choice(options.methods, options.tops, options.highlight, options.archive)
     choice.include()
     if results is not None:
         store = Store(results)

@@ -10,6 +10,7 @@ from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.heavy_top import UNTIL, motion
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
 from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators.registry import ARCHIVE
 
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
 COLUMNS = (*ASKED, "method", "name", "cost", "beside it", "figure", "python")
@@ -66,6 +67,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         rows = rows[rows[field] == value]
     good = _priced_body(rows) if "case" in place.where else work_precision.useful(rows)
     good = good.rename(columns={"total": "price"})
+    good = good[~good.method.isin(ARCHIVE)]
     if good.empty:
         return
     code = str(place.where.get("case", place.where.get("state")))

@@ -100,7 +100,8 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
     if section.rows.empty:
         return
     try:
-        with style.apply(width, section.origin.choice.highlight):
+        choice = section.origin.choice
+        with style.apply(width, choice.highlight, choice.archive):
             drawn = load_stored(section.experiment).draw(section.rows)
     except Exception as error:  # perhaps because of the rows
         reason = " ".join(sections.described(error).split())

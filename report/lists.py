@@ -7,7 +7,7 @@ from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.integrators.interface import INVARIANTS, NEEDS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
-from lagrange_bench.integrators.registry import METHODS, POTENTIALS, POTENTIALS_BUILT_IN
+from lagrange_bench.integrators.registry import ARCHIVE, METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
 DRAWN = {  # of `lagrange_bench.experiments.measuring.states`, by the first word of their names
     RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
@@ -28,6 +28,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
+        "shown": "in the archive" if name in ARCHIVE else "yes",
         "order": record.order or "exact",
         "keeps to round-off": ", ".join([*kept, *claims.keeps]) or "nothing",
         "symmetric": "yes" if claims.symmetric else "no",

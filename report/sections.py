@@ -193,7 +193,7 @@ def draw(experiment: str, store: Store) -> Section:
     if module is None:
         return section
     try:
-        section.figures = draw_figures(module, section.rows, store.choice.highlight)
+        section.figures = draw_figures(module, section.rows, store.choice)
     except Exception as error:
         section.errors.append(f"figures cannot be drawn: {described(error)}")
     try:
@@ -234,15 +234,15 @@ def without_rows(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list
     return [name for name in missing if name in known]
 
 
-def draw_figures(module: ModuleType, rows: pd.DataFrame, highlight: Sequence[str]) -> list[DrawnFigure]:
+def draw_figures(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
-    with style.apply(highlight=highlight):
+    with style.apply(None, choice.highlight, choice.archive):
         drawn = module.draw(rows.copy())
         words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
         made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
     seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]
     if any(figures.wide(drawn[figure.name]) for figure in seen):
-        with style.apply("column", highlight):
+        with style.apply("column", choice.highlight, choice.archive):
             narrow = module.draw(rows.copy())
             for figure in seen:
                 figure.phone = figures.svg(narrow[figure.name])
@@ -283,7 +283,7 @@ def write_experiment(experiment: str, results: Path, output: Path, choice: Choic
     """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
     module, section = load(experiment), Section(experiment)
     section.rows = with_failures(Store(results, choice).rows(experiment), getattr(module, "MEASURED", {}))
-    section.figures = draw_figures(module, section.rows, choice.highlight)
+    section.figures = draw_figures(module, section.rows, choice)
     section.tables = make_tables(module, section.rows)
     return write(section, output)
 

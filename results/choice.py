@@ -15,6 +15,7 @@ class Choice:
     methods: tuple[str, ...] = ()
     tops: tuple[str, ...] = ()
     highlight: tuple[str, ...] = ()  # methods that are drawn with the reserved look, as plug-ins are
+    archive: bool = False  # whether figures of many methods show those of the archive, too
 
     def __bool__(self) -> bool:
         """Whether the choice leaves any cell out."""
@@ -24,7 +25,8 @@ class Choice:
     def words(self) -> str:
         """The choice as options of a command."""
         options = {"--methods": self.methods, "--tops": self.tops, "--highlight": self.highlight}
-        return "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
+        words = "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
+        return words + " --archive" * self.archive
 
     def takes(self, cell: Mapping[str, Any]) -> bool:
         """Whether a cell belongs to the choice."""

@@ -27,6 +27,7 @@ TALLEST = 9.2  # inches: what a journal page holds
 LONGEST = 44  # letters of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
 HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
+ARCHIVED: ContextVar[bool] = ContextVar("methods of the archive are drawn, too", default=False)
 _LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
 DECADES = 4  # an axis of more has no ticks between the powers of ten
 LESS = 0.6  # decades: an axis of less has no room for numbers at 1, 2 and 5
@@ -103,15 +104,15 @@ def _choose_ticks(ax: Axes) -> None:
 
 
 @contextmanager
-def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[None]:
+def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool = False) -> Iterator[None]:
     """The style, whatever the reader's own matplotlibrc says. Draw and save inside.
 
     width : "column" or "page", of every figure drawn inside; None leaves it to who draws. highlight : methods that stand
-    out, as those of plug-ins do.
+    out, as those of plug-ins do. archive : whether figures of many methods show those of the archive, too.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before, highlighted = _FORCED.set(width), HIGHLIGHTED.set(tuple(highlight))
+    before, highlighted, archived = _FORCED.set(width), HIGHLIGHTED.set(tuple(highlight)), ARCHIVED.set(archive)
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
@@ -120,6 +121,7 @@ def apply(width: str | None = None, highlight: Sequence[str] = ()) -> Iterator[N
     finally:
         _FORCED.reset(before)
         HIGHLIGHTED.reset(highlighted)
+        ARCHIVED.reset(archived)
 
 
 @contextmanager

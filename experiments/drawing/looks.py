@@ -14,10 +14,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.colors import to_rgb
 
-from lagrange_bench.experiments.drawing.canvas import HIGHLIGHTED, plain, printable, title
-from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored_method
+from lagrange_bench.experiments.drawing.canvas import ARCHIVED, HIGHLIGHTED, plain, printable, title
+from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored_method, without_archive
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
@@ -49,7 +50,7 @@ STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
 OWN = "#000000"  # of what stands out, with these markers and dashes
 OWN_MARKERS = "*PXd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
-FEW = 8  # methods: all of so many can be named
+FEW = MANY  # methods: all of so many can be named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
@@ -85,6 +86,14 @@ def ordered(methods: Iterable[str]) -> list[str]:
     """Distinct names in legend order: the registry's, then the unknown ones by name."""
     known = list(_known(METHODS.state)[1])
     return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
+
+
+def shown(rows: pd.DataFrame) -> pd.DataFrame:
+    """The rows of the methods that figures show: of many those that are not in the archive, unless they stand out."""
+    if ARCHIVED.get() or "method" not in rows:
+        return rows
+    names = [*without_archive(rows.method.dropna()), *_standing_out()]
+    return rows[rows.method.isna() | rows.method.isin(names)]
 
 
 def family(method: str) -> str:

@@ -69,6 +69,7 @@ def drawn(**functions: Callable[..., Any]) -> Made:
     def draw(rows: pd.DataFrame) -> dict[str, Any]:
         from lagrange_bench.experiments.drawing import style
 
+        rows = style.shown(rows)
         figures = {name: function(rows, style) for name, function in functions.items()}
         return {name: figure for name, figure in figures.items() if figure is not None}
 

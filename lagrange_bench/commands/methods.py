@@ -5,6 +5,7 @@ List the integration methods and their claims: order, symmetry, Poisson map, inv
 
 examples:
   lagrange-bench methods
+  lagrange-bench methods --archive               those of the archive, too, which figures and quick runs leave out
   lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
   lagrange-bench methods --top weak_tide        methods for this top, and the invariants that they conserve on it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
@@ -25,7 +26,7 @@ def run(options: argparse.Namespace) -> Answer:
     """List every method, in the order of legends. A method that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
     from lagrange_bench.integrators.interface import NEEDS
-    from lagrange_bench.integrators.registry import find_top
+    from lagrange_bench.integrators.registry import ARCHIVE, find_top
 
     problem = in_potential(find_top(options.top or "generic").top, options)
     data: list[dict[str, Any]] = []
@@ -44,10 +45,14 @@ def run(options: argparse.Namespace) -> Answer:
             more["refuses"] = refuses
         elif refuses:
             more["takes"] = NEEDS[method.needs]
-        data.append({"name": name, **claims, **more})
+        data.append({"name": name, **claims, **more, "archived": name in ARCHIVE})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
-    taken = [claims for claims in data if not claims.get("refuses")]
-    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(data)]
+    every = options.archive or options.top or options.potential
+    shown = [claims for claims in data if every or not claims.get("archived")]
+    taken = [claims for claims in shown if not claims.get("refuses")]
+    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(shown)]
+    if len(shown) < len(data):
+        lines.append(f"{len(data) - len(shown)} more are in the archive: lagrange-bench methods --archive")
     if options.verbose:
         for claims in taken:
             known = ", ".join(claims.get("options") or ["none"])
@@ -92,4 +97,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "only methods that take this top: a name, see lagrange-bench tops, or package.module:TOP"
     command.add_argument("--top", metavar="NAME", help=text)
     add_potential(command)
+    text = "also those of the archive, which quick runs and figures of many methods leave out"
+    command.add_argument("--archive", action="store_true", help=text)
     command.add_argument("--verbose", action="store_true", help="also print each method's source, options and family")

@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import load, missing_package, with_units
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -119,6 +120,8 @@ def run(
     store, summary = Store(results), Summary(Path(results), profile)
     listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
     choice.check(cell for some in listed.values() for cell in some)
+    if profile == PROFILES[0] and cells is None and not (choice.methods or choice.archive):
+        listed = {name: _without_archive(some) for name, some in listed.items()}
     store.check_writable()  # before anything is computed, but after the arguments were checked
     files = Sources()  # as they are when the run begins
     plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
@@ -157,6 +160,14 @@ def run(
             message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
             raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
+
+
+def _without_archive(cells: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """The cells of the methods that a quick run measures; the orders, which take no time, are those of all."""
+    from lagrange_bench.integrators.registry import without_archive  # with NumPy: `--help` does not wait for it
+
+    methods = {None, *without_archive(cell["method"] for cell in cells if "method" in cell)}
+    return [cell for cell in cells if cell.get("method") in methods or cell.get("part") == "order"]
 
 
 def _missing(

@@ -20,6 +20,7 @@ from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.runner import engine
 from tests.reference import free_body
 from tests.test_docs import ROOT
 
@@ -29,11 +30,25 @@ from tests.test_docs import ROOT
     [("methods", METHODS), ("tops", TOPS), ("tops", PERTURBED_TOPS), ("potentials", POTENTIALS), ("case", CASES)],
 )
 def test_all_there_is_is_listed(run, answer, command, known):
-    code, out, err = run(command)
+    code, out, err = run(command, *["--archive"] * (command == "methods"))
     assert (code, err) == (0, "")
     tables = [[line.split()[0] for line in table.splitlines()[1:]] for table in out.split("\n\nin a potential:\n")]
     assert any(table[: len(known)] == list(known) for table in tables)
     assert [listed["name"] for listed in answer(command) if listed["name"] in known] == list(known)
+
+
+def test_the_archive_is_left_out_of_lists_and_quick_runs_of_many_methods(run):
+    last = run("methods")[1].splitlines()[-1]
+    assert last.startswith(f"{len(registry.ARCHIVE)} more are in the archive")
+    assert registry.without_archive(METHODS) == [name for name in METHODS if name not in registry.ARCHIVE]
+    assert 20 <= len(registry.without_archive(registry.BUILT_IN)) <= 25
+    few = [*registry.ARCHIVE][: registry.MANY]
+    assert registry.without_archive(few) == few
+    cells = [{"part": part, "method": name} for part in ("order", "time") for name in METHODS]
+    left = engine._without_archive([*cells, {"part": "tolerance"}])
+    assert {cell["method"] for cell in left if cell["part"] == "time"} == set(METHODS) - registry.ARCHIVE
+    assert {cell["method"] for cell in left if cell["part"] == "order"} == set(METHODS)
+    assert left[-1] == {"part": "tolerance"}
 
 
 @pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
