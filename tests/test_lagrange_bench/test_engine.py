@@ -28,7 +28,10 @@ def tally(summary):
 def test_only_what_is_missing(toy, in_process, monkeypatch):
     first = toy(squares(1, 2, 3))
     assert (tally(first), first.exit_code) == ((3, 0, 0), 0)
-    assert tally(toy(squares(3, 4, 1))) == (1, 2, 0)
+    again = toy(squares(3, 4, 1))
+    assert (tally(again), again.old) == ((1, 2, 0), False)
+    toy.store.append(*({**record, "sources": "0" * 24} for record in toy.store.open(TOY).latest))
+    assert f"old: {TOY}: 2 stored cells were computed with other source code" in str(toy(squares(1, 3)))
     table = toy.store.rows(TOY)
     assert table["square"].tolist() == [i * i for i in table["i"]]
     assert sorted(table["i"]) == [1, 2, 3, 4]
@@ -210,3 +213,4 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
     monkeypatch.setenv("TERM", "xterm-256color")
     bars = re.sub(r"\x1b\[[\d;?]*\w", "", shown())
     assert re.search("drift .* 300/300 .*1 failed.*drawing .* 1/2", bars, re.DOTALL)
+    assert "drift" not in shown(False)
