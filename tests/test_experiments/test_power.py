@@ -203,7 +203,7 @@ def remembering(self, y, n):
 def buffered(self, y, n):
     self.buffer = getattr(self, "buffer", np.empty(6))
     self.buffer[:] = self.inner.advance(y, n)
-    return self.buffer
+    return self.buffer[:]  # another array, of the same memory
 
 
 def after(spoil):
