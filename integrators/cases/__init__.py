@@ -23,11 +23,11 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import check_count, check_times
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
-from lagrange_bench.integrators.problem.top import Named
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import Start, Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 from lagrange_bench.support.files import read_toml
+from lagrange_bench.support.words import suggestion
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -240,19 +240,34 @@ def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
     return Case(name, body, rotation, values["omega_body"], place, speed, until, every, **words, exact=exact)
 
 
-def _named(name: str) -> Case:
-    text = files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no matter has: the remarks say so
-        return _case(name, tomllib.loads(text), name)
-
-
-class Cases(Named):
-    """The named cases."""
-
-    kind = "case"
-
-
 TOPS = ("bruels", "slow", "simo_wong", "metis", "kovalevskaya")
 FREE = ("box", "t_body", "brick", "toutatis", "middle_axis", "flying_box")
-CASES: dict[str, Case] = Cases((name, _named(name)) for name in (*TOPS, *FREE))
+
+
+class Cases(Mapping[str, Case]):
+    """The named cases, each made when it is first asked for: that takes some milliseconds."""
+
+    def __init__(self, names: tuple[str, ...]):
+        self._cases: dict[str, Case | None] = dict.fromkeys(names)
+
+    def __repr__(self) -> str:
+        return f"Cases({', '.join(self)})"
+
+    def __getitem__(self, name: str) -> Case:
+        if name not in self._cases:
+            raise KeyError(f"unknown case {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
+        if (case := self._cases[name]) is None:
+            text = files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8")
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no matter has: the remarks say so
+                case = self._cases[name] = _case(name, tomllib.loads(text), name)
+        return case
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._cases)
+
+    def __len__(self) -> int:
+        return len(self._cases)
+
+
+CASES: Mapping[str, Case] = Cases((*TOPS, *FREE))

@@ -173,12 +173,10 @@ class NamedTop:
 
 
 class Named(dict[str, Any]):
-    """A dict that knows what was meant; `kind` of thing."""
-
-    kind = "top"
+    """A dict that knows what was meant."""
 
     def __missing__(self, name: str) -> Any:
-        raise KeyError(f"unknown {self.kind} {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
+        raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
 
 
 # Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the
