@@ -312,12 +312,16 @@ class Text:
         return _of_arrays(self.path, data)
 
     def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
-        """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like."""
-        import pandas as pd
+        """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
 
+        A short file is read sooner than pandas is imported.
+        """
         places, comma = sorted({*wanted, *words}), self._decimal(wanted)
         plain = [row[i].replace(",", ".") if comma else row[i] for row in self.sample for i in wanted]
-        if all(PLAIN.fullmatch(word) for word in plain) and not any(map(INLINE.search, self.lines[self.skip :])):
+        long, simple = self.path.stat().st_size > HEAD, all(PLAIN.fullmatch(word) for word in plain)
+        if long and simple and not any(map(INLINE.search, self.lines[self.skip :])):
+            import pandas as pd
+
             settings: dict[str, Any] = {"sep": self.separator or r"\s+", "header": None, "skipinitialspace": True}
             settings |= {"usecols": places if len(places) < self.width else None, "decimal": "," if comma else "."}
             settings |= {"dtype": {i: str if i in words else float for i in places}, "na_values": ["-"]}
