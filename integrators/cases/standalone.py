@@ -51,19 +51,13 @@ def standalone(case: Case, language: str, facts: list[str]) -> str:
         raise ValueError(
             f"{case.name}: a heavy body that is not symmetric has no closed form; leave out --code for its rows"
         )
-    check = case.solution([case.until])
-    constants |= {
-        **{
-            "language": language,
-            "name": case.name,
-            "facts": [line for v in facts for line in wrap(v.replace("\\", "/"), 118)],
-        },
-        **{"version": version("lagrange-bench"), "fixed": body.fixed, "com": body.com, "gravity": body.gravity},
-        **{"place": case.state[7:10], "velocity": case.state[10:], "turning": constants["kind"] in ("heavy", "steady")},
-        **{"until": case.until, "q": check.rotation.as_quat(canonical=True, scalar_first=True)[0]},
-        **{"omega": check.omega_body[0], "x": check.position[0]},
-    }
-    template, mark = LANGUAGES[language]
+    check, (template, mark) = case.solution([case.until]), LANGUAGES[language]
+    constants.update(
+        language=language, name=case.name, facts=[line for v in facts for line in wrap(v.replace("\\", "/"), 118)],
+        version=version("lagrange-bench"), turning=constants["kind"] in ("heavy", "steady"), fixed=body.fixed, com=body.com,
+        gravity=body.gravity, place=case.state[7:10], velocity=case.state[10:], until=case.until,
+        q=check.rotation.as_quat(canonical=True, scalar_first=True)[0], omega=check.omega_body[0], x=check.position[0],
+    )  # fmt: skip
     head = templates().get_template("head.j2").render(constants).splitlines()
     constants["head"] = "\n".join(f"{mark} {line}".rstrip() for line in head)
     return templates().get_template(template).render(constants)
@@ -78,21 +72,11 @@ def templates() -> Any:
         loader=PackageLoader("lagrange_bench.integrators.cases", "code"), undefined=StrictUndefined,
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
-    environment.filters |= {"number": number, "numbers": numbers, "decimal": decimal}
+    filters = environment.filters
+    filters["number"] = lambda v: repr(float(v) + 0.0)  # the shortest decimal that makes the double again
+    filters["numbers"] = lambda values: ", ".join(map(filters["number"], values))
+    filters["decimal"] = lambda v: mp.nstr(v, DIGITS - 5)
     return environment
-
-
-def number(v: Any) -> str:
-    """A double, in the shortest decimal that makes it again."""
-    return repr(float(v) + 0.0)
-
-
-def numbers(values: Any) -> str:
-    return ", ".join(map(number, values))
-
-
-def decimal(v: Any) -> str:
-    return str(mp.nstr(v, DIGITS - 5))
 
 
 def parts(word: str, v: Any) -> dict[str, Any]:
@@ -126,16 +110,14 @@ def free_constants(body: Any, y: Any) -> dict[str, Any]:
             whole = parts("half", exact.half_period) | parts("turn", turn)
         else:
             third = (ratio * u - mp.sqrt(ratio) * mp.atan(mp.sqrt(ratio) * s)) / (1 + ratio)
-    L = frame @ body.axes.T @ y[4:]
-    to_frame = Rotation.from_matrix(frame)
-    turned = Rotation.from_euler(
-        "ZYZ", (float(-fast * third), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0]))
-    )
+    L, to_frame = frame @ body.axes.T @ y[4:], Rotation.from_matrix(frame)
+    angles = float(-fast * third), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0])
+    left = start * (Rotation.from_euler("ZYZ", angles) * to_frame).inv()
     return {
+        **motion._asdict(),
         **{"kind": "free", "inertia": body.inertia[order], "alpha": size[0], "beta": side * motion.amplitudes[1]},
-        **{"gamma": size[2], "rate": motion.rate, "complement": motion.complement, "ratio": motion.ratio},
-        **{"slow": slow, "fast": fast, "phase": u, "frame": to_frame.as_quat(scalar_first=True), **whole},
-        **{"left": (start * (turned * to_frame).inv()).as_quat(scalar_first=True)},
+        **{"gamma": size[2], "slow": slow, "fast": fast, "phase": u, **whole},
+        **{"left": left.as_quat(scalar_first=True), "frame": to_frame.as_quat(scalar_first=True)},
     }
 
 
