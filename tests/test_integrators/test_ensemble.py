@@ -196,7 +196,8 @@ def test_failures_among_others(name):
             errors[i] = error
             assert np.isnan(got[i]).all()
     first = min(errors)
-    with pytest.raises(StepError, match=f"top {first}: .*; {len(errors)} of 64 tops fail$") as caught:
+    count = f".*; {len(errors)} of 64 tops fail$" if len(errors) > 1 else ""  # of the second method there are several
+    with pytest.raises(StepError, match=f"top {first}: {count}") as caught:
         integrate_ensemble(top, states, 0.1, 20, name)
     assert (caught.value.step, caught.value.h) == (errors[first].step, 0.1)
     assert errors[first].reason in caught.value.reason
