@@ -103,7 +103,7 @@ def followed(
     drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
     columns = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = (
-        METHODS[cell["method"]].claims.keeps if "uniform" in top.offers else {}
+        METHODS[cell["method"]].claims.conserves_own if "uniform" in top.offers else {}
     )  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
@@ -126,13 +126,13 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     for method, group in rows.groupby("method", sort=False):
         record = METHODS.get(method)
         t = np.sort(group.groupby("t_index").t.median().to_numpy())
-        has = {KEPT + quantity for quantity in record.claims.keeps} if record else set()
+        has = {KEPT + quantity for quantity in record.claims.conserves_own} if record else set()
         for name in (*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())):
             errors = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
             growth = metrics.growth_exponent(t, errors)
             most = largest(errors)
             quantity = name.removeprefix(KEPT)
-            claimed = record is not None and (name.startswith(KEPT) or name in record.kept(LagrangeTop()))
+            claimed = record is not None and (name.startswith(KEPT) or name in record.conserves_on(LagrangeTop()))
             table.append(
                 {
                     "method": method,

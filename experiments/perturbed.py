@@ -181,7 +181,7 @@ def any_problem(cell: dict) -> dict:
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
     _, y, moved = drift.followed(cell, problem, y0, h, states.places(n))
-    keeps = method.kept(problem)
+    keeps = method.conserves_on(problem)
     sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
     kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))
     error = metrics.scaled_error(problem, y0, y[-1], states.truth(problem, y0, method, h, [n])[0])
@@ -197,7 +197,7 @@ def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """The largest error of each invariant that the top has, by method and top."""
     top = states.of_cell({**run.iloc[0], "state": state})[0]
     errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
-    says = METHODS[method].kept(top) if method in METHODS else ()
+    says = METHODS[method].conserves_on(top) if method in METHODS else ()
     return {"steps": int(run.steps.max()), **errors, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
 
 

@@ -22,7 +22,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method, find_top
 from lagrange_bench.integrators.torus import any_parameter
-from lagrange_bench.integrators.trajectory import Start, Trajectory
+from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 
 FEW = 8  # numbers for which Python is quicker than NumPy
 TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
@@ -145,7 +145,7 @@ def _advance(
     record: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
 ) -> Trajectory:
     """`integrate` by steps of h."""
-    start = Start(state, record, h if record.control == "step" else None, options)
+    start = RunInputs(state, record, h if record.control == "step" else None, options)
     stepper = _prepare(record, top, state, h, options)
     if not math.isfinite(h * steps):
         raise StepError(record.name, "the time n h is beyond the largest double", h=h)
@@ -184,7 +184,7 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
     StepError
         The image is beyond the range of doubles.
     """
-    check_problem(top).single()
+    check_problem(top).require_single()
     if not isinstance(top, LagrangeTop):
         raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
@@ -229,7 +229,7 @@ def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tup
         top = CASES[top] if top in CASES else find_top(top)
     if isinstance(top, (NamedTop, Case)):
         top, y0 = top.top if isinstance(top, NamedTop) else top.body, top.state if y0 is None else y0
-    check_problem(top).single()
+    check_problem(top).require_single()
     if y0 is None:
         raise ValueError(
             "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
@@ -277,4 +277,4 @@ def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[s
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
-    return Trajectory(top, method.name, times, y, work, start=Start(y0, method, None, options))
+    return Trajectory(top, method.name, times, y, work, start=RunInputs(y0, method, None, options))

@@ -27,7 +27,7 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.trajectory import Start
+from lagrange_bench.integrators.trajectory import RunInputs
 from lagrange_bench.support import machine
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
@@ -110,7 +110,7 @@ def integrate_ensemble(
         place, error = min(work.failures, key=lambda failure: failure[0])
         more = f"; {len(work.failures)} of {n} tops fail" if len(work.failures) > 1 else ""
         raise StepError(record.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
-    start = Start(states, record, grid.get("h") if record.control == "step" else None, options)
+    start = RunInputs(states, record, grid.get("h") if record.control == "step" else None, options)
     return EnsembleTrajectory(top, record.name, times, work.out, t is None and every is None, start)
 
 

@@ -122,14 +122,14 @@ KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
     "a function": (callable, "prepare"),
     "a function or None": (lambda value: value is None or callable(value), "evaluate many"),
-    "a dict": (lambda value: isinstance(value, Mapping), "special"),
+    "a dict": (lambda value: isinstance(value, Mapping), "kernels_for"),
     "a record such as Claims(symmetric=True, conserves={'J3'})": (lambda value: isinstance(value, Claims), "claims"),
 }
 # likewise, of `Claims`
 KINDS_OF_CLAIMS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
     "a set, such as {'J3'}": (lambda value: isinstance(value, (set, frozenset)), "conserves conserves_if_quadratic"),
-    "a dict": (lambda value: isinstance(value, Mapping), "keeps"),
+    "a dict": (lambda value: isinstance(value, Mapping), "conserves_own"),
 }
 
 
@@ -158,7 +158,7 @@ class Claims:
         conserves them. Round-off may grow with the angle of a step: some ulps for each time scale of h.
     conserves_if_quadratic : set of str
         These, too, if H is quadratic.
-    keeps : dict
+    conserves_own : dict
         What else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
         (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state.
 
@@ -172,7 +172,7 @@ class Claims:
     poisson: bool = False
     conserves: Set[str] = frozenset()
     conserves_if_quadratic: Set[str] = frozenset()
-    keeps: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
+    conserves_own: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
         _check_kinds(self, KINDS_OF_CLAIMS)
@@ -184,7 +184,9 @@ class Claims:
 
 CLAIMED = "write it as claims=Claims({0}=…)"
 MOVED = {  # fields of older records → what to do
-    **{name: CLAIMED.format(name) for name in ("symmetric", "poisson", "conserves", "keeps")},
+    **{name: CLAIMED.format(name) for name in ("symmetric", "poisson", "conserves")},
+    "keeps": CLAIMED.format("conserves_own"),
+    "special": "write it as kernels_for=…",
     "if_quadratic": CLAIMED.format("conserves_if_quadratic"),
     "biased": "claim only what is kept up to a random walk of round-off",
     "exact_for": "leave it out; order is that in a potential",
@@ -217,7 +219,7 @@ class Method:
         "step": one internal step per h; "tolerance": h is the output grid, tol sets the accuracy.
     needs : str
         Of NEEDS: what a problem must offer.
-    special : dict
+    kernels_for : dict
         Builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there.
     evaluate : callable, optional
         (problem, y0, times, **options) → states and Work: dense output or jumps.
@@ -246,7 +248,7 @@ class Method:
     claims: Claims = Claims()
     control: str = "step"
     needs: str = "uniform"
-    special: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
+    kernels_for: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
@@ -259,7 +261,7 @@ class Method:
 
     def __post_init__(self) -> None:
         _check_kinds(self, KINDS)
-        for name, words in (("needs", (self.needs,)), ("special", self.special)):
+        for name, words in (("needs", (self.needs,)), ("kernels_for", self.kernels_for)):
             for word in words:
                 if word not in NEEDS:
                     raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {word!r}")
@@ -275,7 +277,7 @@ class Method:
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
-        if self._follows(problem) or self._special_for(problem):
+        if self._follows(problem) or self._kernel_for(problem):
             return None
         potential = getattr(problem, "potential", None)
         named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
@@ -295,8 +297,8 @@ class Method:
         top = None if getattr(problem, "timed", True) else problem.as_top
         return top is not None and self.needs in top.offers
 
-    def _special_for(self, problem: Any) -> Callable[..., Stepper] | None:
-        return next((build for word, build in self.special.items() if word in problem.offers), None)
+    def _kernel_for(self, problem: Any) -> Callable[..., Stepper] | None:
+        return next((build for word, build in self.kernels_for.items() if word in problem.offers), None)
 
     def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
         """What prepares a stepper for this problem: (problem, y0, h, **options).
@@ -308,7 +310,7 @@ class Method:
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        build = self._special_for(problem) or self._for_form(problem, self.prepare)
+        build = self._kernel_for(problem) or self._for_form(problem, self.prepare)
         check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
         return build
 
@@ -326,9 +328,9 @@ class Method:
             raise ValueError(f"method: {reason}")
         if self.evaluate is None:
             return None
-        special = self._special_for(problem)
+        kernel = self._kernel_for(problem)
         evaluate, by_steps = (
-            (self.evaluate, special) if special else (self._for_form(problem, self.evaluate), self.prepare)
+            (self.evaluate, kernel) if kernel else (self._for_form(problem, self.evaluate), self.prepare)
         )
         check_options(f"{self.name} at given times", evaluate, options or {}, by_steps, "runs by h and steps")
         return evaluate
@@ -344,9 +346,9 @@ class Method:
 
         return of_top
 
-    def kept(self, problem: Any) -> frozenset[str]:
+    def conserves_on(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
-        return frozenset(problem.kept_by(self))
+        return frozenset(problem.conserved_by(self))
 
     @property
     def accuracy_option(self) -> str:

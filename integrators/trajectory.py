@@ -30,7 +30,7 @@ E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class RunInputs:
     """How a run began: what a trajectory needs to be judged, or evaluated at other times.
 
     state : (n,) numbers. method : the method's record. h : the step, None of jumps and of methods that choose their own steps.
@@ -44,7 +44,7 @@ class Start:
     flight: Array | None = None
 
 
-class Table:
+class Rows:
     """What runs and ensembles have in common: a problem, named columns, a table, a file."""
 
     top: Any
@@ -158,7 +158,7 @@ class Table:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class Trajectory(BodyMotion, Table):
+class Trajectory(BodyMotion, Rows):
     """Times and states of one motion: what `integrate` returns.
 
     Parameters
@@ -182,7 +182,7 @@ class Trajectory(BodyMotion, Table):
     t: Array
     y: Array
     work: Work
-    start: Start | None = None
+    start: RunInputs | None = None
 
     def __repr__(self) -> str:
         count = len(self.t)
@@ -252,7 +252,7 @@ class Trajectory(BodyMotion, Table):
             origin |= {"y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
         return origin
 
-    def _started(self, word: str) -> Start:
+    def _started(self, word: str) -> RunInputs:
         if self.start is None:
             raise ValueError(f"{word}: this trajectory does not know how it began")
         return self.start

@@ -73,7 +73,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     code = str(place.where.get("case", place.where.get("state")))
     (problem, y0), title = _problem(place), f"{name} ({code})"
     unit = 1.0 if "case" in place.where else problem.scales(y0)[2]
-    kept = {method: METHODS[method].kept(problem) for method in good.method.unique() if method in METHODS}
+    kept = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
         length, target = fields.values()

@@ -35,14 +35,16 @@ def assemble(rows: Mapping[str, pd.DataFrame]) -> Numbers:
 
 def _of_records(records: Mapping[str, Method]) -> Numbers:
     """What the methods themselves say."""
-    from lagrange_bench.integrators.methods.backlund_splitting import PIN_EVERY  # compiles: only who draws a page waits
+    from lagrange_bench.integrators.methods.backlund_splitting import (
+        RESTORE_EVERY,  # compiles: only who draws a page waits
+    )
 
     engines = [record.engine for record in records.values()]
     return {
         "engines": [(engines.count(engine), text) for engine, text in ENGINES.items() if engine in engines],
         "fastmath": OPTIONS["fastmath"],
         "pinned": [name for name, record in records.items() if "pin" in record.options],
-        "pin_every": PIN_EVERY,
+        "pin_every": RESTORE_EVERY,
         "projected": [name for name in records if name.endswith("_projected")],
         "compensated": [name for name, r in records.items() if {"compensated", "high_accuracy"} & set(r.options)],
     }

@@ -30,7 +30,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "family": record.family,
         "shown": "in the archive" if name in ARCHIVE else "yes",
         "order": record.order or "exact",
-        "keeps to round-off": ", ".join([*kept, *claims.keeps]) or "nothing",
+        "keeps to round-off": ", ".join([*kept, *claims.conserves_own]) or "nothing",
         "symmetric": "yes" if claims.symmetric else "no",
     }
 

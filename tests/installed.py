@@ -9,7 +9,7 @@ from lagrange_bench.integrators import METHODS, LagrangeTop, available
 
 def in_uniform_fields(method, **changes):
     """The method as one for a uniform field only, with the kernel that it has there; `changes` of its record."""
-    alone = replace(method, prepare=method.special.get("uniform", method.prepare), needs="uniform", special={})
+    alone = replace(method, prepare=method.kernels_for.get("uniform", method.prepare), needs="uniform", kernels_for={})
     return replace(alone, **changes)
 
 

@@ -300,7 +300,7 @@ def return_error(method: Method, name: Start, span: float, n: int) -> float:
 
 def starting_later(problem: Any, t: float) -> Any:
     """The problem with its start moved by t, for a run that begins there."""
-    return problem.starting(problem.start + t) if getattr(problem, "timed", False) else problem
+    return problem.starting_at(problem.start + t) if getattr(problem, "timed", False) else problem
 
 
 # ---------------------------------------------------------------- structure
@@ -374,7 +374,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     claimed: dict[str, list[str]] = {}
     quantities: dict[str, None] = {}
     for name, span, top, y0, h in steps_on(names):
-        kept, keeps = method.kept(top), method.claims.keeps if "uniform" in top.offers else {}
+        kept, keeps = method.conserves_on(top), method.claims.conserves_own if "uniform" in top.offers else {}
         if span == SPANS[0]:
             for quantity in (*kept, *keeps):
                 claimed.setdefault(quantity, []).append(label(name))
@@ -433,7 +433,7 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
     worst = Worst()
     for name, span, steps in product(starts, LONG_SPANS, LONG_RUNS) if method.control == "step" else ():
         top, y0 = find(name)
-        kept = [word in method.kept(top) for word in top.names]
+        kept = [word in method.conserves_on(top) for word in top.names]
         with contextlib.suppress(StepError):
             y = prepared(method, top, y0, span * top.scales(y0)[2]).record(y0, steps, 1)
             with np.errstate(over="ignore", invalid="ignore"):

@@ -133,7 +133,7 @@ def predicted_phase(
     plain = top
     if not isinstance(top, LagrangeTop):
         raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
-    plain.single()
+    plain.require_single()
     record, state, h = find_method(method), check_state(y0), check_step(h)
     if lam is not None and "lam" not in record.options:
         raise ValueError(f"lam: {record.name} has no such option")
@@ -298,7 +298,7 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:
     """Φ_h − φ_h at states (N, 6), from `TERMS` terms of its power series in h, which begins at the order of the method."""
     assert method.order is not None
-    alpha, first, power = top.single(), method.order + 1, method.order + TERMS
+    alpha, first, power = top.require_single(), method.order + 1, method.order + TERMS
     *y, step = (Series(np.zeros((power + 1, len(states)))) for _ in range(7))
     for part, column in zip(y, states.T, strict=True):
         part.c[0] = column

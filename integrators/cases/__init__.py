@@ -24,7 +24,7 @@ from lagrange_bench.integrators.checks import check_count, check_times
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.trajectory import Start, Trajectory
+from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
@@ -95,7 +95,7 @@ class Case:
         evaluate: Any = method.evaluate_for(self.body)
         y, work = evaluate(self.body, state, times)
         y = y if flight is None else np.hstack((y, self.body.flown(flight, times)))
-        return Trajectory(self.body, method.name, times, y, work, start=Start(state, method, None, {}, flight))
+        return Trajectory(self.body, method.name, times, y, work, start=RunInputs(state, method, None, {}, flight))
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.

@@ -204,7 +204,7 @@ def machine_code(program: Program) -> Any:
 
 
 @cache
-def take(count: int) -> Any:
+def tuple_loader(count: int) -> Any:
     """(c, first) → the tuple of `count` doubles that begins at c[first], for compiled kernels."""
 
     @jit(inline=True)
@@ -215,6 +215,6 @@ def take(count: int) -> Any:
 
 
 @cache
-def put(count: int) -> Any:
-    """(c, first, values) writes a tuple of `count` ≥ 1 doubles to where `take` finds it."""
+def tuple_storer(count: int) -> Any:
+    """(c, first, values) writes a tuple of `count` ≥ 1 doubles to where `tuple_loader` finds it."""
     return store_tuple

@@ -173,11 +173,11 @@ EXACT = Method(
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     evaluate=evaluate_exact, many=many,
-    special={"symmetric": prepare_body},
+    kernels_for={"symmetric": prepare_body},
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    many=partial(many, pin=0), special={},
+    many=partial(many, pin=0), kernels_for={},
 )  # fmt: skip
 PAPER = replace(
     UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,

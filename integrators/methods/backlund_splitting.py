@@ -39,7 +39,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import put, take
+from lagrange_bench.integrators.compiling.expression import tuple_storer, tuple_loader
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.tape import bandwidth, phase_rates
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -71,7 +71,7 @@ FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
 
 @jit
-def flow(s, alpha, h):
+def exact_flow(s, alpha, h):
     """The exact step over h, λ(h) computed in place, and whether one was found: in equal parts where h is too long for that."""
     torus, parts = invariants(s, alpha), 1
     R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h)
@@ -130,14 +130,14 @@ def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
 
 
 @cache
-def kick_of(field: Field, level: bool, gradients: int) -> Any:
+def kick_of(field: Field, conserves_J3: bool, gradients: int) -> Any:
     """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says."""
     total = torques(field, gradients)
 
     @jit(inline=True)
     def kicked(s, q, weights):
         t = total((s[3], s[4], s[5]), q, weights)
-        return s[0] + t[0], s[1] + t[1], s[2] if level else s[2] + t[2], s[3], s[4], s[5]
+        return s[0] + t[0], s[1] + t[1], s[2] if conserves_J3 else s[2] + t[2], s[3], s[4], s[5]
 
     return kicked
 
@@ -145,7 +145,7 @@ def kick_of(field: Field, level: bool, gradients: int) -> Any:
 @cache
 def numbers_of(field: Field, timed: bool) -> Any:
     """(c, first, t) → the numbers of V in c from `first` on; of a V that depends on t its last one is t."""
-    numbers = take(field.parameters - timed)
+    numbers = tuple_loader(field.parameters - timed)
 
     @jit
     def run(c, first, t):
@@ -155,10 +155,14 @@ def numbers_of(field: Field, timed: bool) -> Any:
 
 
 @cache
-def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool, timed: bool = False) -> Any:
+def kernel(field: Field, conserves_J3: bool, gradients: int, degree: int, single: bool, timed: bool = False) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
-    kicked, numbers, look = kick_of(field, level, gradients), numbers_of(field, timed), look_up(degree or 1, level)
-    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, level)
+    kicked, numbers, look = (
+        kick_of(field, conserves_J3, gradients),
+        numbers_of(field, timed),
+        look_up(degree or 1, conserves_J3),
+    )
+    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
     def step(s, c, tally):
@@ -172,7 +176,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
                 s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
                 tally[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
-                s, ok = flow(s, alpha, c[place + TIME])
+                s, ok = exact_flow(s, alpha, c[place + TIME])
                 if not ok:
                     tally[loops.FAILURE] = LOST
             t = c[first - 1] + (c[STEP] * tally[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
@@ -183,7 +187,7 @@ def kernel(field: Field, level: bool, gradients: int, degree: int, single: bool,
 
 
 @jit
-def pin(s, c):
+def restore_casimirs(s, c):
     """Back onto C1 and C2: x along itself, then J along x."""
     J1, J2, J3, x1, x2, x3 = s
     f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
@@ -193,7 +197,7 @@ def pin(s, c):
 
 
 @jit
-def pin_level(s, c):
+def restore_casimirs_at_fixed_J3(s, c):
     """The same where J3 is kept: J moves within the horizontal plane, and not at all where x is vertical."""
     J1, J2, J3, x1, x2, x3 = s
     f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
@@ -202,17 +206,17 @@ def pin_level(s, c):
     return J1 + p * x1, J2 + p * x2, J3, x1, x2, x3
 
 
-PIN_EVERY = 16
+RESTORE_EVERY = 16
 
 
 @cache
-def map_over(field: Field, level: bool, timed: bool = False) -> Any:
+def map_over(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
 
     times : t, dt, n: the time of the first row is t + n dt, and so on.
     """
-    kicked, numbers = kick_of(field, level, 0), numbers_of(field, timed)
-    get, write = take(6), put(6)
+    kicked, numbers = kick_of(field, conserves_J3, 0), numbers_of(field, timed)
+    get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
     def run(rows, given, parts, times, tally):
@@ -224,7 +228,7 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
             for k in range(len(parts)):
                 t += parts[k, 0]
                 if parts[k, 0] != 0.0:
-                    s, ok = flow(s, alpha, parts[k, 0])
+                    s, ok = exact_flow(s, alpha, parts[k, 0])
                     if not ok:
                         tally[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
@@ -238,13 +242,13 @@ def map_over(field: Field, level: bool, timed: bool = False) -> Any:
 
 # steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
 PILOT, STRIDE = 96, 1.2
-MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the pilot, and a table is cheap
+MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the trial run, and a table is cheap
 
 
 @cache
-def pilot(field: Field, level: bool, timed: bool = False) -> Any:
+def trial_run(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
     """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
-    kicked, numbers = kick_of(field, level, 0), numbers_of(field, timed)
+    kicked, numbers = kick_of(field, conserves_J3, 0), numbers_of(field, timed)
     start = NUMBERS + field.parameters - 1  # the time, where V depends on it
 
     @jit
@@ -254,7 +258,7 @@ def pilot(field: Field, level: bool, timed: bool = False) -> Any:
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
         for k in range(steps):
-            s, ok = flow(s, alpha, h)
+            s, ok = exact_flow(s, alpha, h)
             if not ok:
                 break
             s = kicked(s, numbers(c, NUMBERS, c[start] + (k + 1) * h), (h,))
@@ -282,7 +286,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool,
         tabled: bool, after: float = 0.0,
     ):  # fmt: skip
-        top, level, timed, start = problem.as_top, problem.level, problem.timed, problem.start + after
+        top, conserves_J3, timed, start = problem.as_top, problem.conserves_J3, problem.timed, problem.start + after
         numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
         if timed:
             numbers[-1] = start
@@ -300,9 +304,9 @@ class ExactSplittingStepper(loops.ConjugateStepper):
                 group[WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
         head = np.array((top.alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers))
         degree, made = 0, []
-        if tabled and _set_box(head, top.top.scales(y0), y0, pilot(field, level, timed), h):
+        if tabled and _set_box(head, top.top.scales(y0), y0, trial_run(field, conserves_J3, timed), h):
             different = tuple(dict.fromkeys(times))
-            degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, level)
+            degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, conserves_J3)
             if degree:
                 made = [listed[different.index(time)] for time in times]
                 for group, table in zip(groups, made, strict=True):  # of the constant term
@@ -315,10 +319,10 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             None  # if its frequencies in time change: then the end of a run counts, too
         )
         preprocess, postprocess = ends_of(chosen, h, corrected)
-        step = kernel(field, level, gradients, degree, n == 1 and degree > 0, timed)
+        step = kernel(field, conserves_J3, gradients, degree, n == 1 and degree > 0, timed)
         super().__init__(
-            NAME, h, c, step, pin_level if level else pin, PIN_EVERY,
-            map_rows=map_over(field, level, timed), preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
+            NAME, h, c, step, restore_casimirs_at_fixed_J3 if conserves_J3 else restore_casimirs, RESTORE_EVERY,
+            map_rows=map_over(field, conserves_J3, timed), preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
             postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
             rhs_per_step=n, failures=FAILURES, timed=timed,
         )  # fmt: skip
@@ -516,5 +520,5 @@ METHOD = Method(
     name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field, needs="top", special={"uniform": prepare}, evaluate=evaluate,
+    prepare=prepare_in_field, needs="top", kernels_for={"uniform": prepare}, evaluate=evaluate,
 )  # fmt: skip

@@ -88,7 +88,7 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
 
 METHOD = replace(
     PAPER, name="backlund_textbook", label="Bäcklund, paper's program",
-    source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, special={},
+    source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, kernels_for={},
     # its map keeps H, C1 and C2, too; its divisions lose them wherever B(λ) is small, as in every pass near the vertical
     claims=Claims(symmetric=True, poisson=True, conserves={"J3"}),
 )  # fmt: skip

@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
@@ -63,13 +63,13 @@ def step(s, c, tally):
 
 
 @cache
-def kernel_in_field(field: Field, level: bool) -> Any:
-    """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
-    torque, numbers = machine_code(field.torque), take(field.parameters)
+def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
+    """The step in a field; constants: h, then alpha and the parameters of the potential. `conserves_J3`: the field keeps J3."""
+    torque, numbers = machine_code(field.torque), tuple_loader(field.parameters)
 
     @jit(inline=True)
     def kicked(J, k, t):
-        return J[0] + k * t[0], J[1] + k * t[1], J[2] if level else J[2] + k * t[2]
+        return J[0] + k * t[0], J[1] + k * t[1], J[2] if conserves_J3 else J[2] + k * t[2]
 
     @jit(inline=True)
     def step(s, c, tally):
@@ -107,8 +107,8 @@ def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 METHOD = Method(
     name="bobenko_suris", label="Bobenko–Suris", family="integrable", order=2,
-    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}, keeps={"E": energy}),
+    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}, conserves_own={"E": energy}),
     source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare_in_field,
     needs="force",
-    special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
+    kernels_for={"uniform": prepare},  # the general kernel costs 1.3 times as much there
 )  # fmt: skip

@@ -39,7 +39,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, machine_code, take
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.tape import Tape, with_slopes
@@ -154,10 +154,10 @@ def rule_in_field(field: Field) -> Program:
 
 
 @cache
-def kernel_in_field(field: Field, level: bool) -> Any:
-    """The step in a field; constants: the solver, h, alpha and the parameters. `level`: the field keeps J3."""
+def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
+    """The step in a field; constants: the solver, h, alpha and the parameters. `conserves_J3`: the field keeps J3."""
     rule, slopes = machine_code(rule_in_field(field)), machine_code(with_slopes(rule_in_field(field), 3))
-    numbers = take(1 + field.parameters)
+    numbers = tuple_loader(1 + field.parameters)
 
     @jit
     def step(s, c, tally):
@@ -199,7 +199,7 @@ def kernel_in_field(field: Field, level: bool) -> Any:
         u = u1, u2, u3
         p = 1.0 / (1.0 + scalar(u, u))
         z = turn(u, p, turn(u, p, (x1, x2, x3)))
-        return J1 + kick[0], J2 + kick[1], J3 if level else J3 + kick[2], z[0], z[1], z[2]
+        return J1 + kick[0], J2 + kick[1], J3 if conserves_J3 else J3 + kick[2], z[0], z[1], z[2]
 
     return step
 
@@ -236,5 +236,5 @@ METHOD = Method(
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
     prepare=prepare_in_field, needs="force",
-    special={"uniform": prepare},  # the general kernel costs 3.6 times as much there
+    kernels_for={"uniform": prepare},  # the general kernel costs 3.6 times as much there
 )  # fmt: skip

@@ -23,7 +23,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, machine_code, take
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.compiling.tape import Tape
@@ -86,7 +86,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters.
     """
     places, n = system.moving, system.size
-    numbered, numbers = tuple(enumerate(places)), take(system.parameters)
+    numbered, numbers = tuple(enumerate(places)), tuple_loader(system.parameters)
     count, (E5, AHEAD, D) = len(places), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:

@@ -255,7 +255,7 @@ def method(stages: int) -> Method:
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
         prepare=prepare_in_field, needs="rhs",
         # with a bound for unique solutions; the general kernel costs 1.3 to 1.7 times as much
-        special={"uniform": prepare},
+        kernels_for={"uniform": prepare},
     )  # fmt: skip
 
 

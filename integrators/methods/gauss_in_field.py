@@ -21,7 +21,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, machine_code, put, take
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_storer, tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -127,8 +127,8 @@ def formulas(system: System) -> tuple[Program, Program, Program, Program]:
         """|∂H/∂v| |v|, summed over the vectors: what is rounded off in a rate is a share of it."""
         g = system.slopes(tape, t, y, p)
         total = tape.constant(0.0)
-        for turning, vector in system.space.turning(g, y):
-            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in vector)).sqrt()
+        for omega, vector in system.space.rotations(g, y):
+            total = total + ((sum(v * v for v in omega)) * sum(v * v for v in vector)).sqrt()
         return [total]
 
     def some(places: tuple[int, ...]) -> Program:
@@ -145,8 +145,8 @@ def kernel(stages: int, system: System) -> Any:
     m, timed = S * U, system.timed
     NODES, MU, NU, AHEAD, NUMBERS = (BETAS + k for k in (S, 2 * S, 2 * S + S * S, 2 * S + 2 * S * S, 2 * S + 3 * S * S))
     rates_u, rates_e, slopes, terms = map(machine_code, formulas(system))
-    numbers, whole, keep = take(system.parameters), take(n), put(n)
-    keep_u, keep_e, keep_slopes = (put(max(count, 1)) for count in (U, E, U * U + 2 * U * E))
+    numbers, whole, keep = tuple_loader(system.parameters), tuple_loader(n), tuple_storer(n)
+    keep_u, keep_e, keep_slopes = (tuple_storer(max(count, 1)) for count in (U, E, U * U + 2 * U * E))
     ROW, LOW = U * U + 2 * U * E, loops.MEMORY + m
     K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = (max(count, 1) for count in (m, S * E, S * n, S * ROW, m * m))
     places_u, places_e = np.array(unknown or (0,)), np.array(eliminated or (0,))
@@ -157,7 +157,7 @@ def kernel(stages: int, system: System) -> Any:
         new = dict(zip((*unknown, *eliminated), (*u, *e), strict=True))
         return tuple(new.get(i, s[i]) for i in range(n))
 
-    get_u, get_e = take(U), take(E)
+    get_u, get_e = tuple_loader(U), tuple_loader(E)
 
     @jit
     def residual(s, c, tally, low, K, Y, L, R):

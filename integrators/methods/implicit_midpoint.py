@@ -196,5 +196,5 @@ METHOD = Method(
     prepare=prepare_in_field, needs="rhs",
     # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
     # costs 4.8 times as much there
-    special={"uniform": prepare},
+    kernels_for={"uniform": prepare},
 )  # fmt: skip

@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.tape import with_slopes
 from lagrange_bench.integrators.interface import Array, Claims, Method
@@ -83,9 +83,9 @@ def step(s, c, tally):
 
 
 @cache
-def kernel_in_field(field: Field, level: bool) -> Any:
-    """The step in a field; constants: h, then alpha and the parameters of the potential. `level`: the field keeps J3."""
-    slopes, numbers = machine_code(with_slopes(field.torque, 3)), take(field.parameters)
+def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
+    """The step in a field; constants: h, then alpha and the parameters of the potential. `conserves_J3`: the field keeps J3."""
+    slopes, numbers = machine_code(with_slopes(field.torque, 3)), tuple_loader(field.parameters)
 
     @jit(inline=True)
     def step(s, c, tally):
@@ -107,7 +107,14 @@ def kernel_in_field(field: Field, level: bool) -> Any:
         r, w = (2.0 * k) / det, cross(add(J, k, t), x)
         e1, e2, e3 = r * dot(p1, w), r * dot(p2, w), r * dot(p3, w)
         b = add(add(add(times(2.0, t), e1, m1), e2, m2), e3, m3)
-        return J[0] + k * b[0], J[1] + k * b[1], J[2] if level else J[2] + k * b[2], x[0] + e1, x[1] + e2, x[2] + e3
+        return (
+            J[0] + k * b[0],
+            J[1] + k * b[1],
+            J[2] if conserves_J3 else J[2] + k * b[2],
+            x[0] + e1,
+            x[1] + e2,
+            x[2] + e3,
+        )
 
     return step
 
@@ -153,8 +160,8 @@ def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 METHOD = Method(
     name="kahan", label="Kahan–Hirota–Kimura", family="integrable", order=2,
-    claims=Claims(symmetric=True, conserves={"J3"}, keeps={"e": e, "r0": r0, "kappa": kappa}),
+    claims=Claims(symmetric=True, conserves={"J3"}, conserves_own={"e": e, "r0": r0, "kappa": kappa}),
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
     prepare=prepare_in_field, needs="quadratic",
-    special={"uniform": prepare},  # the general kernel costs 1.3 times as much there
+    kernels_for={"uniform": prepare},  # the general kernel costs 1.3 times as much there
 )  # fmt: skip

@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, take
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -212,7 +212,7 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
 def kernel(name: str, system: System) -> Any:
     """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
     split, timed, space = generator_of(system), system.timed, system.space
-    program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
+    program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
     mean, commutator, plus = algebra(space)
     n = len(split.moving.outputs)
     act = turn_from_right if system.body else turn_from_left

@@ -32,7 +32,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, put, take
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_storer, tuple_loader
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -104,7 +104,7 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
     `compensated`: s + (d + what the last sum lost); what this one loses, exactly, is kept.
     """
     count = len(moving)
-    get, keep = take(count), put(max(count, 1))
+    get, keep = tuple_loader(count), tuple_storer(max(count, 1))
 
     @unrolled
     def plain(s, d, tally):
@@ -137,7 +137,7 @@ def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Calla
 @cache
 def stepping(name: str, split: Split, system: System, compensated: bool = False) -> Callable[..., Any]:
     """The step of an explicit method for any system, from what it adds to the state. name : different for each `split`."""
-    increment, constants, timed = machine_code(split.moving), take(len(split.fixed.outputs)), system.timed
+    increment, constants, timed = machine_code(split.moving), tuple_loader(len(split.fixed.outputs)), system.timed
     finish = adding(system.size, system.moving, compensated)
 
     @jit
@@ -225,12 +225,12 @@ IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of t
 
 
 @cache
-def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`projected` for any field, and (s, c) → what it makes up for. J3 of a `level` field stays.
+def projected_in_field(field: Field, conserves_J3: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """`projected` for any field, and (s, c) → what it makes up for. J3 of a `conserves_J3` field stays.
 
     `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
     """
-    potential, gradient, numbers = field.potential, field.gradient, take(field.parameters)
+    potential, gradient, numbers = field.potential, field.gradient, tuple_loader(field.parameters)
     moved = adding(6, tuple(range(6)), False)
 
     @unrolled
@@ -248,7 +248,7 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
 
         def moving(v, w):
             plane = v[0] * w[0] + v[1] * w[1]
-            return plane if level else plane + v[2] * w[2]
+            return plane if conserves_J3 else plane + v[2] * w[2]
 
         a11, a13, a33 = moving(J, J) + dot(g, g), moving(J, x) + dot(g, J), moving(x, x) + dot(J, J)
         return a11, dot(g, x), a13, dot(x, x), dot(x, J), a33
@@ -256,7 +256,7 @@ def projected_in_field(field: Field, level: bool) -> tuple[Callable[..., Any], C
     @unrolled
     def correction(J, x, g, l1, l2, l3, per_rate, per_length):
         rows = [(l1 * a + l3 * b) / per_rate for a, b in zip(J, x, strict=True)]
-        if level:
+        if conserves_J3:
             rows[2] = 0.0
         return *rows, *((l1 * a + (l2 * b + l3 * j)) / per_length for a, b, j in zip(g, x, J, strict=True))
 
@@ -372,5 +372,5 @@ PROJECTED = replace(
     NINTH, name=PROJECTING, label="Verner 9, projected", claims=Claims(conserves={"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
     prepare=prepare_projected_in_field, needs="force",
-    special={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
+    kernels_for={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
 )  # fmt: skip

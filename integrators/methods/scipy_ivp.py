@@ -22,7 +22,7 @@ import numpy as np
 import scipy.integrate
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
@@ -33,7 +33,7 @@ from lagrange_bench.integrators.problem.system import System
 @cache
 def right_hand_side(system: System) -> Callable[..., Any]:
     """(c, t, y) → y' of any system; `c`: the time at the start, then the parameters."""
-    state, numbers = take(system.size), take(system.parameters)
+    state, numbers = tuple_loader(system.size), tuple_loader(system.parameters)
 
     @unrolled
     def rates(t, y, q):

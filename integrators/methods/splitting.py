@@ -45,7 +45,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
-from lagrange_bench.integrators.compiling.expression import machine_code, put, take
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -235,7 +235,7 @@ def push_of(gradients: int) -> Any:
 @cache
 def torques(field: Field, gradients: int) -> Any:
     """(x, q, weights) → the sum of the torque of a field and of so many of its gradients, each times its weight."""
-    programs = (field.torque, field.twist, field.second_twist)[: gradients + 1]
+    programs = (field.torque, field.commutator_torque, field.second_commutator_torque)[: gradients + 1]
 
     @unrolled
     def total(x, q, weights):
@@ -250,7 +250,7 @@ def torques(field: Field, gradients: int) -> Any:
 @cache
 def push_in_field(field: Field, gradients: int) -> Any:
     """As `push_of`; alpha and the parameters of the potential follow the four constants of each group."""
-    total, numbers = torques(field, gradients), take(field.parameters)
+    total, numbers = torques(field, gradients), tuple_loader(field.parameters)
 
     @jit(inline=True)
     def push(x, c, i):
@@ -260,9 +260,9 @@ def push_in_field(field: Field, gradients: int) -> Any:
 
 
 @cache
-def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool) -> Any:
-    """One step: rotation and kick for each group of `stride` constants. `level`: the field keeps J3."""
-    kept, keep = take(5), put(5)
+def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: bool) -> Any:
+    """One step: rotation and kick for each group of `stride` constants. `conserves_J3`: the field keeps J3."""
+    kept, keep = tuple_loader(5), tuple_storer(5)
 
     @jit(inline=True)
     def step(s, c, tally):
@@ -270,7 +270,7 @@ def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool) ->
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
         if compensated:
             k1, k2, l1, l2, l3 = kept(tally, MEMORY)
-            if not level:
+            if not conserves_J3:
                 k3 = tally[MEMORY + 5]
         for i in range(0, len(c), stride):
             done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated)
@@ -280,11 +280,11 @@ def kernel(push: Any, name: str, stride: int, level: bool, compensated: bool) ->
             p1, p2, p3 = push((x1, x2, x3), c, i)
             J1, k1 = add(J1, k1, p1, compensated)
             J2, k2 = add(J2, k2, p2, compensated)
-            if not level:
+            if not conserves_J3:
                 J3, k3 = add(J3, k3, p3, compensated)
         if compensated:
             keep(tally, MEMORY, (k1, k2, l1, l2, l3))
-            if not level:
+            if not conserves_J3:
                 tally[MEMORY + 5] = k3
         return J1, J2, J3, x1, x2, x3
 
@@ -318,7 +318,7 @@ def process(s, g):
 @cache
 def map_over(step: Any, processed: bool) -> Any:
     """Of each row, in place: one rotation and one kick; if `processed`, with the flow of [A,B] before and after them."""
-    get, write = take(6), put(6)
+    get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
     def run(rows, before, flow, after, tally):
@@ -380,7 +380,7 @@ def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bo
     `compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call.
     """
     scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
-    force = top.single() * h  # the size of a kick; its gradients come with factors alpha h²
+    force = top.require_single() * h  # the size of a kick; its gradients come with factors alpha h²
     scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
     step, processor = KERNELS[carried][bool(scheme.c) + bool(scheme.d)], 0.5 * scheme.processor * force * h
     if FARTHEST < abs(processor) * math.hypot(*y0[3:]) < math.inf:
@@ -478,7 +478,7 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
 
     def flow_of(number: int) -> Any:
         split = parts[number].flow
-        program, numbers = machine_code(split.moving), take(len(split.fixed.outputs))
+        program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
         skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
         others = flow_of(number + 1) if number + 1 < len(parts) else None
 
@@ -517,17 +517,17 @@ def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
     needs = "force" if scheme.c or scheme.d else "kinetic" if scheme.nystrom else "parts"
     # conjugate to the step by the last flow; the general kernels cost 1.05 to 1.1 times as much in a uniform field
-    special = {"uniform": partial(prepare, name)}
+    kernels_for = {"uniform": partial(prepare, name)}
     general = Method(
         name=name, label=label, family="splitting", order=scheme.order,
         claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
         source=scheme.source, prepare=partial(prepare_in_field, name),
-        needs=needs, special=special,
+        needs=needs, kernels_for=kernels_for,
     )  # fmt: skip
     if not scheme.processor:
         return general
     # the processor is known in closed form in a uniform field only
-    return replace(general, prepare=special["uniform"], needs="uniform", special={})
+    return replace(general, prepare=kernels_for["uniform"], needs="uniform", kernels_for={})
 
 
 STRANG = _record("strang", "Strang")

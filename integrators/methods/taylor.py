@@ -39,7 +39,7 @@ FAR = 10  # powers of two: the tolerance is relative to the largest number of a 
 INTERRUPTIBLE = 1 << 20  # steps in one call of heyoka, at most: it does not see Ctrl-C
 
 
-class Form(NamedTuple):
+class Equations(NamedTuple):
     """What equations depend on, besides numbers: the system, and whether rates and lengths have units.
 
     Then these units are two more numbers, in front of the others.
@@ -49,7 +49,7 @@ class Form(NamedTuple):
     units: bool = False
 
 
-def equations(form: Form | None = None) -> list[Any]:
+def equations(own: Equations | None = None) -> list[Any]:
     """The equations of motion in heyoka's symbols; parameters are its runtime parameters, the time at the start the last one.
 
     By default those of the Lagrange top.
@@ -57,7 +57,7 @@ def equations(form: Form | None = None) -> list[Any]:
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    system, units = form or Form(uniform_system())
+    system, units = own or Equations(uniform_system())
     first, count = 2 * units, system.parameters
     names = ("J1", "J2", "J3", "x1", "x2", "x3") if system.size == 6 else [f"y{i}" for i in range(system.size)]
     y = hy.make_vars(*names)
@@ -77,11 +77,13 @@ def set_numbers(ta: Any, numbers: Any) -> None:
 
 
 @lru_cache(maxsize=64)
-def compile_integrator(tol: float, high_accuracy: bool, compact_mode: bool = False, form: Form | None = None) -> Any:
+def compile_integrator(
+    tol: float, high_accuracy: bool, compact_mode: bool = False, own: Equations | None = None
+) -> Any:
     """heyoka's integrator for one tolerance. It has a state: see `integrator_here`."""
     import heyoka as hy
 
-    system = equations(form)
+    system = equations(own)
     return hy.taylor_adaptive(
         system, [1.0] * len(system), tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
     )
@@ -123,7 +125,7 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
 def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
     """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
     tol = check_tolerance(tol)
-    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Form(top.system)
+    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Equations(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
@@ -139,8 +141,8 @@ def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, hig
     def in_units(units: Units) -> tuple[Any, Any]:
         if "uniform" in top.offers:
             return key, (units.alpha,)
-        form = Form(top.system, units=True)
-        return (*key[:3], form), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
+        own = Equations(top.system, units=True)
+        return (*key[:3], own), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
 
     def follow(y: Array, grid: Array, work: Work, key: Any, numbers: Any) -> Array:
         ta = integrator_here(*key)  # of the thread that runs

@@ -35,7 +35,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
-from lagrange_bench.integrators.compiling.expression import put, take
+from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
@@ -69,7 +69,7 @@ WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference t
 UPRIGHT = 1e-40
 TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
 ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
-state_of, put_state = take(6), put(6)
+state_of, put_state = tuple_loader(6), tuple_storer(6)
 
 
 @jit
@@ -607,5 +607,5 @@ METHOD = Method(
     name=NAME, label="Theta functions", family="closed-form", order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    evaluate=evaluate, special={"symmetric": prepare_body, "free": free_body.prepare},
+    evaluate=evaluate, kernels_for={"symmetric": prepare_body, "free": free_body.prepare},
 )  # fmt: skip

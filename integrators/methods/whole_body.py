@@ -33,7 +33,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
@@ -50,7 +50,7 @@ NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-vector = take(3)
+vector = tuple_loader(3)
 
 
 @jit

@@ -164,12 +164,12 @@ class Field:
         return self._made(lambda tape, x, g: cross(g, x))
 
     @cached_property
-    def twist(self) -> Program:
+    def commutator_torque(self) -> Program:
         """The torque of W = |x × g|², which the commutator [B,[A,B]] of kick and rotation amounts to."""
         return self._made(lambda tape, x, g: cross(_twist(tape, x, g)[1], x))
 
     @cached_property
-    def second_twist(self) -> Program:
+    def second_commutator_torque(self) -> Program:
         """The torque of ∇W·(N × x), N = x × g, which [B,[B,[A,[A,B]]]] amounts to."""
 
         def outputs(tape: Tape, x: Vector, g: Vector) -> Vector:

@@ -106,7 +106,7 @@ class Part:
     def _square(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         """∂H/∂J = 2 w J: 2 w is the second derivative by any component, here a quotient of sums of squares."""
         J, x = y[:3], y[3:]
-        change = swing(J, x, span * (dot(g[:3], J) / (dot(J, J) + TINY)))
+        change = rotation_change(J, x, span * (dot(g[:3], J) / (dot(J, J) + TINY)))
         return [*J, *(v + d for v, d in zip(x, change, strict=True))]
 
     def _pair(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
@@ -114,7 +114,7 @@ class Part:
         new, (j, k) = list(y), self.key[1:]
         s, r = y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]
         strength = dot(g[3 * j : 3 * j + 3], r) / (dot(r, r) + TINY)
-        change = swing([a + b for a, b in zip(s, r, strict=True)], s, span * strength)
+        change = rotation_change([a + b for a, b in zip(s, r, strict=True)], s, span * strength)
         for i, d in enumerate(change):
             new[3 * j + i], new[3 * k + i] = s[i] + d, r[i] - d
         return new
@@ -141,7 +141,7 @@ def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
     return [v - lack * v for v in new]
 
 
-def swing(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
+def rotation_change(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
     """By how much v changes when it turns about a vector by `rate` times its length."""
     square = dot(axis, axis)
     size = sqrt(square)

@@ -109,7 +109,7 @@ class PerturbedTop(Top):
         return frozenset({*always, *(name for name, offered in kinds.items() if offered)})
 
     @property
-    def level(self) -> bool:
+    def conserves_J3(self) -> bool:
         """Whether it keeps J3."""
         return "J3" in self.conserved
 

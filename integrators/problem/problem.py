@@ -25,7 +25,7 @@ from lagrange_bench.integrators.compiling.tape import Tape, record_own
 from lagrange_bench.integrators.problem.as_top import as_top, is_top
 from lagrange_bench.integrators.problem.parts import Part, closed_flows, taken_apart
 from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, remainder
-from lagrange_bench.integrators.problem.system import Dynamics, System, find_space, invariants_of, make_system
+from lagrange_bench.integrators.problem.system import HasSystem, System, find_space, invariants_of, make_system
 
 COLUMNS = frozenset(  # of tables that have a column for each invariant, too
     ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
@@ -34,7 +34,7 @@ COLUMNS = frozenset(  # of tables that have a column for each invariant, too
 Formula = Callable[..., Any]
 
 
-class Problem(Dynamics):
+class Problem(HasSystem):
     """A Hamiltonian system on "e3", "so3", n spins, or of a whole "body". Picklable, hashable.
 
     Parameters
@@ -93,7 +93,7 @@ class Problem(Dynamics):
         self.system = make_system(self.space, energy, body=frame == "body")
         shown = [program.outputs[0] for word, program in self.given.items() if self._change_of(word, program) == 0.0]
         kept = frozenset(place - 1 for place in shown if self._is_component(place))
-        self.system = dataclasses.replace(self.system, kept=kept)
+        self.system = dataclasses.replace(self.system, constant=kept)
         if self.posed:
             self._check_parts()
 
@@ -144,7 +144,7 @@ class Problem(Dynamics):
     def _identity(self) -> tuple[Any, ...]:
         return self.system, self.numbers, self.start, self.extra, self.posed
 
-    def starting(self, t: float) -> Problem:
+    def starting_at(self, t: float) -> Problem:
         """The same problem with another time at the initial state; times of a trajectory are counted from there."""
         other = object.__new__(Problem)
         other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
@@ -183,9 +183,9 @@ class Problem(Dynamics):
         return as_top(self.name, self.parts, self.numbers, self.start if self.timed else None)
 
     @property
-    def level(self) -> bool:
+    def conserves_J3(self) -> bool:
         """Of a problem that offers "top": whether it keeps J3, at all times."""
-        return 2 in self.system.kept if self.timed else self.as_top.level
+        return 2 in self.system.constant if self.timed else self.as_top.conserves_J3
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
@@ -215,7 +215,7 @@ class Problem(Dynamics):
 
         To J of e3 what the force turns it by in the time scale of the motion is added.
         """
-        vectors = [vector for _, vector in self.space.turning(np.zeros(self.space.size), np.asarray(y, dtype=float))]
+        vectors = [vector for _, vector in self.space.rotations(np.zeros(self.space.size), np.asarray(y, dtype=float))]
         lengths = np.array([np.linalg.norm(vector[None], axis=1)[0] for vector in vectors])
         if self.space.affine:
             force = self._values(self.system.gradient, y, 0.0)[3:]
@@ -232,7 +232,7 @@ class Problem(Dynamics):
         1/time is the rate at which vectors turn, and the largest one in the linearised motion.
         """
         sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
-        omegas = np.array([omega for omega, _ in self.space.turning(slopes, sizes)])
+        omegas = np.array([omega for omega, _ in self.space.rotations(slopes, sizes)])
         fastest = np.max(np.abs(np.linalg.eigvals(self.jacobian(y))))
         rate = float(max(np.max(np.linalg.norm(omegas, axis=1)), fastest))
         momenta, x = float(np.max(sizes[self.space.momenta])), float(sizes[-1]) if self.space.affine else 1.0
@@ -242,7 +242,7 @@ class Problem(Dynamics):
         """Sizes of the terms in `names` at one state: what relative drift and ulps refer to."""
         return np.maximum(np.abs(self.gradients(y)) @ self.sizes(y), np.abs(self.invariants(y)))
 
-    def kept_by(self, method: Any) -> frozenset[str]:
+    def conserved_by(self, method: Any) -> frozenset[str]:
         """Those of `names` that a method keeps at round-off, by its claims for a top in any field.
 
         C1 and C2 stand for the Casimir functions, J3 for components that stay, H of a quadratic field for all quadratic

@@ -115,7 +115,7 @@ class RigidBody(Problem):
         tape = Tape()
         y, p = [tape.input() for _ in range(8)][1:], [tape.input() for _ in numbers]
         differing = [p[1 + i] * y[4 + i] if differences[i] else tape.constant(0.0) for i in range(3)]
-        self.system = replace(self.system, turning=tape.program(differing))
+        self.system = replace(self.system, relative_omega=tape.program(differing))
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"

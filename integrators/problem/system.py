@@ -51,7 +51,7 @@ class Space:
         """Where the momenta are, of several spins the first."""
         return slice(0, 3)
 
-    def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
+    def rotations(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
         """The vectors of y, each with the angular velocity at which it turns if g is ∇H."""
         return [(g[:3] if self.affine else g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
 
@@ -86,7 +86,7 @@ class BodySpace(Space):
     def momenta(self) -> slice:
         return slice(4, 7)
 
-    def turning(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
+    def rotations(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
         return [(g[4:], y[:4]), (g[4:], y[4:])]
 
     def flow(
@@ -123,8 +123,8 @@ def find_space(space: Any) -> Space:
 class System:
     """H(t, y, p) on a space, recorded; inputs of all programs are t, the numbers of y, those of p.
 
-    gradient : ∂H/∂y, if it is not to be derived. kept : components of y that the motion keeps, as `symmetry` shows: their
-    rates are 0, not round-off. body : the bracket is that of the body's frame. turning : of a whole body ∂H/∂L but for a
+    gradient : ∂H/∂y, if it is not to be derived. constant : components of y that the motion keeps, as `symmetry` shows: their
+    rates are 0, not round-off. body : the bracket is that of the body's frame. relative_omega : of a whole body ∂H/∂L minus a
     multiple of L, from (t, y, p): it alone turns L.
     """
 
@@ -132,8 +132,8 @@ class System:
     energy: Program
     gradient: Program
     body: bool = False
-    kept: frozenset[int] = frozenset()
-    turning: Program | None = None
+    constant: frozenset[int] = frozenset()
+    relative_omega: Program | None = None
 
     @cached_property
     def digest(self) -> str:
@@ -143,9 +143,9 @@ class System:
             self.energy.digest,
             self.gradient.digest,
             self.body,
-            sorted(self.kept),
+            sorted(self.constant),
         )
-        words += (self.turning.digest,) if self.turning else ()
+        words += (self.relative_omega.digest,) if self.relative_omega else ()
         return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
 
     def __hash__(self) -> int:
@@ -178,9 +178,9 @@ class System:
             plain = map(tape.constant, product(a, b))
             return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
 
-        more = {"relative": tape.run(self.turning, t, *y, *p)} if self.turning else {}
+        more = {"relative": tape.run(self.relative_omega, t, *y, *p)} if self.relative_omega else {}
         rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h, **more))
-        return tuple(tape.constant(0.0) if i in self.kept else rate for i, rate in enumerate(rates))
+        return tuple(tape.constant(0.0) if i in self.constant else rate for i, rate in enumerate(rates))
 
     def record(self, formula: Callable[..., Iterable[Any]]) -> Program:
         """The program of `formula(tape, t, y, p)`."""
@@ -228,7 +228,7 @@ class System:
         return not self.energy.corners(1 + self.size)
 
 
-class Dynamics:
+class HasSystem:
     """What every kind of problem says of itself by its formulas; states are arrays (..., n), times count from the start.
 
     A kind has a `system`, its parameters as `arguments`, and `names` of its invariants, of which `extra` are formulas.
@@ -255,7 +255,7 @@ class Dynamics:
         """What is evaluated."""
         return self.system
 
-    def single(self) -> Any:
+    def require_single(self) -> Any:
         """ValueError if a parameter is an array with a number for each of many motions."""
 
     def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
@@ -264,7 +264,7 @@ class Dynamics:
 
     def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Derivative of `rhs`, shape (n, n), at one state (n,)."""
-        self.single()
+        self.require_single()
         n = self.formulas.size
         return self._values(self.formulas.jacobian, y, t).reshape(n, n).T
 
@@ -279,7 +279,7 @@ class Dynamics:
 
     def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Gradients of `names` as rows, at one state (n,)."""
-        self.single()
+        self.require_single()
         slopes = slopes_of(self.formulas, self.names, self.extra)
         return self._values(slopes, y, t).reshape(len(self.names), self.formulas.size)
 
@@ -287,7 +287,7 @@ class Dynamics:
     def vectors(self) -> tuple[int, ...]:
         """How many numbers each vector of a state has."""
         zeros = [0.0] * self.formulas.size
-        return tuple(len(vector) for _, vector in self.formulas.space.turning(zeros, zeros))
+        return tuple(len(vector) for _, vector in self.formulas.space.rotations(zeros, zeros))
 
     def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
         states, n = np.asarray(y, dtype=float), self.formulas.size
@@ -335,24 +335,24 @@ def depends(program: Program, inputs: Iterable[int]) -> bool:
     return bool(reached.intersection(o for o in program.outputs if isinstance(o, int)))
 
 
-def make_system(space: Space, energy: Program, *, body: bool = False, kept: Iterable[int] = ()) -> System:
+def make_system(space: Space, energy: Program, *, body: bool = False, constant: Iterable[int] = ()) -> System:
     """The system of H(t, y, p), with its derived gradient."""
     tape = Tape()
     inputs = [tape.input() for _ in range(energy.inputs)]
     gradient = tape.gradient(tape.run(energy, *inputs)[0], inputs[1 : 1 + space.size])
-    return System(space, energy, tape.program(gradient), body, frozenset(kept))
+    return System(space, energy, tape.program(gradient), body, frozenset(constant))
 
 
 @lru_cache(maxsize=256)
-def top_system(potential: Program, gradient: Program, level: bool) -> System:
-    """|J|²/2 + U(x) on e3, of programs U and ∇U of (x, p); `level`: the motion keeps J3."""
+def top_system(potential: Program, gradient: Program, conserves_J3: bool) -> System:
+    """|J|²/2 + U(x) on e3, of programs U and ∇U of (x, p); `conserves_J3`: the motion keeps J3."""
     tape = Tape()
     tape.input()
     J, x = (tuple(tape.input() for _ in range(3)) for _ in range(2))
     p = [tape.input() for _ in range(potential.inputs - 3)]
     energy = tape.program((dot(J, J) / 2.0 + tape.run(potential, *x, *p)[0],))
     slopes = tape.program((*J, *tape.run(gradient, *x, *p)))
-    return System(E3, energy, slopes, kept=frozenset({2} if level else ()))
+    return System(E3, energy, slopes, constant=frozenset({2} if conserves_J3 else ()))
 
 
 @cache
@@ -360,4 +360,4 @@ def uniform_system() -> System:
     """|J|²/2 + alpha x3, the Lagrange top."""
     tape = Tape()
     x, alpha = [tape.input() for _ in range(3)], tape.input()
-    return top_system(tape.program((alpha * x[2],)), tape.program((0.0, 0.0, alpha)), level=True)
+    return top_system(tape.program((alpha * x[2],)), tape.program((0.0, 0.0, alpha)), conserves_J3=True)

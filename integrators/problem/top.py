@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
-from lagrange_bench.integrators.problem.system import E3, Dynamics, System, uniform_system
+from lagrange_bench.integrators.problem.system import E3, HasSystem, System, uniform_system
 from lagrange_bench.support.words import suggestion
 
 
-class Top(Dynamics):
+class Top(HasSystem):
     """A top in a field: H = |J|²/2 + U(x) on e3."""
 
     space = E3
@@ -48,7 +48,7 @@ class Top(Dynamics):
         """Itself, as of a `Problem`."""
         return self
 
-    def single(self) -> float:
+    def require_single(self) -> float:
         """alpha; ValueError if there are many tops."""
         return float(self.numbers[0])
 
@@ -64,7 +64,7 @@ class Top(Dynamics):
         """A state as a fresh array (6,). ValueError: it is none."""
         return check_state(y, name)
 
-    def kept_by(self, method: Any) -> frozenset[str]:
+    def conserved_by(self, method: Any) -> frozenset[str]:
         """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
         quadratic = method.claims.conserves_if_quadratic if "quadratic" in self.offers else frozenset()
         return (method.claims.conserves | quadratic) & self.conserved
@@ -127,7 +127,7 @@ class LagrangeTop(Top):
         """
         numbers = np.asarray(y, dtype=float).tolist()
         size = math.hypot(*numbers[3:])
-        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.single())) * math.sqrt(size)
+        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def invariant_scales(self, y: ArrayLike) -> Array:

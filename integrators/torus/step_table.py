@@ -25,7 +25,7 @@ GRIDS = (6, 14)  # nodes along each side; the second is tried if the first does 
 
 
 @cache
-def look_up(degree: int, level: bool) -> Any:
+def look_up(degree: int, conserves_J3: bool) -> Any:
     """A kernel (c, first, u, v) → the four functions of a table at (u, v) in [−1, 1]².
 
     The coefficients of u^i v^j fall in i, then in j; those of the four functions stand side by side.
@@ -38,7 +38,7 @@ def look_up(degree: int, level: bool) -> Any:
         for i in range(degree, -1, -1):
             d, e, f, g = c[place], c[place + 1], c[place + 2], c[place + 3]
             place += 4
-            if not level:
+            if not conserves_J3:
                 for _ in range(degree - i):
                     d, e, f, g = d * v + c[place], e * v + c[place + 1], f * v + c[place + 2], g * v + c[place + 3]
                     place += 4
@@ -48,9 +48,9 @@ def look_up(degree: int, level: bool) -> Any:
     return look
 
 
-def table_size(degree: int, level: bool) -> int:
+def table_size(degree: int, conserves_J3: bool) -> int:
     """How many numbers a table has."""
-    return 4 * (degree + 1) * (1 if level else degree + 2) // (1 if level else 2) if degree else 0
+    return 4 * (degree + 1) * (1 if conserves_J3 else degree + 2) // (1 if conserves_J3 else 2) if degree else 0
 
 
 @cache
@@ -123,29 +123,30 @@ at_first_tabulate = at_first_interpreted(tabulate)
 
 
 @cache
-def order_of(degree: int, level: bool) -> tuple[Array, Array]:
+def order_of(degree: int, conserves_J3: bool) -> tuple[Array, Array]:
     """The powers of u and v, in the order of `look_up`."""
-    order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if level else degree - i, -1, -1)]
+    order = [(i, j) for i in range(degree, -1, -1) for j in range(0 if conserves_J3 else degree - i, -1, -1)]
     rows, columns = np.array(order).T
     return rows, columns
 
 
-def tables(top: Array, box: Array, times: tuple[float, ...], level: bool) -> tuple[int, list[Array]]:
+def tables(top: Array, box: Array, times: tuple[float, ...], conserves_J3: bool) -> tuple[int, list[Array]]:
     """The degree, and for each time the coefficients in the order of `look_up`. The degree is 0 if a time has no table.
 
-    top : alpha, C1, C2. box : the middle of 2H, the reciprocal of half its width, and the same for J3. level : J3 is constant.
+    top : alpha, C1, C2. box : the middle of 2H, the reciprocal of half its width, and the same for J3.
+    conserves_J3 : is J3 constant?
     """
     size = max(*GRIDS, DEGREES[-1] + 1)
     for n in GRIDS:
-        coefficients, degree = np.zeros((len(times), 4, size, 1 if level else size)), 0
+        coefficients, degree = np.zeros((len(times), 4, size, 1 if conserves_J3 else size)), 0
         for k, h in enumerate(times):
             along = chebyshev(n)
-            least = at_first_tabulate(top, box, h, along, LEVEL if level else along, coefficients[k, :, :n, :n])
+            least = at_first_tabulate(top, box, h, along, LEVEL if conserves_J3 else along, coefficients[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)
         else:
             degree = next(d for d in DEGREES if d >= degree)
-            rows, columns = order_of(degree, level)
+            rows, columns = order_of(degree, conserves_J3)
             return degree, [of_time[:, rows, columns].T.ravel() for of_time in coefficients]
     return 0, []

@@ -79,7 +79,7 @@ def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
     shows whether the two rational functions are the same.
     """
     if isinstance(problem, LagrangeTop):
-        return Fraction(problem.single()), Fraction(0)
+        return Fraction(problem.require_single()), Fraction(0)
     top = None if getattr(problem, "timed", True) else getattr(problem, "as_top", None)
     if top is None or not {operation for operation, *_ in top.field.potential.lines} <= RATIONAL:
         return None
@@ -114,7 +114,7 @@ def _alpha_of(top: LagrangeTop) -> float:
     """The alpha of a single LagrangeTop; else ValueError."""
     if not isinstance(top, LagrangeTop):
         raise _refusal("a LagrangeTop, in a uniform field", top)
-    return top.single()
+    return top.require_single()
 
 
 def after_steps(top: Any, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:

@@ -30,7 +30,9 @@ def kinds():
     """A method of every kind the experiments tell apart: family, engine, control. The contract tests see the others."""
     there = {name: method for name, method in FOR_TOPS.items() if available(method)}
     return set(
-        {(m.family, m.engine, m.control, bool(m.claims.keeps)): name for name, m in reversed(there.items())}.values()
+        {
+            (m.family, m.engine, m.control, bool(m.claims.conserves_own)): name for name, m in reversed(there.items())
+        }.values()
     )
 
 

@@ -265,7 +265,7 @@ def in_fields(bend=lambda y, h: y, order=2, **more):
     """Strang's splitting, right in a uniform field, bent in others."""
     claims = Claims(symmetric=True, poisson=True, conserves={*CLAIMED}, **more)
     prepare = partial(Bent, "strang", bend)
-    return replace(METHODS["strang"], needs="force", claims=claims, special={}, order=order, prepare=prepare)
+    return replace(METHODS["strang"], needs="force", claims=claims, kernels_for={}, order=order, prepare=prepare)
 
 
 FIRST_ORDER = in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]])

@@ -29,7 +29,7 @@ def test_a_run_on_any_problem_has_its_error_and_its_invariants(state):
     true = integrate(problem, y0, t=[32.0 * unit], method="taylor").y[0]
     run = integrate(problem, y0, h=0.5 * unit, steps=64, method="rk4")
     moved = np.abs(run.invariants() - run.invariants()[0]) / problem.invariant_scales(y0)
-    keeps = [name in METHODS["rk4"].kept(problem) for name in problem.names]
+    keeps = [name in METHODS["rk4"].conserves_on(problem) for name in problem.names]
     error = np.max(np.abs(run.y[-1].ravel() - true.ravel()) / problem.sizes(y0))
     assert error / 2 < row["error"] < 2 * error  # components here, vectors there
     assert row["others"] <= np.max(moved[:, ~np.array(keeps)]) * (1 + 1e-4)

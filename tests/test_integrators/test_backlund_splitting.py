@@ -376,7 +376,7 @@ def test_a_frequency_that_grows_is_seen_at_the_end():
     problem = Problem("swept", "e3", swept, (1e-4, 0.1))
     assert not warned(problem, START, 10.0, 40)[1]
     assert warned(problem, START, 60.0, 240)[1]
-    assert warned(problem.starting(50.0), START, 10.0, 40)[1]
+    assert warned(problem.starting_at(50.0), START, 10.0, 40)[1]
     end = chosen(problem, START, t=[3.0, 60.0], tol=1e-8).y[1]
     assert metrics.scaled_error(problem, START, end, integrate(problem, START, t=[60.0], method="taylor").y[0]) < 1e-8
 

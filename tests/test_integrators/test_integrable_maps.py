@@ -106,7 +106,7 @@ def test_a_step_is_the_map(name):
             z = MAPS[name](*exactly).astype(float)
             assert metrics.scaled_error(top, y0, y, z) < 16 * EPS, (state, span)
             kept = KEPT[name](*exactly)
-            for quantity, function in METHODS[name].claims.keeps.items():
+            for quantity, function in METHODS[name].claims.conserves_own.items():
                 values, size = function(top, h, y0[None])
                 value = float(kept.get(quantity, kept.get("H")))
                 assert abs(values[0] - value) < 8 * EPS * size

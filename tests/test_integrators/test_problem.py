@@ -57,7 +57,7 @@ HAMILTONIANS = {  # formula, parameters, frame
 PROBLEMS = {
     **{name: Problem(name, space, H, p, frame=frame) for name, (H, space, p, frame) in HAMILTONIANS.items()},
     "free": free_body(1, 2, 3),
-    "vibrating": vibrating_pivot(1.0, 0.3, 2.0).starting(0.4),
+    "vibrating": vibrating_pivot(1.0, 0.3, 2.0).starting_at(0.4),
     "whole": RigidBody(1.0, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0), (0.6, 0.0, -0.8)),
     "round": RigidBody(1.0, (0.0, 0.5, 0.0), (1.0, 0.7, 1.0), (0.0, 0.0, -0.8)),
 }
@@ -148,7 +148,7 @@ def measured(name, problem):
             break
         errors[n] = error
     drift = np.abs(path.invariants() - path.invariants()[0]) / posed.invariant_scales(y0)
-    kept = [posed.names.index(word) for word in method.kept(posed)]
+    kept = [posed.names.index(word) for word in method.conserves_on(posed)]
     return list(errors.items()), float(np.max(drift[:, kept], initial=0.0) / EPS)
 
 
@@ -156,7 +156,7 @@ def test_another_start_is_that_of_the_top_in_a_potential_too():
     """It may have been asked for its form as a top before."""
     problem = Problem("mine", "e3", lambda t, y, p: y[:3] @ y[:3] / 2 + y[5] + (1 + sin(t)) * y[3] ** 2)
     assert problem.as_top.parameters == (0.0,)
-    assert problem.starting(2.0).as_top.parameters == (2.0,)
+    assert problem.starting_at(2.0).as_top.parameters == (2.0,)
 
 
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")  # too long a step overflows
@@ -236,7 +236,7 @@ def driven(t, y, p):
     return y[:3] @ y[:3] / 2.0 + weight * y[5] + p[0] * cos(0.7 * t) * (y[3] * y[3] - 0.5 * y[4] * y[5])
 
 
-DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting(1.3)
+DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting_at(1.3)
 
 
 SCHEMES = [
@@ -275,7 +275,7 @@ SAME = PerturbedTop(LagrangeTop(1.3), Potential("mine", lambda a, b, c, p: p[0] 
 def test_a_problem_posed_by_hand_is_followed_as_a_top_in_a_potential(name):
     method = METHODS[name]
     assert method.takes(FIELD) is None
-    assert method.kept(FIELD) == method.kept(SAME)
+    assert method.conserves_on(FIELD) == method.conserves_on(SAME)
     rows = [integrate(top, Y0, h=0.1, steps=20, every=5, method=name).y for top in (FIELD, SAME)]
     np.testing.assert_array_equal(*rows)
 
@@ -296,7 +296,7 @@ def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
     def missed(eccentricity):
         tide = orbiting_tide(2.0, eccentricity, 1.5)
         times = np.linspace(0.0, 4.0, 33)
-        energies = [tide.starting(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
+        energies = [tide.starting_at(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
         return max(abs(H - 2.0 * on_an_orbit(eccentricity, 1.5 * t, x)) for t, H in zip(times, energies, strict=True))
 
     assert missed(0.0) < 1e-14

@@ -50,9 +50,9 @@ def exponent(errors):
 def test_errors_walk_at_random(name, n, span, options):
     """Over 10⁷ steps the exponents are 0.3 … 0.67. What a motion of space does not keep drifts in proportion to time."""
     method = METHODS[name]
-    errors = drifts(partial(in_uniform_fields(method).prepare, **options), n, span, method.claims.keeps)
-    kept = {*method.kept(LagrangeTop()), *method.claims.keeps} - {"J3"}
-    if "J3" in method.kept(LagrangeTop()):
+    errors = drifts(partial(in_uniform_fields(method).prepare, **options), n, span, method.claims.conserves_own)
+    kept = {*method.conserves_on(LagrangeTop()), *method.claims.conserves_own} - {"J3"}
+    if "J3" in method.conserves_on(LagrangeTop()):
         assert not np.any(errors["J3"])
     assert {k: p for k in kept if (p := exponent(errors[k])) >= 0.75} == {}
     if method.family == "splitting":

@@ -214,7 +214,7 @@ def test_what_is_kept_has_the_same_bits(folder, counted, monkeypatch):
     asked(t=(0.5, 1.0 + 2.0**-52))
     asked(problem=top("square", 1.0, (0.3 + 2.0**-50,)))
     assert len(counted) == 6
-    one, two = (asked(problem=DRIVEN.starting(t), t=[0.5]) for t in (0.0, 1.0))
+    one, two = (asked(problem=DRIVEN.starting_at(t), t=[0.5]) for t in (0.0, 1.0))
     assert not same(one, two), "the time at the start counts"
 
 
