@@ -12,7 +12,7 @@ from lagrange_bench.integrators.interface import Array, Work
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.trajectory import Start, Table, Trajectory
+from lagrange_bench.integrators.trajectory import Rows, RunInputs, Trajectory
 
 
 def motion_of(top: Any, place: int) -> Any:
@@ -27,7 +27,7 @@ def motion_of(top: Any, place: int) -> Any:
 
 
 @dataclass(frozen=True, repr=False, eq=False)
-class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
+class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
     """Times and states of many motions: what `integrate_ensemble` returns.
 
     As an array (`np.asarray`, indexing, arithmetic) it is `y`; or, where only the end is recorded, that one row, of shape (n, 6).
@@ -44,7 +44,7 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
         States in those of Y0; of a Problem (rows, n, size).
     end_only : bool
         Whether the one row is the end.
-    start : Start
+    start : RunInputs
         How the run began: its `state` (n, 6) are those of all motions.
     """
 
@@ -53,7 +53,7 @@ class EnsembleTrajectory(Table, np.lib.mixins.NDArrayOperatorsMixin):
     t: Array
     y: Array
     end_only: bool
-    start: Start
+    start: RunInputs
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         return np.array(self.y[0] if self.end_only else self.y, dtype=dtype, copy=copy)

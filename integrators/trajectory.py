@@ -173,7 +173,7 @@ class Trajectory(BodyMotion, Rows):
         States in those of y0; of a Problem (N, size), of a flying body (N, 13).
     work : Work
         The work they took.
-    start : Start, optional
+    start : RunInputs, optional
         How the run began.
     """
 

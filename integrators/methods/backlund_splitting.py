@@ -39,7 +39,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag, warn_caller
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_storer, tuple_loader
+from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.tape import bandwidth, phase_rates
 from lagrange_bench.integrators.compiling.unroll import unrolled

@@ -21,7 +21,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_choice, check_flag
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_storer, tuple_loader
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled

@@ -32,7 +32,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, tuple_storer, tuple_loader
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled

@@ -17,7 +17,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import take
+from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
@@ -159,7 +159,7 @@ def kernel_of(system: System) -> Callable[..., Any]:
     codes, first, second, rates = made.codes, made.first * (MAX_ORDER + 1), made.second * (MAX_ORDER + 1), made.rates
     inputs, lines, timed, width = 1 + n + system.parameters, len(made.codes), system.timed, MAX_ORDER + 1
     given, scratch, places = made.rows - lines - 1 - n, made.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
-    get = take(n)
+    get = tuple_loader(n)
 
     @jit
     def step(s, c, tally):
@@ -211,5 +211,5 @@ def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> Fixed
 METHOD = Method(
     name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, claims=Claims(conserves={"J3"}),
     source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_in_field, needs="smooth",
-    special={"uniform": prepare},  # the general kernel costs 4.5 times as much there
+    kernels_for={"uniform": prepare},  # the general kernel costs 4.5 times as much there
 )  # fmt: skip
