@@ -103,7 +103,7 @@ def test_the_documented_files_work(write):
     assert [len(sweep.read(write(text)).cells) for text in files] == [3 * 2 * 3]
 
 
-@pytest.mark.parametrize("experiment", ["drift", "phase", "work_precision"])
+@pytest.mark.parametrize("experiment", ["drift", "phase", pytest.param("work_precision", marks=pytest.mark.slow)])
 def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, experiment, in_process, one_core):
     text = (
         GOOD.replace('"drift"', f'"{experiment}"')

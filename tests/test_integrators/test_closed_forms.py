@@ -124,8 +124,3 @@ def test_a_run_starts_from_the_state_it_is_given():
     truth = exact.after_steps(GENERIC.top, other, 0.1, [1000])[0]
     assert metrics.scaled_error(GENERIC.top, other, stepper.advance(other, 1000), truth) < 4e-15
     assert np.array_equal(stepper.advance(GENERIC.state, 1000), first)
-
-
-def test_a_time_beyond_the_phase_of_a_double_is_refused():
-    with pytest.raises(StepError, match="1e15"):
-        integrate(GENERIC.top, GENERIC.state, t=[1e17], method="theta_functions")

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import shlex
-import shutil
 from pathlib import Path
 
 import pytest
@@ -14,7 +13,7 @@ from lagrange_bench import __main__ as cli
 from lagrange_bench import integrators
 from lagrange_bench.experiments import EXPERIMENTS, phase
 from lagrange_bench.integrators import METHODS, registry
-from lagrange_bench.results.store import Store, default_results, make_record
+from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.runner import engine
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
@@ -247,11 +246,3 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
     assert replaced in run(*words)[2].splitlines()
     assert run(*words, "--quiet")[2] == ""
-
-
-def test_figures_are_listed_in_the_order_of_the_page(run, tmp_path):
-    for name in ("ensemble", "cost"):
-        shutil.copy(default_results() / f"{name}.jsonl", tmp_path)
-    code, out, err = run("figure", "--list", "--results", tmp_path)
-    assert code == 0, err
-    assert [name.partition("_")[0] for name in out.split()] == ["cost", "ensemble", "ensemble"]
