@@ -192,7 +192,7 @@ def _draw_time(rows: pd.DataFrame, style, names: Sequence[str] = ("H",), what: s
     style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
     fig.caption = (
         f"Relative error of {what} against time, root mean square over {rows.state.nunique()} tops, step 1/8 or the default "
-        "tolerance, one panel for each family of methods; in grey the exact Bäcklund step. The thin line is one ulp; "
+        "tolerance, one panel for each family of methods; pale blue: the exact Bäcklund step. The thin line is one ulp; "
         "dotted, in the first panel: growth like √t and t. A cross before a name: the method declined the step or failed."
         + (" J3, which is constant in every stage of nearly all, is in the table." if "H" in names else "")
     )
@@ -206,7 +206,7 @@ def _draw_h(rows: pd.DataFrame, style):
     ylabel = "largest error of H, J3, C1, C2"
     fig, _ = style.by_family(here, "h", "worst", style.STEP, ylabel, (1e-17, 1e2))
     fig.caption = (
-        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step; in grey "
+        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step; pale blue: "
         "the exact Bäcklund step. Crosses, in its colour: a method declined the step or failed. Errors above 100 are cut off."
     )
     return fig

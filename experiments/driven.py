@@ -128,7 +128,7 @@ def _draw_work(rows: pd.DataFrame, style):
     apart = ["problem", "span"]
     titles = {run: f"{run[0].replace('_', ' ')}, t = {run[1]:g}" for run, _ in good.groupby(apart, sort=False)}
     fig = work_precision.draw_panels(good, titles, apart, (2, 2.0), style, lambda here: NAMED, sharey=True)
-    bold = "bold: the exact step inside, well-known methods, and the most accurate of each panel"
+    bold = "named: the exact step inside, well-known methods, and the most accurate of each panel"
     fig.caption = (
         "Error at the end against wall time, set-up included, of tops with a Hamiltonian that depends on time; down and left is "
         f"better. {style.naming(good.method, bold)}. Each curve joins Pareto-optimal runs."

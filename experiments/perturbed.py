@@ -280,7 +280,7 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
     fig = work_precision.draw_panels(good, titles, "state", size, style, named, **shared)
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "
-        f"{style.naming(good.method, 'bold: the exact step inside, the two others quickest to 1e-8, and the most accurate')}. "
+        f"{style.naming(good.method, 'named: the exact step inside, the two others quickest to 1e-8, and the most accurate')}. "
         "Each curve joins a method's Pareto-optimal runs, one for each step size or tolerance."
     )
     return fig

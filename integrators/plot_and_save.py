@@ -6,6 +6,7 @@ import importlib.util
 import io
 import json
 import textwrap
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 LEAST = 2.0**-54  # a quarter of an ulp of 1: smaller errors, 0 among them, are drawn there on a logarithmic axis
+JOINED, SMOOTH, MOST_TURNS = (
+    8,
+    48,
+    500,
+)  # rows a nutation that are joined, points of a smooth orbit, nutations that are drawn
 KINDS = ("components", "invariants", "error", "axis")
 FORMATS = (".csv", ".npz", ".parquet")
 
@@ -57,7 +63,7 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
         raise ValueError(f"what: {run.top!r} has no axis x on a sphere")
     if not hasattr(ax, "set_zlabel"):
         raise ValueError("ax: the axis is drawn in space: give axes made with projection='3d'")
-    x = run.y[:, 3:]
+    x, orbit = run.y[:, 3:], _orbit(run)
     radius = float(np.linalg.norm(x[0]))
     around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
     sphere = (
@@ -66,11 +72,43 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
         np.outer(around**0, np.cos(half)),
     )
     ax.plot_wireframe(*(radius * part for part in sphere), color="0.85", linewidth=0.4)
-    ax.plot(*x.T, **{"label": run.method, **look})
+    ax.set_proj_type("ortho")
+    elevation, azimuth = np.radians((ax.elev, ax.azim))
+    towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    in_front = [np.where((points @ towards > 0)[:, None], points, np.nan) for points in (x, orbit)]
+    rows = {"marker": "o", "ms": 3.5, "linestyle": "none"} if len(orbit) != len(x) else {}
+    (dots,) = ax.plot(*in_front[0].T, **{"label": run.method, **rows, **look})
+    if len(orbit) != len(x):
+        ax.plot(*in_front[1].T, color=dots.get_color(), linewidth=0.6, alpha=0.6)
     ax.plot(*x[:1].T, "o", color="black", ms=4, label="start")
-    ax.set(xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)", box_aspect=(1, 1, 1))
-    ax.legend()
+    ends = [-radius, 0.0, radius]
+    ax.set(
+        xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)", xticks=ends, yticks=ends, zticks=ends, box_aspect=(1, 1, 1)
+    )
+    ax.legend(loc="upper left", frameon=False)
     return ax  # type: ignore[no-any-return]
+
+
+def _orbit(run: Any) -> Array:
+    """The axis along the run (N, 3): by dense output, else the rows, where there are enough to be joined, or nothing (0, 3)."""
+    from lagrange_bench.integrators.truth import exact
+
+    if "uniform" not in run.problem.offers:
+        return run.y[:, 3:]
+    turns = abs(run.t[-1] - run.t[0]) / exact.nutation_period(run.problem, run.y[0])
+    if len(run.t) >= JOINED * turns:
+        return run.y[:, 3:]
+    nothing = np.empty((0, 3))
+    if turns > MOST_TURNS:
+        return nothing
+    try:
+        return run.sol(np.linspace(run.t[0], run.t[-1], int(SMOOTH * turns) + 2))[:, 3:]
+    except ValueError:  # the method steps on a grid only
+        text = (
+            f"plot: {len(run.t) / turns:.1f} rows a nutation are drawn as dots; record {JOINED} to join them (every=…)"
+        )
+        warnings.warn(text, stacklevel=5)
+        return nothing
 
 
 def save(

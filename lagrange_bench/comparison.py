@@ -107,6 +107,8 @@ class Comparison:
         ax: Axes | Sequence[Axes] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
+        names: str | bool = "right",
+        **look: Any,
     ) -> Any:
         """Draw a column against another, a panel for each top, in your own rcParams.
 
@@ -124,6 +126,10 @@ class Comparison:
             Your own: as many as tops, or one for all. By default those of a new figure of pyplot.
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
+        names : "right", "legend" or False
+            Where the lines are named: at their ends, inside the panel where another axis is on the right; in a legend; nowhere.
+        **look : dict
+            Of all lines, as of matplotlib's `plot`: `linestyle="--"` for those of a second axis.
 
         Returns
         -------
@@ -135,17 +141,23 @@ class Comparison:
         ValueError
             No such column, method or top, or nothing to draw; the message says what there is.
         """
+        if names not in ("right", "legend", False):
+            raise ValueError(f"names: 'right', 'legend' or False; got {names!r}")
         x, y = x or self.x, y or self.y
         if x == "h_scaled" and x not in self.frame:
             x = "h"  # rows in the tops' own units
         methods, tops = _listed(methods), _listed(tops)
-        rows, names = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
-        axes = _axes(ax, names)
+        rows, panels = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
+        axes = _axes(ax, panels)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
         with METHODS.temporarily_registered(*self.methods):
             for place, one in enumerate(axes):
-                here = rows if len(axes) == 1 else rows[rows["top"] == names[place]]
-                self._draw(one, here, x, y)
+                here = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
+                self._draw(one, here, x, y, look)
+                if names == "right":
+                    style.label_ends([one], rcParams["legend.fontsize"])
+                elif names:
+                    one.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
                 style.set_limits(one, limits)
@@ -199,7 +211,7 @@ class Comparison:
             rows = rows[rows["part"] == parts[0]]
         return rows[rows["top"].isin(rows["top"][both])]
 
-    def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str) -> None:
+    def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str, look: dict[str, Any]) -> None:
         """All lines of a panel."""
         sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())  # rows are samples of runs, and not runs
         race = x in ("seconds", "total") and y == "error"
@@ -216,9 +228,8 @@ class Comparison:
             kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]
             rows = pd.concat([*kept, rows[~rows["method"].isin(good["method"])]])
         rows = rows.sort_values("t_scaled" if sampled else x, kind="stable")
-        looks = self._looks(style.ordered(rows["method"]), good, y)
+        looks = {name: own | look for name, own in self._looks(style.ordered(rows["method"]), good, y).items()}
         style.draw_lines(ax, rows, x, y, apart, looks, log)
-        style.label_ends([ax], rcParams["legend.fontsize"])
 
     def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
         """Of each method; among many only the best of each family is named, by the median of |y|."""

@@ -77,6 +77,7 @@ class Figure(matplotlib.figure.Figure):
     """A matplotlib figure with the sentence that goes below it. Belongs to no pyplot, so nothing leaks."""
 
     caption: str = ""
+    headline: str = ""  # what the rows show, in a few words
     stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
 
     def savefig(self, *args: Any, **settings: Any) -> None:

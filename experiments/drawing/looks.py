@@ -29,7 +29,7 @@ FAMILIES: dict[str, tuple[Sequence[str], str]] = {
     "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
     "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
     "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
-    "integrable": (("#1E95CC", "#0F5C80", "#3AA0DA"), "posD"),
+    "integrable": (("#7A5BB8", "#4B3585", "#9A82CC"), "posD"),  # blue is the exact step, in all figures
     "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
     "lie-group": (("#8C8000", "#544D00", "#A39700"), "hosD"),
     "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
@@ -50,6 +50,9 @@ STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
 OWN = "#000000"  # of what stands out, with these markers and dashes
 OWN_MARKERS = "*PXd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
+EXACT_STEPS = ("backlund", "backlund_splitting")
+MOST_NAMED = 6
+GREY = "#c2c2c2"
 FEW = MANY  # methods: all of so many can be named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
@@ -101,44 +104,34 @@ def family(method: str) -> str:
     return _known(METHODS.state)[0].get(method, OTHERS)
 
 
-def looks(methods: Iterable[str], named: Collection[str]) -> dict[str, dict[str, Any]]:
-    """The look of each method where some are named and bold, in legend order; what stands out, and FEW, are all named."""
+def looks(methods: Iterable[str], named: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """The look of each method where some are named and bold, in legend order; what stands out, and FEW, are all named.
+
+    named : the most important first; MOST_NAMED of them are, and the exact step.
+    """
     names = ordered(methods)
-    if len(names) <= FEW:
-        alone = Counter(family(name) for name in names)
-        return {name: _prominent(name, alone) for name in names}
-    mine, alone = _standing_out(), Counter(family(name) for name in names if name in named)
-    return {
-        name: of(name) if name in mine else thin(name) if name not in named else _prominent(name, alone)
-        for name in names
-    }
-
-
-def _prominent(method: str, alone: Counter[str]) -> dict[str, Any]:
-    """The bold line of its family; with its own shade, marker and dashes where others of its family stand out, too."""
-    return bold(method) if alone[family(method)] == 1 else {**of(method), "linewidth": 1.6}
+    first = [name for name in dict.fromkeys((*EXACT_STEPS, *named)) if name in names]
+    chosen = names if len(names) <= FEW else first[:MOST_NAMED]
+    mine = _standing_out()
+    return {name: of(name) if name in mine else bold(name) if name in chosen else thin(name) for name in names}
 
 
 def naming(methods: Collection[str], chosen: str) -> str:
     """What a caption says of the lines of `looks`; chosen : which are named, if not all."""
     if len(set(methods)) <= FEW:
         return "Every method is named"
-    return f"Thin: the other methods, each in the colour of its family; {chosen}"
+    return f"Grey: the other methods; {chosen}"
 
 
 def thin(method: str) -> dict[str, Any]:
-    """A method in the background: the colour of its family, its name only where one points at it."""
-    look = {"color": of(method)["color"], "linewidth": 0.55, "alpha": 0.5}
-    return {**look, "label": "_thin", "gid": title(label(method))}
+    """A method in the background: grey, its name only where one points at it."""
+    return {"color": GREY, "linewidth": 0.6, "label": "_thin", "gid": title(label(method))}
 
 
 def bold(method: str) -> dict[str, Any]:
-    """The best of a family: what `label_ends` names."""
-    look, colours = of(method), FAMILIES.get(family(method), ((),))[0]
-    if method in _standing_out():
-        return look
-    main = colours[0] if colours else look["color"]
-    return {**look, "color": main, "linestyle": "-", "linewidth": 1.9, "marker": "none"}
+    """A method that `label_ends` names: in its own colour, the exact step the widest."""
+    width = 2.4 if method in EXACT_STEPS else 1.6
+    return {**of(method), "linestyle": "-", "linewidth": width, "marker": "none"}
 
 
 @lru_cache(maxsize=8)

@@ -35,7 +35,7 @@ from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.integrators.registry import METHODS
 
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
-REFERENCE = "backlund"  # in grey in every panel of small multiples
+REFERENCE = "backlund"  # pale in every panel of small multiples
 LEAST = 1e-17  # where an error of 0 is drawn
 WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # what names of lines call columns
 
@@ -97,7 +97,7 @@ def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.
 def by_family(
     rows: pd.DataFrame, x: str, y: str, xlabel: str, ylabel: str, ylim: tuple[float, float], marker: str | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference grey in each, lines named.
+    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference pale in each, lines named.
 
     marker : "none" for lines without any.
     """
@@ -124,8 +124,14 @@ def multiples(
     fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
     for ax, group in zip(axes, groups, strict=True):
         if group != family(REFERENCE) and REFERENCE in names:
-            grey = {"color": "#a5a5a5", "linewidth": 2.2, "marker": "o", "label": "_reference", "zorder": 1}
-            line(ax, REFERENCE, {**grey, **small})
+            beside = {
+                "color": of(REFERENCE)["color"],
+                "alpha": 0.35,
+                "linewidth": 2.2,
+                "marker": "o",
+                "label": "_reference",
+            }
+            line(ax, REFERENCE, {**beside, "zorder": 1, **small})
         for name in names:
             if family(name) == group:
                 line(ax, name, {**of(name), **small})
@@ -178,7 +184,8 @@ class _Ends(Artist):
         width, height = self.panel.bbox.size
         gap = 1.25 * float(names[0].get_fontsize()) * renderer.points_to_pixels(1.0) / height
         places = _spread([*(y for y, _ in upwards), *(1.0 for _ in self.failed)], gap)
-        outside = _room(self.panel) >= 1.05 * width + max(text.get_window_extent(renderer).width for text in names)
+        widest = max(text.get_window_extent(renderer).width for text in names)
+        outside = not _has_axis_on_the_right(self.panel) and _room(self.panel) >= 1.05 * width + widest
         for text, end in zip(self.texts, ends, strict=True):
             text.set_visible(end is not None)
         for text, place in zip([*(self.texts[i] for _, i in upwards), *self.failed], places, strict=True):
@@ -187,6 +194,12 @@ class _Ends(Artist):
         joined = zip(ends, self.texts, strict=True)
         drawn = [(end, (1.04, text.get_position()[1])) if end and outside else np.empty((0, 2)) for end, text in joined]
         self.leaders.set_segments(drawn)
+
+
+def _has_axis_on_the_right(ax: Axes) -> bool:
+    """Whether an axis of numbers is there, of this panel or of its twin."""
+    together = ax.get_shared_x_axes().get_siblings(ax)
+    return any(each.yaxis.get_ticks_position() == "right" and each.bbox.bounds == ax.bbox.bounds for each in together)
 
 
 def _room(ax: Axes) -> float:

@@ -105,6 +105,23 @@ def test_pictures_have_labels_and_name_the_top(runs):
     plt.close(figure)
 
 
+def test_few_rows_of_the_axis_are_joined_by_the_orbit_or_not_at_all():
+    few = {"h": 1.0, "steps": 40, "every": 4}
+    ax = integrate("generic", **few).plot("axis")
+    dots, orbit, _ = ax.lines
+    assert (dots.get_linestyle(), len(dots.get_data_3d()[0])) == ("None", 11)
+    seen = np.transpose(orbit.get_data_3d())
+    behind = np.isnan(seen[:, 0]).mean()
+    assert (len(seen) > 300, 0.1 < behind < 0.9) == (True, True)
+    assert np.nanmax(np.linalg.norm(np.diff(seen, axis=0), axis=1)) < 0.3
+    plt.close(ax.figure)
+    with pytest.warns(UserWarning, match=r"plot: 1\.2 rows a nutation are drawn as dots; record 8 "):
+        ax = integrate("generic", **few, method="strang").plot("axis")
+    assert ax.lines[0].get_linestyle() == "None"
+    assert len(ax.lines[1].get_data_3d()[0]) == 0
+    plt.close(ax.figure)
+
+
 @pytest.mark.parametrize("name", RUNS)
 def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
     words, top, y0 = RUNS[name]

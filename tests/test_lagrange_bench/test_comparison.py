@@ -115,6 +115,7 @@ BAD = {
     "give one, or one for each of 2": lambda: made().plot(ax=plt.subplots(1, 3)[1]),
     "a, b; choose one": lambda: Comparison(pd.concat(made().frame.assign(part=part) for part in "ab")).plot(),
     "no row has both": lambda: Comparison(made().frame.assign(error=np.nan)).plot(),
+    "^names: 'right', 'legend' or False; got 'left'": lambda: made().plot(names="left"),
     "there are 13; choose at most": lambda: made(tops=[f"random{i:03d}" for i in range(13)]).plot(),
 }
 
@@ -177,6 +178,22 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
+
+
+def test_beside_an_axis_on_the_right_names_are_inside_or_in_a_legend_or_nowhere():
+    figure, ax = plt.subplots(figsize=(9, 4))
+    figure.subplots_adjust(right=0.6)
+    made().plot(tops=["generic"], ax=ax)
+    figure.canvas.draw()
+    assert all(text.get_window_extent().x0 > ax.bbox.x1 for text in ax.texts)
+    twin = ax.twinx()
+    made().plot(y="height", tops=["generic"], ax=twin, names=False, linestyle=":")
+    assert {line.get_linestyle() for line in twin.lines} == {":"}
+    assert not twin.texts
+    figure.canvas.draw()
+    assert all(text.get_window_extent().x1 <= ax.bbox.x1 for text in ax.texts)
+    ax = made().plot(tops=["generic"], names="legend")
+    assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]
