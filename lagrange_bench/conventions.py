@@ -600,7 +600,10 @@ def find_hints(
     if not hints and len(good) and good[0] == 0:
         prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
-    hints = hints or list(whole.points())
+    others = {*LATE.values(), WITHOUT}
+    hints = (
+        hints or [hint for hint in own_hints(frames, given, rows, way) if hint not in others] or list(whole.points())
+    )
     if rows is not None:
         if rows.other_frame() and not any("--omega" in hint for hint in hints):
             hints.append(_words(frames.convention)["frame"])

@@ -233,7 +233,9 @@ def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Opt
     layout = reading.survey(path, how)
     given, way = reading.read(layout), ""
     convention = replace(convention, angles=how.angles or convention.angles)
-    if layout.named:  # --quat has no effect there
+    if layout.guessed:
+        convention, given["quaternion"] = replace(convention, quat="xyzw"), np.roll(given["quaternion"], -1, axis=1)
+    elif layout.named:  # --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
         convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
     try:

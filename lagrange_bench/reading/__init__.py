@@ -80,9 +80,9 @@ class Options:
 class Layout:
     """How a file is written.
 
-    groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar. floor : half a unit
-    of the last printed digit; first_floor : of numbers as large as those of the first row. columns : the groups and their names,
-    and what is not used, to be read.
+    groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar; guessed : of four
+    that are counted from 1, the last. floor : half a unit of the last printed digit; first_floor : of numbers as large as those
+    of the first row. columns : the groups and their names, and what is not used, to be read.
     """
 
     path: Path
@@ -90,6 +90,7 @@ class Layout:
     how: Options
     groups: dict[str, list[int]]
     named: bool
+    guessed: bool
     floor: dict[str, float]
     first_floor: dict[str, float]
     notes: list[str]
@@ -136,11 +137,11 @@ def survey(path: Path, how: Options | None = None) -> Layout:
         raise ValueError(f"{path}: --step is for files without times; column {chosen['time'].places[0]} has them")
     if not set(chosen) - {"time"}:
         raise ValueError(_nothing(path, names, notes, table.names))
-    named, order = False, chosen.get("quaternion")
+    named, guessed, order = False, False, chosen.get("quaternion")
     if order is not None:
         named = order.order[0] not in "01"
         if order.order == "1 2 3 4" and how.quat is None:
-            order.places, named = [*order.places[3:], *order.places[:3]], True
+            order.places, named, guessed = [*order.places[3:], *order.places[:3]], True, True
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     factors: dict[int, float] = {}
     for kind, group in chosen.items():
@@ -166,7 +167,9 @@ def survey(path: Path, how: Options | None = None) -> Layout:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
             raise ValueError(f"{path}: {_several(header, table, i)}")
     places = {kind: group.places for kind, group in chosen.items()}
-    return Layout(path, table, how, places, named, floor, first_floor, notes, "; ".join(words), factors, rows, labels)
+    return Layout(
+        path, table, how, places, named, guessed, floor, first_floor, notes, "; ".join(words), factors, rows, labels
+    )
 
 
 def _names(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:

@@ -166,7 +166,7 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
     ("rotation vector", r"rot(ation)? ?vec|\brv$|\brvec|exp ?map|\br$"),
     ("mrp", r"\bmrp|rodrigues|\bsigma"),
     ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$"),
-    ("attitude", r"rotation|\brot$|orient|\bori\b|attitude|\batt\b"),
+    ("attitude", r"rotation|\brot$|orient|\bor[in]\b|attitude|\batt\b"),
     ("displacement", r"disp|\bu$"),
     ("position", r"pos|translation|location|\bloc\b|\bcom\b|\bcg\b|origin|cent(er|re)|\b[pt]$|coord"),
 ]
@@ -230,6 +230,7 @@ SHAPES: dict[
         ("quaternion", QUATERNIONS),
         ("matrix", NINE),
         ("angles", ROLES[1:4]),
+        ("axis and angle", ("x y z angle",)),
         ("three of a rotation", VECTORS),
     ),
     "matrix": (("matrix", (*NINE, *FLAT)),),

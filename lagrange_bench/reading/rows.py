@@ -78,7 +78,7 @@ def number(word: str, comma: bool = False) -> float:
     ------
     ValueError : it is no number.
     """
-    plain = word.strip().replace("−", "-")
+    plain = word.strip(" \t\r\n()[]{}").replace("−", "-")  # brackets around a vector or a row
     if plain.lower() in MISSING:
         return math.nan
     if (match := NUMBER.fullmatch(plain)) and (comma or "," not in match[1]):
@@ -204,7 +204,7 @@ class Text:
 
     def table(self, indices: Sequence[int]) -> Table:
         first = next(line.strip() for line in self.lines if line.strip())
-        if first.startswith(("{", "[{")) or first == "[":
+        if re.match(r"\{\s*(\"|$)|\[\{|\[$", first):
             return self._json(first)
         shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
@@ -213,7 +213,7 @@ class Text:
         split = [(i, _words(INLINE.sub("", line), self.separator)) for i, line in rows]
         a, b = _block([self._numeric(words, indices) for _, words in split])
         if a == b:
-            raise ValueError(f"{self.path}: there is no line of numbers in it")
+            raise ValueError(f"{self.path}: there is no line of numbers in it; write a table with a row for each time")
         block = split[a:b]
         self.comma = self.comma and not any(
             "." in word for _, words in block for word in words if is_number(word, True)

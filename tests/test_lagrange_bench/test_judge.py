@@ -202,6 +202,9 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     way = hint.split("--columns ")[1].rstrip(".")
     (found,) = answer("judge", named, "--case", "bruels", "--columns", way)["files"]
     assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True), hint
+    counted = write(tmp_path / "counted.csv", "t q(1) q(2) q(3) q(4)", T, Q)  # scalar first, as MATLAB has it
+    (found,) = answer("judge", counted, "--case", "bruels")["files"]
+    assert found["hints"] == ["the quaternions are in the order wxyz: --quat wxyz, or other names."]
     single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
     assert (single.start["right"], single.start["single"], single.hints) == (False, True, [])
 

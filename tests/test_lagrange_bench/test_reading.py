@@ -70,6 +70,8 @@ PX4 | timestamp q[*]~0123 | ns wxyz | units=t:ns
 Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
 pandas | ,t x y z | k t x |
 axis and angle | t axis_~xyz angle[deg] | t v dangle |
+Webots | time translation_~xyz rotation_~xyz rotation_angle[deg] | t x v dangle |
+PyBullet | time pos[*]~012 orn[*]~0123 | t x wxyz |
 Euler | t phi theta psi | t dZXZ | angles=ZXZ units=angles:deg
 xmat | time xmat_~012345678 | t m |
 matrix by letters | t Rx~xyz Ry~xyz Rz~xyz | t m |
@@ -162,6 +164,9 @@ WAYS = {  # how text is written → the bytes of the file
     "Latin": lambda: table("Prüfstand: µ\nt,x,y,z", T, X).encode("cp1252"),
     "gzip": lambda: gzip.compress(table(PLAIN, T, X).encode()),
     "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
+    "brackets": lambda: lines("t,x,y,z", "{},({}, {}, {})"),
+    "rows in brackets": lambda: table("t x y z", T, X, separator=" ").replace("\n", "]\n[")[:-1].replace("z]", "z"),
+    "lists": lambda: lines("{t, x, y, z}", "{{{}, {}, {}, {}}}"),
     "blank lines": lambda: "\n\n" + table("# t x y z", T, X, separator=" ", end="\n\n"),
     "a row of units": lambda: table("t,x,y,z\n[s],[m],[m],[m]", T, X),
     "durations": lambda: lines("Time,x,y,z", "{} sec,{},{},{}"),
