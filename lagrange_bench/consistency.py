@@ -54,6 +54,10 @@ class Rows:
             mean = (first + second) / 2 + self.dt / 12 * (twist - change)
         return np.linalg.norm(turn / self.dt - mean, axis=1)
 
+    def speed(self) -> Array:
+        """How fast the attitudes turn between two rows, rad/s, (N − 1,)."""
+        return np.linalg.norm(self.turn / self.dt, axis=1)  # type: ignore[no-any-return]
+
     def errors(self) -> Array | None:
         """`kinematics` of all rows (N,), that of the first and of turns that are not clear 0; None where few turns are clear."""
         if self.omega is None or not len(self.clear) or 2 * np.count_nonzero(self.clear) < len(self.clear):

@@ -541,6 +541,26 @@ class Hints:
                 if self._starts_as(Frames(case.body, how, case=case)):
                     yield f"this is the start of the case {case.name}."
 
+    def first_row(self) -> list[str]:
+        """The one convention in which the first row is the start of the case, if it is not so as it stands."""
+
+        def right(changes: dict[str, Any]) -> bool:
+            frames = self.frames.changed(**changes)
+            found = frames.errors(self.first, _at(self.exact, slice(1)))
+            return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
+
+        if not self.first or self.t[0] or right({}):
+            return []
+        words, names = _words(self.frames.convention, self.way), list(AXES)
+        ups = {f"the axis {up} points up: --up={up}.": {"up": up} for up in names}
+        axes = {f"the axis of symmetry is {axis}: --axis={axis}.": {"axis": axis} for axis in names}
+        axes = {} if self.frames.axis is None else axes
+        order = {words["quat"]: {"quat": _others(self.frames.convention)[0]}} if "quaternion" in self.given else {}
+        single: dict[str, dict[str, Any]] = {**order, words["transposed"]: {"transposed": True}, **ups, **axes}
+        fits = [[said] for said, changes in single.items() if right(changes)]
+        fits = fits or [[up, axis] for up, axis in itertools.product(ups, axes) if right({**ups[up], **axes[axis]})]
+        return fits[0] if len(fits) == 1 else []
+
     def _starts_as(self, frames: Frames) -> bool:
         found = frames.errors(self.first, frames.exact(self.t[:1]))
         return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
@@ -600,7 +620,7 @@ def find_hints(
     if not hints and len(good) and good[0] == 0:
         prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
-    others = {*LATE.values(), WITHOUT}
+    others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
     hints = (
         hints or [hint for hint in own_hints(frames, given, rows, way) if hint not in others] or list(whole.points())
     )
@@ -618,20 +638,22 @@ def own_hints(frames: Frames, given: Mapping[str, Array], rows: Rows | None, way
         return []
     how, words, some = frames.convention, _words(frames.convention, way), _rows(given, slice(HEAD))
     quat, frame = _others(how)
-    ways: dict[tuple[str, ...], float] = {}
     attitudes: list[tuple[dict[str, Any], str]] = [({}, ""), ({"transposed": True}, words["transposed"])]
     if "quaternion" in given:
         attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
-    for (changes, said), (in_frame, also) in itertools.product(
-        attitudes, ((how.omega_frame, ""), (frame, words["frame"]))
+    off: dict[tuple[str, str, str], float] = {}
+    for (changes, said), (also, other) in itertools.product(
+        attitudes, (("", how.omega_frame), (words["frame"], frame))
     ):
-        tried = frames.changed(**changes, omega_frame=in_frame).rows(some)
+        tried = frames.changed(**changes, omega_frame=other).rows(some)
         assert tried is not None
-        for part in ("mean", *LATE):
-            ways[said, also, LATE.get(part, "")] = tried.off(part=part)
-    least, *others = sorted(ways.values())
-    clear = all(least * BETTER < error for error in others)
-    hints = [hint for hint in min(ways, key=ways.__getitem__) if hint] if clear else []
+        off |= {(said, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
+    hints, left = [], dict(off)
+    for place in range(3):  # the attitude, then the frame, then the time of ω
+        best = min(left, key=left.__getitem__)[place]
+        if all(min(left.values()) * BETTER < error for key, error in left.items() if key[place] != best):
+            hints += [best] * bool(best)
+        left = {key: error for key, error in left.items() if key[place] == best}
     return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.moving)
 
 

@@ -17,6 +17,7 @@ from lagrange_bench.consistency import Rows, rate_note
 from lagrange_bench.conventions import (
     ATTITUDES,
     GROUPS,
+    HEAD,
     SINGLE,
     START,
     UNITS,
@@ -36,6 +37,7 @@ Array = np.ndarray
 # fewer rows than FEW they must be nearer
 DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
+BLOCK = 100_000  # rows that are compared at once
 SOME_ROWS = 8  # from which the growth of an error is told
 KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
 ROUNDING = 1e-10  # relative: larger errors are not of rounding
@@ -297,8 +299,9 @@ def find(case: str | Case, start: bool = True) -> Case:
 
 def _from_first_row(case: Case, frames: Frames, given: Mapping[str, Array]) -> Case:
     """The case with the start that the first row has; a flying body gets the velocity that fits all positions best."""
-    R, omega = frames.motion({name: rows[:1] for name, rows in given.items()})
-    if omega is None or not frames.attitudes(given) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
+    first = {name: rows[:1] for name, rows in given.items()}
+    R, omega = frames.motion(first)
+    if omega is None or not frames.attitudes(first) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
         raise ValueError("--start first-row: the first row needs a rotation and an angular velocity")
     flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.flown), strict=True))
     return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
@@ -320,31 +323,28 @@ def _judged(
     case, own_start = what.case, what.start != "case"
     t = _times(given["time"][:, 0])
     given = {**given, "time": (t - t[0] if own_start else t)[:, None]}
-    digit = floor.get("matrix", 0.0)
+    # rows that hints are taken from: the first ones, and some of all others
+    some = np.union1d(np.arange(min(HEAD, len(t))), np.linspace(0, len(t) - 1, HEAD).astype(int))
+    seen, digit = {name: rows[some] for name, rows in given.items()}, floor.get("matrix", 0.0)
     with np.errstate(all="ignore"):
         frames = Frames(case.body, convention, digit, None if own_start else case)
         if own_start:
-            frames.refer(given)
+            frames.refer(seen)
         if what.start == "first-row":
             case = _from_first_row(case, frames, given)
             frames = Frames(case.body, convention, digit, case)
-        exact = None if what.start is None else frames.exact(given["time"][:, 0])
-        found = frames.errors(given, exact)
-        if not found:
-            raise ValueError(
-                "a body without a start is judged by ω with rotations, or by positions; the file has neither"
-            )
-        compared = [found[name] for name in GROUPS if name in found]
-        good = np.flatnonzero(np.isfinite(np.stack(compared)).all(0)) if compared else np.empty(0, dtype=int)
-        rows = frames.rows(given)
+        measured = _measured(frames, given)
+        found, good = measured.errors, measured.good[some].nonzero()[0]
+        exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
+        rows = frames.rows({name: part[:BLOCK] for name, part in given.items()})
         if own_start:
-            hints = own_hints(frames, given, rows, way)
+            hints = own_hints(frames, seen, rows, way)
             if exact is not None and len(good) and not hints:
-                hints = Hints(frames, given, given["time"][:, 0], exact, good, way).bodies()
+                hints = Hints(frames, seen, seen["time"][:, 0], exact, good, way).bodies()
         else:
             assert exact is not None
-            hints = find_hints(frames, given, t, exact, good, rows, way) if len(good) else []
-        if "matrix" in given and np.any(np.linalg.det(given["matrix"].reshape(-1, 3, 3)) < 0):
+            hints = find_hints(frames, seen, t[some], exact, good, rows, way) if len(good) else []
+        if measured.mirrored:
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
 
     def floors_of(known: Mapping[str, float]) -> dict[str, float]:
@@ -353,36 +353,38 @@ def _judged(
         }
         return {name: value for name, value in worst.items() if value > 0}
 
-    floors = floors_of(floor)
-    known = np.abs(given["time"][:, 0]) <= frames.known
-    notes = [*_notes(t[known], {name: error[known] for name, error in found.items()}), *_own_notes(frames, rows, hints)]
+    floors, known = floors_of(floor), np.abs(given["time"][:, 0]) <= frames.known
+    notes = [*_notes(t, measured.bad & known, found), *_own_notes(frames, rows, hints)]
     if not known.all():
-        notes.append(f"No closed form is known of this motion: rows after t = {t[known][-1]:.6g} s are not compared.")
+        beyond = f"t = {t[known][-1]:.6g} s" if known.any() else "the start"
+        notes.append(f"No closed form is known of this motion: rows after {beyond} are not compared.")
     if what.start == "first-row":
         notes.append(f"The motion starts as the first row does, at t = {t[0]:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
-        for name, value in _blurred(frames, given["time"][:, 0], exact, blur).items():
+        for name, value in _blurred(frames, seen["time"][:, 0], exact, blur).items():
             if name in found and value > floors.get(name, 0.0):
                 floors[name] = value
                 hidden = f"this hides errors of {name} below {value:.1e} {UNITS[name]}."
                 notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
     start: dict[str, Any] = {}
     if not own_start:
-        first = {name: float(found[name][0]) for name in frames.sizes if name in GROUPS and name in found}
+        first = {name: measured.first[name] for name in GROUPS if name in found}
         start = {"t": float(t[0]), **first}
         for word, least in (("right", START), ("single", SINGLE)):
             start[word] = frames.starts(first, least, floors_of(first_floor)) if t[0] == 0 else None
-    marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)[:-1]
-    curves = {name: np.stack([t[marks], np.maximum.reduceat(error, marks)]) for name, error in found.items()}
-    errors = {name: Error(float(error.max()), float(error[-1])) for name, error in found.items()}
-    span = (float(t[0]), float(t[-1]))
-    omega = given.get("omega") if exact is None else exact[2]
-    omega = rows.turn / rows.dt if omega is None and rows is not None else omega
-    turns = (
-        math.nan if omega is None else float(np.nanmean(np.linalg.norm(omega, axis=1)) * (span[1] - span[0]) / math.tau)
+    omega = seen.get("omega") if exact is None else exact[2]
+    speed = (
+        rows.speed()
+        if omega is None and rows is not None
+        else np.linalg.norm(omega, axis=1)
+        if omega is not None
+        else None
     )
+    at = rows.t[1:] if omega is None and rows is not None else seen["time"][:, 0]
+    turns = math.nan if speed is None else float(np.trapezoid(speed, at)) / math.tau
+    span = (float(t[0]), float(t[-1]))
     judged = Judgement(
-        case.name, len(t), span, errors, start, floors, hints, notes, curves, turns=turns, sizes=frames.sizes
+        case.name, len(t), span, found, start, floors, hints, notes, measured.curves, turns=turns, sizes=frames.sizes
     )
     if own_start:
         return judged
@@ -393,6 +395,48 @@ def _judged(
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {t[-1]:.9g} s; the case runs to {case.until:g} s.")
     return judged
+
+
+class _Measured(NamedTuple):
+    """The errors of all rows, those of the first one, their curves; rows whose errors are known, rows with a NaN."""
+
+    errors: dict[str, Error]
+    first: dict[str, float]
+    curves: dict[str, Array]
+    good: Array
+    bad: Array
+    mirrored: bool
+
+
+def _measured(frames: Frames, given: Mapping[str, Array]) -> _Measured:
+    """In blocks of rows, so that a long file needs little memory; each block begins with the row before it."""
+    t = given["time"][:, 0]
+    marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)
+    edges = [*marks[: -1 : max(1, BLOCK * (len(marks) - 1) // len(t))], len(t)]
+    highest: dict[str, list[Array]] = {}
+    first: dict[str, float] = {}
+    last: dict[str, float] = {}
+    good, bad, mirrored = np.ones(len(t), dtype=bool), np.zeros(len(t), dtype=bool), False
+    for a, b in itertools.pairwise(edges):
+        before = int(a > 0)
+        block = {name: rows[a - before : b] for name, rows in given.items()}
+        found = frames.errors(block, None if frames.case is None else frames.exact(block["time"][:, 0]))
+        here = marks[(marks >= a) & (marks < b)] - a
+        for name, whole in found.items():
+            error = whole[before:]
+            highest.setdefault(name, []).append(np.maximum.reduceat(error, here))
+            first.setdefault(name, float(error[0]))
+            last[name] = float(error[-1])
+            bad[a:b] |= ~np.isfinite(error)
+            if name in GROUPS:
+                good[a:b] &= np.isfinite(error)
+        if "matrix" in block:
+            mirrored |= bool(np.any(np.linalg.det(block["matrix"].reshape(-1, 3, 3)) < 0))
+    if not highest:
+        raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
+    curves = {name: np.stack([t[marks[:-1]], np.concatenate(parts)]) for name, parts in highest.items()}
+    errors = {name: Error(float(curve[1].max()), last[name]) for name, curve in curves.items()}
+    return _Measured({name: errors[name] for name in UNITS if name in errors}, first, curves, good, bad, mirrored)
 
 
 def _times(t: Array) -> Array:
@@ -414,22 +458,20 @@ def _times(t: Array) -> Array:
 
 
 def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
-    """By how much the motion changes while the times change by `blur`, the most of some rows."""
+    """By how much the motion changes while the times change by `blur`, at most."""
     if not blur:
         return {}
-    some = np.unique(np.linspace(0, len(t) - 1, POINTS).astype(int))
-    x, _, omega = frames.exact(t[some] + blur)
-    moved = {"position": x - exact[0][some], "rotation": omega * blur, "omega": omega - exact[2][some]}
+    x, _, omega = frames.exact(t + blur)
+    moved = {"position": x - exact[0], "rotation": omega * blur, "omega": omega - exact[2]}
     return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
-def _notes(t: Array, found: Mapping[str, Array]) -> Iterator[str]:
-    bad = ~np.isfinite(np.stack(list(found.values()))).all(0)
+def _notes(t: Array, bad: Array, errors: Mapping[str, Error]) -> Iterator[str]:
     if bad.any():
         what = "a number that is missing or not finite, a matrix or quaternion that is no "
         what += "rotation, or a position of length 0"
         yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
-    if "orthogonality" in found and (off := found["orthogonality"].max()) > 1e-3:
+    if "orthogonality" in errors and (off := errors["orthogonality"].max) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
 
 

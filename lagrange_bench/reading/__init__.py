@@ -425,7 +425,7 @@ def read(layout: Layout) -> dict[str, Array]:
         keep = np.all([np.isin(columns[i], list(match)) for i, match in zip(layout.rows, matches, strict=True)], axis=0)
     given: dict[str, Array] = {}
     for kind, places in layout.groups.items():
-        given[kind] = np.column_stack([columns[i] for i in places])[keep]
+        given[kind] = np.column_stack([columns.pop(i) for i in places])[keep]
         for k, i in enumerate(places):
             if (factor := layout.factors[i]) != 1:
                 whole = round(1 / factor) if factor < 1 else 0

@@ -20,6 +20,7 @@ from lagrange_bench.reading.names import UNITS, unit_of
 
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand
+CHUNK = 1 << 17  # rows that are read at once
 SAMPLE = 400  # rows that are looked at before all are read
 SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
@@ -329,8 +330,11 @@ class Text:
                 with self.open() as file:
                     for _ in range(self.skip):
                         file.readline()
-                    frame = pd.read_csv(file, **settings)
-                return {i: frame[i].to_numpy() for i in places}
+                    parts: dict[int, list[Array]] = {i: [] for i in places}
+                    for frame in pd.read_csv(file, chunksize=CHUNK, **settings):
+                        for i in places:
+                            parts[i].append(frame[i].to_numpy(copy=True))
+                return {i: np.concatenate(parts.pop(i)) for i in places}
             except (ValueError, OverflowError):
                 pass  # read it again, line by line, to see where
         columns: dict[int, list[Any]] = {i: [] for i in places}

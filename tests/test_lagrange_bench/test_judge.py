@@ -412,6 +412,23 @@ def test_conventions_of_poor_runs_are_named(name, h):
         assert any(hint in each for each in found), (hint, found)
 
 
+def test_the_first_row_or_the_rows_themselves_tell_what_a_run_that_is_lost_hides():
+    """At 2.5 rad a step: by a start that is right in one convention only, and by q' = q ω/2."""
+    t, x, M, omega = poor(CASES["bruels"], 1 / 60, until=0.1)
+    q = Rotation.from_matrix(M).as_quat(scalar_first=True)
+    rows = {"t": t, "omega": omega, "omega_frame": "world", "case": "bruels"}
+    assert judge(rotation=q, **rows).hints == []
+    for given, hint in (
+        ({"rotation": q[:, [1, 2, 3, 0]]}, "--quat xyzw"),
+        ({"position": x @ INTO, "rotation": INTO.T @ M, "omega": omega @ INTO}, "--up=y"),
+    ):
+        assert hint in judge(**{**rows, **given}).hints[0]
+    box = CASES["box"]
+    other = type(box)("other", box.body, box.rotation, (3, 0.5, 2)).solution(BOX.t)
+    assert "transposed" in judge(BOX.t, rotation=other.rotation.inv(), omega=other.omega_body, case="box").hints[0]
+    assert judge(BOX.t, rotation=other.rotation, omega=other.omega_body, case="box").hints == []
+
+
 def test_what_engines_do_to_a_spin_is_named():
     slow = CASES["slow"]
     for engine, words in (
