@@ -42,7 +42,7 @@ def substep(s, alpha, h):
 
 
 @compiled
-def step(s, c, tally):
+def step(s, c, counters):
     for _ in range(2):
         s = substep(s, c[ALPHA], c[OUTER])
     s = substep(s, c[ALPHA], c[MIDDLE])

@@ -48,7 +48,7 @@ def _interpreted(stepper: Any, y0: Any) -> None:
     if kernel is None:
         return
     try:
-        kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.tally)))
+        kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.counters)))
     except IndexError:
         raise
     except Exception:  # the kernel calls a function that only compiled code can call

@@ -31,7 +31,7 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: i
     def run(columns, first, last, every, block, tops, out):
         # `columns` holds blocks of columns of `lanes` numbers: states, memories and constants. `tops` gives the place in `out` of
         # each lane, or −1 for an unused lane. The first row of `out` is the state after `every` steps.
-        tally = stack(tallies)
+        counters = stack(tallies)
         for b in range(len(tops) // lanes):
             origin = b * (6 + memory + size) * lanes
             carried = origin + 6 * lanes
@@ -53,9 +53,9 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: i
                     for j in range(lanes):
                         s = column(columns, origin + j, 6, lanes)
                         c = column(columns, constants + j, size, lanes)
-                        store_tuple(tally, MEMORY, column(columns, carried + j, memory, lanes))
-                        put_column(columns, origin + j, step(s, c, tally), lanes)
-                        put_column(columns, carried + j, load_tuple(tally, MEMORY, memory), lanes)
+                        store_tuple(counters, MEMORY, column(columns, carried + j, memory, lanes))
+                        put_column(columns, origin + j, step(s, c, counters), lanes)
+                        put_column(columns, carried + j, load_tuple(counters, MEMORY, memory), lanes)
                 i = stop
                 if i == next_row:
                     for j in range(lanes):

@@ -1,8 +1,8 @@
 """The time loop of every compiled method.
 
-A compiled method is a Numba function on a tuple of numbers, `step(s, c, tally) -> s`. A second one may restore invariants:
+A compiled method is a Numba function on a tuple of numbers, `step(s, c, counters) -> s`. A second one may restore invariants:
 `restore(s, c) -> s` is called before every `block` steps, also before the first of a call. `c` is the method's array of
-constants, and `tally` counts (see below). The state lives in registers; nothing is allocated. `lanes` has the loop of many
+constants, and `counters` counts (see below). The state lives in registers; nothing is allocated. `lanes` has the loop of many
 tops, `methods.dop853` that of kernels that choose their steps.
 """
 
@@ -20,7 +20,7 @@ from lagrange_bench.integrators.compiling.compiled import NumbaError, is_compile
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 
-# places in `tally`. A kernel that fails puts a code into FAILURE and its last residual into RESIDUAL. From MEMORY on are
+# places in `counters`. A kernel that fails puts a code into FAILURE and its last residual into RESIDUAL. From MEMORY on are
 # SIZE - MEMORY numbers, zero at the start of a call, which a kernel may carry from step to step (compensation).
 # A `timed` kernel reads the number of its step from CLOCK, and computes the time from it, so that no rounding adds up
 ITERATIONS, RHS_EVALS, FAILURE, FAILED_AT, RESIDUAL, CLOCK, MEMORY = range(7)
@@ -44,7 +44,7 @@ def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed:
     """The loop around one kernel of `size` numbers. It returns False if a step fails or the last state is not finite."""
 
     @jit
-    def run(y, first, last, every, block, c, tally, out):
+    def run(y, first, last, every, block, c, counters, out):
         # From step number `first` to `last`. Rows are recorded and invariants restored at multiples of `every` and `block`,
         # counted from the start of the whole run. So the states do not depend on how a run is divided or recorded.
         s = column(y, 0, size, 1)
@@ -60,10 +60,10 @@ def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed:
             stop = min(last, next_row, next_restore)
             for k in range(i, stop):
                 if timed:
-                    tally[CLOCK] = k
-                s = step(s, c, tally)
-                if tally[FAILURE] != 0:
-                    tally[FAILED_AT] = k
+                    counters[CLOCK] = k
+                s = step(s, c, counters)
+                if counters[FAILURE] != 0:
+                    counters[FAILED_AT] = k
                     return False
             i = stop
             if i == next_row:
@@ -120,7 +120,7 @@ class FixedStepper(Stepper):
     constants : (m,)
         Floats, the `c` of the kernel.
     step : callable
-        Compiled, step(s, c, tally) → s, with s a tuple of `size` numbers.
+        Compiled, step(s, c, counters) → s, with s a tuple of `size` numbers.
     restore : callable, optional
         Compiled, restore(s, c) → s: moves a state back onto the invariants. Called before every `block` steps.
     block : int
@@ -134,7 +134,7 @@ class FixedStepper(Stepper):
     size : int
         The number of components of a state.
     timed : bool
-        Whether the kernel reads the number of its step from tally[CLOCK]. Then a run must not be continued from a later state.
+        Whether the kernel reads the number of its step from counters[CLOCK]. Then a run must not be continued from a later state.
     memory : int
         How many numbers the kernel carries from step to step.
 
@@ -175,7 +175,7 @@ class FixedStepper(Stepper):
         if timed:  # else the class decides
             self.from_start = True
         self._run = compiled_loop(step, restore, constants.dtype, size, timed)
-        self.work, self.tally = Work(), np.zeros(max(SIZE, MEMORY + memory))
+        self.work, self.counters = Work(), np.zeros(max(SIZE, MEMORY + memory))
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Pickle the call that prepares it again, because machine code cannot be sent to another process."""
@@ -197,14 +197,14 @@ class FixedStepper(Stepper):
         state = self.enter(y)
         out = np.empty((n // every + 1, self.size), dtype=state.dtype)
         out[0] = state
-        self.tally = tally = np.zeros(len(self.tally))  # of the last call, for a method that reads its MEMORY
+        self.counters = counters = np.zeros(len(self.counters))  # of the last call, for a method that reads its MEMORY
         for first in range(0, n, INTERRUPTIBLE):
-            last, before = min(first + INTERRUPTIBLE, n), (state.copy(), tally.copy())
-            if not self._run(state, first, last, every, self.block, self.constants, tally, out):
+            last, before = min(first + INTERRUPTIBLE, n), (state.copy(), counters.copy())
+            if not self._run(state, first, last, every, self.block, self.constants, counters, out):
                 raise self._failure(first, last, *before)
         self.work.steps += n
-        self.work.iterations += int(tally[ITERATIONS])
-        self.work.rhs_evals += int(tally[RHS_EVALS]) + n * self.rhs_per_step
+        self.work.iterations += int(counters[ITERATIONS])
+        self.work.rhs_evals += int(counters[RHS_EVALS]) + n * self.rhs_per_step
         result = self.rows(out, every)
         result[0] = y
         if not finite(result.ravel()):  # a change of units may overflow
@@ -218,14 +218,14 @@ class FixedStepper(Stepper):
         """
         return self.leave(out)
 
-    def _failure(self, first: int, last: int, y: Array, tally: Array) -> StepError:
-        """Why the steps from `first`, with this state and tally, to `last` end early, and at which: found by halves."""
+    def _failure(self, first: int, last: int, y: Array, counters: Array) -> StepError:
+        """Why the steps from `first`, with this state and counters, to `last` end early, and at which: found by halves."""
         reason, out = "the state left the range of floating-point numbers", np.empty((2, self.size), y.dtype)
         while first < last:
             middle = (first + last) // 2 if last - first > 1 else last
-            state, counted = y.copy(), tally.copy()
+            state, counted = y.copy(), counters.copy()
             if self._run(state, first, middle, middle, self.block, self.constants, counted, out):
-                y, tally, first = state, counted, middle
+                y, counters, first = state, counted, middle
                 continue
             if code := int(counted[FAILURE]):
                 reason = self.failures.get(code, f"failure code {code}")
@@ -240,8 +240,8 @@ class FixedStepper(Stepper):
 class ConjugateStepper(FixedStepper):
     """A stepper whose method is conjugate to its kernel: states enter and leave the kernel through a compiled map.
 
-    `map_rows(rows, *arguments, tally)` maps rows in place, with the arguments `preprocess` or `postprocess`, which are inverse to
-    each other. The other arguments are those of `FixedStepper`.
+    `map_rows(rows, *arguments, counters)` maps rows in place, with the arguments `preprocess` or `postprocess`, which are inverse
+    to each other. The other arguments are those of `FixedStepper`.
     """
 
     def __init__(
@@ -262,9 +262,9 @@ class ConjugateStepper(FixedStepper):
         return out
 
     def _map(self, rows: Array, arguments: tuple) -> Array:
-        tally = np.zeros(SIZE)
-        self._map_rows(rows, *arguments, tally)
-        if tally[FAILURE] or not finite(rows.ravel()):
+        counters = np.zeros(SIZE)
+        self._map_rows(rows, *arguments, counters)
+        if counters[FAILURE] or not finite(rows.ravel()):
             left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, self.failures.get(int(tally[FAILURE]), left), h=self.h)
+            raise StepError(self.name, self.failures.get(int(counters[FAILURE]), left), h=self.h)
         return rows

@@ -71,7 +71,7 @@ ZERO, ONE = (0.0, 0.0), (1.0, 0.0)
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     """The map; (a, b) stands for a + ib."""
     J1, J2, J3, x1, x2, x3 = s
     v = J1 * x2 - J2 * x1  # x3'

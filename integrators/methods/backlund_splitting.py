@@ -165,7 +165,7 @@ def kernel(field: Field, conserves_J3: bool, gradients: int, degree: int, single
     first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
-    def step(s, c, tally):
+    def step(s, c, counters):
         alpha = c[ALPHA]
         for g in range(1 if single else int(c[GROUPS])):
             place = first + g * stride
@@ -175,11 +175,11 @@ def kernel(field: Field, conserves_J3: bool, gradients: int, degree: int, single
                 R, eta, mr, mi = look(c, place + GROUP, u, v)
                 s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
             else:
-                tally[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
+                counters[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
                 s, ok = exact_flow(s, alpha, c[place + TIME])
                 if not ok:
-                    tally[loops.FAILURE] = LOST
-            t = c[first - 1] + (c[STEP] * tally[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
+                    counters[loops.FAILURE] = LOST
+            t = c[first - 1] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
             s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
         return s
 
@@ -219,7 +219,7 @@ def map_over(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
-    def run(rows, given, parts, times, tally):
+    def run(rows, given, parts, times, counters):
         alpha, count = given[0], times[2]
         for row in rows:
             s = get(row, 0)
@@ -230,7 +230,7 @@ def map_over(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
                 if parts[k, 0] != 0.0:
                     s, ok = exact_flow(s, alpha, parts[k, 0])
                     if not ok:
-                        tally[loops.FAILURE] = LOST
+                        counters[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
                     s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
             write(row, 0, s)

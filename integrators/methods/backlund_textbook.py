@@ -25,7 +25,7 @@ def quotient(a, b):
 
 
 @jit
-def textbook_step(s, c, tally):
+def textbook_step(s, c, counters):
     """The loop body of the paper's program (section 5.7), complex, with its divisions; s = (J3, J-, J+, x3, x-, x+)."""
     J3, Jm, Jp, x3, xm, xp = s
     alpha, l1, l2, mu1, mu2 = c[0], c[1], c[2], c[3], c[4]
@@ -35,7 +35,7 @@ def textbook_step(s, c, tally):
     A2 = (alpha + mu2) * l2 * l2 + J3 * l2 + x3
     below = B1 * A2 - B2 * A1
     if B1 == 0.0 or below == 0.0:
-        tally[FAILURE] = 1
+        counters[FAILURE] = 1
         return s
     x = quotient(A1, B1)
     X = quotient((l2 - l1) * B1 * B2, below)

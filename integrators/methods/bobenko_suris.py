@@ -55,7 +55,7 @@ def turn(K1, K2, J3, x, k):
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     J1, J2, J3, x1, x2, x3 = s
     k, kick = c[HALF], c[KICK]
     d1, d2, d3 = turn(J1 - kick * x2, J2 + kick * x1, J3, (x1, x2, x3), k)
@@ -72,7 +72,7 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
         return J[0] + k * t[0], J[1] + k * t[1], J[2] if conserves_J3 else J[2] + k * t[2]
 
     @jit(inline=True)
-    def step(s, c, tally):
+    def step(s, c, counters):
         x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
         J = kicked((s[0], s[1], s[2]), k, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]

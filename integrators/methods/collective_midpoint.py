@@ -96,7 +96,7 @@ def newton_correction(s, c, u1, u2, u3, b1, b2, b3, q, r1, r2, r3):
 
 
 @jit
-def step(s, c, tally, newton):
+def step(s, c, counters, newton):
     J1, J2, J3, x1, x2, x3 = s
     h, k = c[QUARTER], 0.5 * c[QUARTER] * c[KICK]
     u1, u2, u3 = h * J1 - k * x2, h * J2 + k * x1, h * J3
@@ -107,8 +107,8 @@ def step(s, c, tally, newton):
         b1, b2, b3, q, r1, r2, r3 = residual(s, c, u1, u2, u3)
         size = abs(r1) + abs(r2) + abs(r3)
         if size == 0.0 or (size >= last and size <= small):
-            tally[ITERATIONS] += i + 1
-            tally[RHS_EVALS] += i + 1
+            counters[ITERATIONS] += i + 1
+            counters[RHS_EVALS] += i + 1
             break
         last = size
         if newton:
@@ -117,8 +117,8 @@ def step(s, c, tally, newton):
         u2 += r2
         u3 += r3
     else:
-        tally[FAILURE] = NOT_CONVERGED
-        tally[RESIDUAL] = last
+        counters[FAILURE] = NOT_CONVERGED
+        counters[RESIDUAL] = last
     u = u1, u2, u3
     y = turn(u, q, (x1, x2, x3))
     z = turn(u, q, y)
@@ -127,13 +127,13 @@ def step(s, c, tally, newton):
 
 
 @jit
-def fixed_point_step(s, c, tally):
-    return step(s, c, tally, False)
+def fixed_point_step(s, c, counters):
+    return step(s, c, counters, False)
 
 
 @jit
-def newton_step(s, c, tally):
-    return step(s, c, tally, True)
+def newton_step(s, c, counters):
+    return step(s, c, counters, True)
 
 
 @cache
@@ -160,7 +160,7 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
     numbers = tuple_loader(1 + field.parameters)
 
     @jit
-    def step(s, c, tally):
+    def step(s, c, counters):
         J1, J2, J3, x1, x2, x3 = s
         q, h = numbers(c, 1), 0.25 * c[1]
         u1, u2, u3 = h * J1, h * J2, h * J3
@@ -170,14 +170,14 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
             r = rule(v, q)
             size, kick = abs(r[0]) + abs(r[1]) + abs(r[2]), (r[3], r[4], r[5])
             if not size < math.inf:
-                tally[FAILURE] = NOT_CONVERGED
+                counters[FAILURE] = NOT_CONVERGED
                 return s
             # a change that has stopped falling is round-off only if it is this small
             terms = abs(u1) + abs(u2) + abs(u3) + abs(h) * (abs(r[3]) + abs(r[4]) + abs(r[5]))
             small = 2.0**-45 * terms
             if size == 0.0 or (size >= last and size <= small):
-                tally[ITERATIONS] += i + 1
-                tally[RHS_EVALS] += i + 1
+                counters[ITERATIONS] += i + 1
+                counters[RHS_EVALS] += i + 1
                 break
             newton = newton or (c[0] == 2.0 and size > max(WEAK * last, small))
             last = size
@@ -192,10 +192,10 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
             u2 += d2
             u3 += d3
         else:
-            tally[FAILURE] = NOT_CONVERGED
-            tally[RESIDUAL] = last
+            counters[FAILURE] = NOT_CONVERGED
+            counters[RESIDUAL] = last
         if det < 0.0:
-            tally[FAILURE] = FOLDED
+            counters[FAILURE] = FOLDED
         u = u1, u2, u3
         p = 1.0 / (1.0 + scalar(u, u))
         z = turn(u, p, turn(u, p, (x1, x2, x3)))

@@ -91,7 +91,7 @@ def residual(n, s, c, low, K, X, L, J, R):
 
 
 @jit(inline=True)
-def solve(n, s, c, low, K, L, tally, by_newton):
+def solve(n, s, c, low, K, L, counters, by_newton):
     """K and L of the step. Returns the number of iterations, 0 if there were too many."""
     X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
     last = math.inf
@@ -109,13 +109,13 @@ def solve(n, s, c, low, K, L, tally, by_newton):
         if done:
             return k + 1
         last = size
-    tally[RESIDUAL] = last
+    counters[RESIDUAL] = last
     return 0
 
 
 @jit
-def newton(n, s, c, low, K, L, tally):
-    return solve(n, s, c, low, K, L, tally, True)
+def newton(n, s, c, low, K, L, counters):
+    return solve(n, s, c, low, K, L, counters, True)
 
 
 @jit(inline=True)
@@ -174,22 +174,24 @@ def correct(n, c, A, T, P, pivots, R):
 
 
 @jit(inline=True)
-def step(n, s, c, tally):
+def step(n, s, c, counters):
     S = len(n)
     AHEAD, LOW = BETA + 2 * S + 2 * S * S, MEMORY + 3 * S
     K, L, low = stack(18), stack(12), stack(5)
     for i in range(3 * S):
         K[i] = 0.0
-    general.accumulate(S, c, AHEAD, tally[MEMORY:], K)
+    general.accumulate(S, c, AHEAD, counters[MEMORY:], K)
     for i in range(5):
-        low[i] = tally[LOW + i]
-    iterations = newton(n, s, c, low, K, L, tally) if c[NEWTON] != 0.0 else solve(n, s, c, low, K, L, tally, False)
+        low[i] = counters[LOW + i]
+    iterations = (
+        newton(n, s, c, low, K, L, counters) if c[NEWTON] != 0.0 else solve(n, s, c, low, K, L, counters, False)
+    )
     if iterations == 0:
-        tally[FAILURE] = general.NOT_CONVERGED
-    tally[ITERATIONS] += iterations
-    tally[RHS_EVALS] += S * iterations
+        counters[FAILURE] = general.NOT_CONVERGED
+    counters[ITERATIONS] += iterations
+    counters[RHS_EVALS] += S * iterations
     for i in range(3 * S):
-        tally[MEMORY + i] = K[i]
+        counters[MEMORY + i] = K[i]
     for i in range(S):
         low[0] += L[i]
         low[1] += L[S + i]
@@ -202,7 +204,7 @@ def step(n, s, c, tally):
     x2, l4 = two_sum(s[4], low[3])
     x3, l5 = two_sum(s[5], low[4])
     if c[COMPENSATED] != 0.0:
-        tally[LOW], tally[LOW + 1], tally[LOW + 2], tally[LOW + 3], tally[LOW + 4] = l1, l2, l3, l4, l5
+        counters[LOW], counters[LOW + 1], counters[LOW + 2], counters[LOW + 3], counters[LOW + 4] = l1, l2, l3, l4, l5
     return J1, J2, s[2], x1, x2, x3
 
 
@@ -212,8 +214,8 @@ def kernel(stages: int) -> Any:
     n = (0,) * stages
 
     @jit
-    def run(s, c, tally):
-        return step(n, s, c, tally)
+    def run(s, c, counters):
+        return step(n, s, c, counters)
 
     return run
 

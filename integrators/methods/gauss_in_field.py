@@ -160,7 +160,7 @@ def kernel(stages: int, system: System) -> Any:
     get_u, get_e = tuple_loader(U), tuple_loader(E)
 
     @jit
-    def residual(s, c, tally, low, K, Y, L, R):
+    def residual(s, c, counters, low, K, Y, L, R):
         """Y, L and R = h b f(Y) − K of the stages that K makes; returns Σ|R|."""
         q = numbers(c, NUMBERS)
         u, e = stack(K_SIZE), stack(L_SIZE)
@@ -170,7 +170,7 @@ def kernel(stages: int, system: System) -> Any:
             for a in range(E):
                 e[E * i + a] = s[places_e[a]]
             y = place(s, get_u(u, U * i), get_e(e, E * i))
-            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + i]) if timed else 0.0
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + i]) if timed else 0.0
             if E > 0:
                 keep_e(L, E * i, rates_e((t,) + y, q))  # noqa: RUF005 - compiled code does not unpack
                 for a in range(E):
@@ -178,7 +178,7 @@ def kernel(stages: int, system: System) -> Any:
         for i in range(S):
             at_stage(i, S, E, c, MU, L, low, places_e, s, e)
             y = place(s, get_u(u, U * i), get_e(e, E * i))
-            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + i]) if timed else 0.0
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + i]) if timed else 0.0
             keep(Y, n * i, y)
             keep_u(R, U * i, rates_u((t,) + y, q))  # noqa: RUF005
             for a in range(U):
@@ -187,11 +187,11 @@ def kernel(stages: int, system: System) -> Any:
         return size
 
     @jit
-    def linearise(c, tally, Y, A, pivots):
+    def linearise(c, counters, Y, A, pivots):
         """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
         q, M = numbers(c, NUMBERS), stack(M_SIZE)
         for j in range(S):
-            t = c[START] + c[STEP] * (tally[loops.CLOCK] + c[NODES + j]) if timed else 0.0
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + j]) if timed else 0.0
             keep_slopes(M, ROW * j, slopes((t,) + whole(Y, n * j), q))  # noqa: RUF005
         for i in range(S):
             for j in range(S):
@@ -214,15 +214,15 @@ def kernel(stages: int, system: System) -> Any:
         return sign
 
     @jit
-    def solve(s, c, low, K, L, tally, newton):
+    def solve(s, c, low, K, L, counters, newton):
         """K and L of the step. Returns the number of iterations, 0 if there were too many."""
         Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
         weak = WEAK[1] if c[COMPENSATED] != 0.0 else WEAK[0]
-        t = c[START] + c[STEP] * tally[loops.CLOCK] if timed else 0.0
+        t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
         small = 2.0**-45 * abs(c[STEP]) * terms((t,) + s, numbers(c, NUMBERS))[0]  # noqa: RUF005
         last, sign, fresh = math.inf, 1.0, True
         for k in range(LIMIT):
-            size = residual(s, c, tally, low, K, Y, L, R)
+            size = residual(s, c, counters, low, K, Y, L, R)
             if not size < math.inf:
                 break
             done = size == 0.0 or (size >= last and size <= small)
@@ -230,7 +230,7 @@ def kernel(stages: int, system: System) -> Any:
                 newton = newton or (c[SOLVER] == 2.0 and size > max(weak * last, small))
                 if newton:
                     if fresh or size > max(2.0**-8 * last, small):
-                        sign = linearise(c, tally, Y, A, pivots)
+                        sign = linearise(c, counters, Y, A, pivots)
                         fresh = False
                     for i in range(m):
                         r[i] = R[i]
@@ -244,10 +244,10 @@ def kernel(stages: int, system: System) -> Any:
                 K[i] += R[i]
             if done:
                 if sign < 0.0:
-                    tally[loops.FAILURE] = FOLDED
+                    counters[loops.FAILURE] = FOLDED
                 return k + 1
             last = size
-        tally[loops.RESIDUAL] = last
+        counters[loops.RESIDUAL] = last
         return 0
 
     @unrolled
@@ -255,27 +255,27 @@ def kernel(stages: int, system: System) -> Any:
         return tuple(map(tuple, two_sums(s, change)))
 
     @jit
-    def step(s, c, tally):
+    def step(s, c, counters):
         K, L, low = stack(K_SIZE), stack(L_SIZE), stack(n)
         for i in range(S):
             for a in range(U):
                 K[U * i + a] = 0.0
                 for j in range(S):
-                    K[U * i + a] += c[AHEAD + S * j + i] * tally[loops.MEMORY + U * j + a]
+                    K[U * i + a] += c[AHEAD + S * j + i] * counters[loops.MEMORY + U * j + a]
         for i in range(n):
-            low[i] = tally[LOW + i]
-        iterations = solve(s, c, low, K, L, tally, c[SOLVER] == 1.0)
+            low[i] = counters[LOW + i]
+        iterations = solve(s, c, low, K, L, counters, c[SOLVER] == 1.0)
         if iterations == 0 and c[SOLVER] != 0.0:  # once more from the state itself
             for i in range(m):
                 K[i] = 0.0
-            tally[loops.RESIDUAL] = 0.0
-            iterations = solve(s, c, low, K, L, tally, True)
+            counters[loops.RESIDUAL] = 0.0
+            iterations = solve(s, c, low, K, L, counters, True)
         if iterations == 0:
-            tally[loops.FAILURE] = NOT_CONVERGED
-        tally[loops.ITERATIONS] += iterations
-        tally[loops.RHS_EVALS] += S * iterations
+            counters[loops.FAILURE] = NOT_CONVERGED
+        counters[loops.ITERATIONS] += iterations
+        counters[loops.RHS_EVALS] += S * iterations
         for i in range(m):
-            tally[loops.MEMORY + i] = K[i]
+            counters[loops.MEMORY + i] = K[i]
         for i in range(S):
             for a in range(U):
                 low[places_u[a]] += K[U * i + a]
@@ -283,7 +283,7 @@ def kernel(stages: int, system: System) -> Any:
                 low[places_e[a]] += L[E * i + a]
         new, lost = sums(s, whole(low, 0))
         if c[COMPENSATED] != 0.0:
-            keep(tally, LOW, lost)
+            keep(counters, LOW, lost)
         return new
 
     return step

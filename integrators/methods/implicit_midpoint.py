@@ -69,7 +69,7 @@ def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
 
 
 @jit(inline=True)
-def solve(s, c, tally, newton, v1, v2):
+def solve(s, c, counters, newton, v1, v2):
     """The step from a first guess of v1, v2."""
     J1, J2, J3, x1, x2, x3 = s
     half = 0.5 * c[H]
@@ -84,8 +84,8 @@ def solve(s, c, tally, newton, v1, v2):
         r2 = half * (J2 + kick * (x1 + d1)) - v2
         size = abs(r1) + abs(r2)
         if size == 0.0 or (size >= last and size <= small):
-            tally[ITERATIONS] += i + 1
-            tally[RHS_EVALS] += i + 1
+            counters[ITERATIONS] += i + 1
+            counters[RHS_EVALS] += i + 1
             break
         last = size
         if newton:
@@ -93,8 +93,8 @@ def solve(s, c, tally, newton, v1, v2):
         v1 += r1
         v2 += r2
     else:
-        tally[FAILURE] = NOT_CONVERGED
-        tally[RESIDUAL] = size
+        counters[FAILURE] = NOT_CONVERGED
+        counters[RESIDUAL] = size
     return image(s, 2.0 * kick, (u1, u2, u3), (d1, d2, d3), (v1, v2, v3))
 
 
@@ -114,7 +114,7 @@ def explicit_guess(s, alpha, h):
 
 
 @jit(inline=True)
-def cubic_guess(s, c, tally):
+def cubic_guess(s, c, counters):
     """v1, v2 from the root z = x̄3 of ((1 − az)² + b²)(z − x3) + gz + k, where x̄1 + i x̄2 = (X − i half Jz)/(1 − az − ib)."""
     J1, J2, J3, x1, x2, x3 = s
     half = 0.5 * c[H]
@@ -129,7 +129,7 @@ def cubic_guess(s, c, tally):
         left = (-p2 - math.sqrt(w)) / (3.0 * a * a)
         right = (-p2 + math.sqrt(w)) / (3.0 * a * a)
         if cubic(left, a, b, x3, g, k)[0] > 0.0 and cubic(right, a, b, x3, g, k)[0] < 0.0:
-            tally[FAILURE] = NOT_UNIQUE
+            counters[FAILURE] = NOT_UNIQUE
     high = 1.001 * math.sqrt(x1 * x1 + x2 * x2 + x3 * x3)
     low, z = -high, x3
     for _ in range(200):
@@ -156,15 +156,15 @@ def cubic(z, a, b, x3, g, k):
 
 
 @jit(inline=True)
-def fixed_point_step(s, c, tally):
+def fixed_point_step(s, c, counters):
     v1, v2 = explicit_guess(s, c[ALPHA], c[H])
-    return solve(s, c, tally, False, v1, v2)
+    return solve(s, c, counters, False, v1, v2)
 
 
 @jit(inline=True)
-def newton_step(s, c, tally):
-    v1, v2 = cubic_guess(s, c, tally) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
-    return solve(s, c, tally, True, v1, v2)
+def newton_step(s, c, counters):
+    v1, v2 = cubic_guess(s, c, counters) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
+    return solve(s, c, counters, True, v1, v2)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:

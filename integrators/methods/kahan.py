@@ -58,7 +58,7 @@ FAILURES = {
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     J1, J2, J3, x1, x2, x3 = s
     k, kick = c[HALF], c[KICK]
     W1, W2 = J1 - kick * x2, J2 + kick * x1
@@ -70,7 +70,7 @@ def step(s, c, tally):
     f, g = k * (J3 + v1 * W2), near + v1 * w1
     det = a * g + b * f
     if not (near > 0.0 and det > 0.0):
-        tally[FAILURE] = BEYOND
+        counters[FAILURE] = BEYOND
         return s
     u3 = W1 * x2 - W2 * x1
     g1 = (W2 * x3 - J3 * x2) + v2 * u3
@@ -88,7 +88,7 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
     slopes, numbers = machine_code(with_slopes(field.torque, 3)), tuple_loader(field.parameters)
 
     @jit(inline=True)
-    def step(s, c, tally):
+    def step(s, c, counters):
         J, x, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), 0.5 * c[0]
         f = slopes(x, numbers(c, 1))
         t, m1, m2, m3 = (f[0], f[1], f[2]), (f[3], f[4], f[5]), (f[6], f[7], f[8]), (f[9], f[10], f[11])
@@ -102,7 +102,7 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
         p1, p2, p3 = cross(d2, d3), cross(d3, d1), cross(d1, d2)
         det = dot(d1, p1)
         if not (det > 0.0 and p1[0] + p2[1] + p3[2] > 0.0 and d1[0] + d2[1] + d3[2] > 0.0):
-            tally[FAILURE] = BEYOND_IN_FIELD
+            counters[FAILURE] = BEYOND_IN_FIELD
             return s
         r, w = (2.0 * k) / det, cross(add(J, k, t), x)
         e1, e2, e3 = r * dot(p1, w), r * dot(p2, w), r * dot(p3, w)

@@ -84,11 +84,11 @@ def turn(w, q, v):
 
 
 @jit(inline=True)
-def exponential(a, tally):
+def exponential(a, counters):
     """The rotation exp(a×) as (w, q, parts, a part of a, its θ²): as a product of so many equal ones."""
     z = (a[0] * a[0] + a[1] * a[1]) + a[2] * a[2]
     if not z <= MOST * MOST:
-        tally[FAILURE] = TURNED
+        counters[FAILURE] = TURNED
         z, a = 0.0, (0.0, 0.0, 0.0)
     parts = 1
     while z > 1.0:
@@ -101,9 +101,9 @@ def exponential(a, tally):
 
 
 @jit
-def move(k, s, tally):
+def move(k, s, counters):
     """exp(a, b) acting on a state of e3, k = (a, b) in six numbers."""
-    w, q, parts, a, z, sinc = exponential((k[0], k[1], k[2]), tally)
+    w, q, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
     b = times(1.0 / parts, (k[3], k[4], k[5])) if parts > 1 else (k[3], k[4], k[5])
     u = cross(a, b)
     Vb = add(add(b, 0.5 * (sinc * sinc), u), polynomial(LAG, z), cross(a, u))
@@ -115,9 +115,9 @@ def move(k, s, tally):
 
 
 @jit
-def turn_one(k, s, tally):
+def turn_one(k, s, counters):
     """The rotation exp(k×) of one vector."""
-    w, q, parts, _, _, _ = exponential((k[0], k[1], k[2]), tally)
+    w, q, parts, _, _, _ = exponential((k[0], k[1], k[2]), counters)
     v = (s[0], s[1], s[2])
     for _ in range(parts):
         v = turn(w, q, v)
@@ -132,8 +132,8 @@ def turn_all(count: int) -> Any:
     rest = turn_all(count - 1)
 
     @jit
-    def some(k, s, tally):
-        return turn_one(k[:3], s[:3], tally) + rest(k[3:], s[3:], tally)
+    def some(k, s, counters):
+        return turn_one(k[:3], s[:3], counters) + rest(k[3:], s[3:], counters)
 
     return some
 
@@ -147,9 +147,9 @@ def of_length(square, q0, q):
 
 
 @jit
-def turn_body(k, s, tally, right):
+def turn_body(k, s, counters, right):
     """(a, b) of SO(3)×R³ acting on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
-    _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), tally)
+    _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
     c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
     q0, q = s[0], (s[1], s[2], s[3])
     square = q0 * q0 + dot(q, q)
@@ -161,13 +161,13 @@ def turn_body(k, s, tally, right):
 
 
 @jit
-def turn_from_right(k, s, tally):
-    return turn_body(k, s, tally, True)
+def turn_from_right(k, s, counters):
+    return turn_body(k, s, counters, True)
 
 
 @jit
-def turn_from_left(k, s, tally):
-    return turn_body(k, s, tally, False)
+def turn_from_left(k, s, counters):
+    return turn_body(k, s, counters, False)
 
 
 @cache
@@ -221,32 +221,34 @@ def kernel(name: str, system: System) -> Any:
     zero = (0.0,) * n
 
     @jit
-    def generator(s, ahead, c, tally):
-        t = c[START] + c[STEP] * (tally[CLOCK] + ahead) if timed else 0.0
+    def generator(s, ahead, c, counters):
+        t = c[START] + c[STEP] * (counters[CLOCK] + ahead) if timed else 0.0
         return program((t,) + s, numbers(c, FIRST))  # noqa: RUF005 - compiled code does not unpack
 
     @jit
-    def rkmk4(s, c, tally):
-        k1 = generator(s, 0.0, c, tally)
-        k2 = generator(act(plus(zero, 0.5, k1), s, tally), 0.5, c, tally)
+    def rkmk4(s, c, counters):
+        k1 = generator(s, 0.0, c, counters)
+        k2 = generator(act(plus(zero, 0.5, k1), s, counters), 0.5, c, counters)
         # ½ k2 − ⅛ [k1, k2]
         k = plus(plus(zero, 0.5, k2), -0.125, commutator(k1, k2))
-        k3 = generator(act(k, s, tally), 0.5, c, tally)
-        k4 = generator(act(k3, s, tally), 1.0, c, tally)
+        k3 = generator(act(k, s, counters), 0.5, c, counters)
+        k4 = generator(act(k3, s, counters), 1.0, c, counters)
         # (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12
         k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
-        return act(k, s, tally)
+        return act(k, s, counters)
 
     @jit
-    def commutator_free4(s, c, tally):
-        k1 = generator(s, 0.0, c, tally)
+    def commutator_free4(s, c, counters):
+        k1 = generator(s, 0.0, c, counters)
         half = plus(zero, 0.5, k1)
-        middle = act(half, s, tally)
-        k2 = generator(middle, 0.5, c, tally)
-        k3 = generator(act(plus(zero, 0.5, k2), s, tally), 0.5, c, tally)
-        k4 = generator(act(plus(k3, -1.0, half), middle, tally), 1.0, c, tally)  # the exponential of k1/2 is used again
-        middle = act(mean(FIRST_HALF, k1, k2, k3, k4), s, tally)
-        return act(mean(LAST_HALF, k1, k2, k3, k4), middle, tally)
+        middle = act(half, s, counters)
+        k2 = generator(middle, 0.5, c, counters)
+        k3 = generator(act(plus(zero, 0.5, k2), s, counters), 0.5, c, counters)
+        k4 = generator(
+            act(plus(k3, -1.0, half), middle, counters), 1.0, c, counters
+        )  # the exponential of k1/2 is used again
+        middle = act(mean(FIRST_HALF, k1, k2, k3, k4), s, counters)
+        return act(mean(LAST_HALF, k1, k2, k3, k4), middle, counters)
 
     return rkmk4 if name == "rkmk4" else commutator_free4
 

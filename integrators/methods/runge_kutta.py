@@ -99,7 +99,7 @@ def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
 
 @cache
 def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
-    """(s, d, tally) → the state with the increment of its moving components.
+    """(s, d, counters) → the state with the increment of its moving components.
 
     `compensated`: s + (d + what the last sum lost); what this one loses, exactly, is kept.
     """
@@ -107,7 +107,7 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
     get, keep = tuple_loader(count), tuple_storer(max(count, 1))
 
     @unrolled
-    def plain(s, d, tally):
+    def plain(s, d, counters):
         return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
 
     @unrolled
@@ -117,9 +117,9 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
         return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
 
     @jit
-    def carrying(s, d, tally):
-        new, lost = sums(s, d, get(tally, MEMORY))
-        keep(tally, MEMORY, lost)
+    def carrying(s, d, counters):
+        new, lost = sums(s, d, get(counters, MEMORY))
+        keep(counters, MEMORY, lost)
         return new
 
     return carrying if compensated and count else plain
@@ -141,9 +141,9 @@ def stepping(name: str, split: Split, system: System, compensated: bool = False)
     finish = adding(system.size, system.moving, compensated)
 
     @jit
-    def step(s, c, tally):
-        t = c[START] + c[STEP] * tally[CLOCK] if timed else 0.0
-        return finish(s, increment((t,) + s, constants(c, FIRST)), tally)  # noqa: RUF005 - compiled code does not unpack
+    def step(s, c, counters):
+        t = c[START] + c[STEP] * counters[CLOCK] if timed else 0.0
+        return finish(s, increment((t,) + s, constants(c, FIRST)), counters)  # noqa: RUF005 - compiled code does not unpack
 
     return step
 
@@ -195,7 +195,7 @@ def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
 
 
 @jit
-def projected(s, c, tally):
+def projected(s, c, counters):
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
     for _ in range(LIMIT):
@@ -216,8 +216,8 @@ def projected(s, c, tally):
         if square <= TINY:
             break
     else:
-        tally[FAILURE] = NOT_CONVERGED
-        tally[RESIDUAL] = square
+        counters[FAILURE] = NOT_CONVERGED
+        counters[RESIDUAL] = square
     return J1, J2, J3, x1, x2, x3
 
 
@@ -266,18 +266,18 @@ def projected_in_field(field: Field, conserves_J3: bool) -> tuple[Callable[..., 
         return J, x, g, (c[IN_ENERGY] - values[0], c[IN_C1] - values[1], c[IN_C2] - values[2])
 
     @jit
-    def finish(s, c, tally):
+    def finish(s, c, counters):
         for _ in range(LIMIT):
             J, x, g, (g1, g2, g3) = lacking(s, c)
             a11, a12, a13, a22, a23, a33 = products(J, x, g)
             l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), tally)
+            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), counters)
             square = l1 * g1 + l2 * g2 + l3 * g3
             if square <= TINY:
                 break
         else:
-            tally[FAILURE] = NOT_CONVERGED
-            tally[RESIDUAL] = square
+            counters[FAILURE] = NOT_CONVERGED
+            counters[RESIDUAL] = square
         return s
 
     return finish, lacking
@@ -285,12 +285,12 @@ def projected_in_field(field: Field, conserves_J3: bool) -> tuple[Callable[..., 
 
 @cache
 def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) -> Callable[..., Any]:
-    """The step of a formula, and `finish(s, c, tally)` of where it leads, with constants of its own after those of `kernel`."""
+    """The step of a formula, and `finish(s, c, counters)` of where it leads; its own constants are behind those of `kernel`."""
     step, first = kernel(tableau, system), FIRST + len(increment_of(tableau, system).fixed.outputs)
 
     @jit
-    def both(s, c, tally):
-        return finish(step(s, c, tally), c[first:], tally)
+    def both(s, c, counters):
+        return finish(step(s, c, counters), c[first:], counters)
 
     return both
 

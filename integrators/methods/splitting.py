@@ -265,17 +265,17 @@ def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: b
     kept, keep = tuple_loader(5), tuple_storer(5)
 
     @jit(inline=True)
-    def step(s, c, tally):
+    def step(s, c, counters):
         J1, J2, J3, x1, x2, x3 = s
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
         if compensated:
-            k1, k2, l1, l2, l3 = kept(tally, MEMORY)
+            k1, k2, l1, l2, l3 = kept(counters, MEMORY)
             if not conserves_J3:
-                k3 = tally[MEMORY + 5]
+                k3 = counters[MEMORY + 5]
         for i in range(0, len(c), stride):
             done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated)
             if not done:
-                tally[FAILURE] = TOO_FAR
+                counters[FAILURE] = TOO_FAR
                 return s
             p1, p2, p3 = push((x1, x2, x3), c, i)
             J1, k1 = add(J1, k1, p1, compensated)
@@ -283,9 +283,9 @@ def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: b
             if not conserves_J3:
                 J3, k3 = add(J3, k3, p3, compensated)
         if compensated:
-            keep(tally, MEMORY, (k1, k2, l1, l2, l3))
+            keep(counters, MEMORY, (k1, k2, l1, l2, l3))
             if not conserves_J3:
-                tally[MEMORY + 5] = k3
+                counters[MEMORY + 5] = k3
         return J1, J2, J3, x1, x2, x3
 
     return step
@@ -321,12 +321,12 @@ def map_over(step: Any, processed: bool) -> Any:
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
-    def run(rows, before, flow, after, tally):
+    def run(rows, before, flow, after, counters):
         for row in rows:
             s = get(row, 0)
             if processed:
                 s = process(s, before)
-            s = step(s, flow, tally)
+            s = step(s, flow, counters)
             if processed:
                 s = process(s, after)
             write(row, 0, s)
@@ -493,10 +493,10 @@ def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
     flow = flow_of(0)
 
     @jit(inline=True)
-    def step(s, c, tally):
+    def step(s, c, counters):
         first = STAGES + 1 + 3 * int(c[STAGES])
         for i in range(STAGES + 1, first, 3):
-            t = c[START] + c[TIME_STEP] * (tally[CLOCK] + c[i + 2]) if timed else 0.0
+            t = c[START] + c[TIME_STEP] * (counters[CLOCK] + c[i + 2]) if timed else 0.0
             s = flow(int(c[i]), s, t, c[i + 1], c, first)
         return s
 

@@ -29,7 +29,7 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     """The Taylor polynomial of one step in a uniform field, in powers of t/h; z[8k … 8k+4]: coefficient k of h J1, h J2, x."""
     J1, J2, J3, x1, x2, x3 = s
     h, alpha_h, order = c[0], c[1], int(c[2])
@@ -162,11 +162,11 @@ def kernel_of(system: System) -> Callable[..., Any]:
     get = tuple_loader(n)
 
     @jit
-    def step(s, c, tally):
+    def step(s, c, counters):
         h, order, z, total = c[1], int(c[2]), stack(scratch), stack(n)
         for i in range(scratch):
             z[i] = 0.0
-        z[0], z[1] = c[0] + h * tally[CLOCK] if timed else c[0], h
+        z[0], z[1] = c[0] + h * counters[CLOCK] if timed else c[0], h
         for i in range(n):
             z[width * (1 + i)], total[i] = s[i], 0.0
         for i in range(given):  # parameters, then constants, which lie behind the operations

@@ -192,17 +192,17 @@ def about(s, t, rest, c):
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     """The state at the next multiple of h since the start of the run; of the state before only the number is used."""
-    n = tally[MEMORY] + 1.0
-    tally[MEMORY] = n
+    n = counters[MEMORY] + 1.0
+    counters[MEMORY] = n
     t, rest = two_prod(n, c[H])
     if abs(t) > LATEST:
-        tally[FAILURE] = TOO_LATE
+        counters[FAILURE] = TOO_LATE
         return s
     z = position(t, rest, c)
     if not abs(z[5]) < math.inf:
-        tally[FAILURE] = NOT_FINITE
+        counters[FAILURE] = NOT_FINITE
     return z
 
 

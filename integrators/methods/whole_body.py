@@ -80,9 +80,9 @@ def turned_by(s, f0, f):
 
 
 @jit
-def rotated(s, a, tally):
+def rotated(s, a, counters):
     """The state with its body turned by exp(â)."""
-    return lie_group.turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, tally)
+    return lie_group.turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, counters)
 
 
 @jit
@@ -97,29 +97,29 @@ def rows(I, scale, f, m):
 
 @cache
 def newton(residual: Callable[..., Any]) -> Any:
-    """(x, a, c, tally) → the solution near x of residual(x, a, c) = 0, to round-off; it returns also the rows of a matrix."""
+    """(x, a, c, counters) → the solution near x of residual(x, a, c) = 0, to round-off; it returns also the rows of a matrix."""
 
     @jit
-    def solve(x, a, c, tally):
+    def solve(x, a, c, counters):
         last = math.inf
         for i in range(LIMIT):
-            g, (r0, r1, r2) = residual(x, a, c, tally)
+            g, (r0, r1, r2) = residual(x, a, c, counters)
             p = cross(r1, r2)
             d = add(add(times(g[0], p), g[1], cross(r2, r0)), g[2], cross(r0, r1))
             x = add(x, -1.0 / dot(r0, p), d)
             size = math.sqrt(dot(d, d)) / abs(dot(r0, p))
             if size == 0.0 or (size >= last and size * size <= SMALL * SMALL * (dot(x, x) + 1e-300)):
-                tally[ITERATIONS] += i + 1
+                counters[ITERATIONS] += i + 1
                 return x
             last = size
-        tally[FAILURE], tally[RESIDUAL] = NOT_CONVERGED, last
+        counters[FAILURE], counters[RESIDUAL] = NOT_CONVERGED, last
         return x
 
     return solve
 
 
 @jit
-def free_residual(f, a, c, tally):
+def free_residual(f, a, c, counters):
     """Of Moser and Veselov's equation; a = h L½."""
     I = vector(c, INERTIA)
     m, f0 = scaled(I, f), math.sqrt(max(1.0 - dot(f, f), 1e-30))
@@ -131,15 +131,15 @@ def free_residual(f, a, c, tally):
 
 
 @jit
-def rattle(s, c, tally):
+def rattle(s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
     L = add((s[4], s[5], s[6]), 0.5 * h, torque(s, c))
     guess = 0.5 * h * L[0] / I[0], 0.5 * h * L[1] / I[1], 0.5 * h * L[2] / I[2]
     guess = times(1.0 / math.sqrt(1.0 + dot(guess, guess)), guess)
-    f = free(guess, times(h, L), c, tally)
+    f = free(guess, times(h, L), c, counters)
     square = dot(f, f)
     if not square < 1.0:
-        tally[FAILURE] = NOT_CONVERGED
+        counters[FAILURE] = NOT_CONVERGED
         return s
     q = turned_by(s, math.sqrt(1.0 - square), f)
     L = add(L, -4.0 / h, cross(f, scaled(I, f)))
@@ -163,7 +163,7 @@ def mean_push(turn, up, w):
 
 
 @jit
-def cayley_residual(turn, a, c, tally):
+def cayley_residual(turn, a, c, counters):
     """a = (L, Γ)."""
     h, I = c[STEP], vector(c, INERTIA)
     m, push = scaled(I, turn), mean_push(turn, (a[3], a[4], a[5]), vector(c, WEIGHT))
@@ -172,11 +172,11 @@ def cayley_residual(turn, a, c, tally):
 
 
 @jit
-def simo_wong(s, c, tally):
+def simo_wong(s, c, counters):
     h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
     up = vertical(s, c)
     guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
-    turn = cayley(guess, (L[0], L[1], L[2], up[0], up[1], up[2]), c, tally)
+    turn = cayley(guess, (L[0], L[1], L[2], up[0], up[1], up[2]), c, counters)
     v = times(0.5, turn)
     f0 = 1.0 / math.sqrt(1.0 + dot(v, v))
     q = turned_by(s, f0, times(f0, v))
@@ -186,26 +186,28 @@ def simo_wong(s, c, tally):
 
 
 @jit
-def carried(turn, s, c, tally):
+def carried(turn, s, c, counters):
     """L̃ of lie_midpoint."""
-    push, back = torque(rotated(s, times(0.5, turn), tally), c), times(-0.5, turn)
-    return lie_group.turn_one(back, add(lie_group.turn_one(back, (s[4], s[5], s[6]), tally), c[STEP], push), tally)
+    push, back = torque(rotated(s, times(0.5, turn), counters), c), times(-0.5, turn)
+    return lie_group.turn_one(
+        back, add(lie_group.turn_one(back, (s[4], s[5], s[6]), counters), c[STEP], push), counters
+    )
 
 
 @jit
-def midpoint_residual(turn, s, c, tally):
+def midpoint_residual(turn, s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
-    L = carried(turn, s, c, tally)
+    L = carried(turn, s, c, counters)
     g = add(add(scaled(I, turn), -0.5 * h, (s[4], s[5], s[6])), -0.5 * h, L)
     return g, rows(I, 1.0, ZERO, times(0.5 * h, L))
 
 
 @jit
-def lie_midpoint(s, c, tally):
+def lie_midpoint(s, c, counters):
     h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
     guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
-    turn = midpoint(guess, s, c, tally)
-    L, q = carried(turn, s, c, tally), rotated(s, turn, tally)
+    turn = midpoint(guess, s, c, counters)
+    L, q = carried(turn, s, c, counters), rotated(s, turn, counters)
     return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
 
 
@@ -232,30 +234,30 @@ def newmark(b, a, c):
 
 
 @jit
-def alpha_residual(b, a, c, tally):
+def alpha_residual(b, a, c, counters):
     I = vector(c, INERTIA)
     _, v, turn = newmark(b, a, c)
-    g = scaled(I, add(b, -1.0, rate(v, rotated((a[0], a[1], a[2], a[3], 0.0, 0.0, 0.0), turn, tally), c)))
+    g = scaled(I, add(b, -1.0, rate(v, rotated((a[0], a[1], a[2], a[3], 0.0, 0.0, 0.0), turn, counters), c)))
     k = c[GAMMA] * c[STEP] * (1.0 - c[ALPHA_F]) / (1.0 - c[ALPHA_M])
     return g, rows(I, 1.0, times(k, v), times(k, scaled(I, v)))
 
 
 @jit
-def generalized_alpha(s, c, tally):
+def generalized_alpha(s, c, counters):
     I = vector(c, INERTIA)
     v = s[4] / I[0], s[5] / I[1], s[6] / I[2]
-    if tally[MEMORY] == 0.0:  # the first step: both accelerations are that of the motion
-        tally[MEMORY] = 1.0
+    if counters[MEMORY] == 0.0:  # the first step: both accelerations are that of the motion
+        counters[MEMORY] = 1.0
         b = rate(v, s, c)
         for i in range(3):
-            tally[MEMORY + 1 + i] = tally[MEMORY + 4 + i] = b[i]
-    b, a = vector(tally, MEMORY + 1), vector(tally, MEMORY + 4)
+            counters[MEMORY + 1 + i] = counters[MEMORY + 4 + i] = b[i]
+    b, a = vector(counters, MEMORY + 1), vector(counters, MEMORY + 4)
     known = s[0], s[1], s[2], s[3], v[0], v[1], v[2], b[0], b[1], b[2], a[0], a[1], a[2]
-    b = damped(b, known, c, tally)
+    b = damped(b, known, c, counters)
     a, v, turn = newmark(b, known, c)
     for i in range(3):
-        tally[MEMORY + 1 + i], tally[MEMORY + 4 + i] = b[i], a[i]
-    q, L = rotated(s, turn, tally), scaled(I, v)
+        counters[MEMORY + 1 + i], counters[MEMORY + 4 + i] = b[i], a[i]
+    q, L = rotated(s, turn, counters), scaled(I, v)
     return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
 
 
@@ -286,7 +288,7 @@ def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> 
 
 
 @jit
-def normalized(s, c, tally):
+def normalized(s, c, counters):
     """The state, its quaternion made a unit."""
     r = 1.0 / math.sqrt((s[0] * s[0] + s[1] * s[1]) + (s[2] * s[2] + s[3] * s[3]))
     return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]

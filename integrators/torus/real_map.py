@@ -71,7 +71,7 @@ def increments(s, c):
 
 
 @jit
-def step(s, c, tally):
+def step(s, c, counters):
     """One two-point map, for |λ| of order one or less."""
     J1, J2, J3, x1, x2, x3 = s
     d1, d2, e1, e2, e3 = increments(s, c)
@@ -79,18 +79,18 @@ def step(s, c, tally):
 
 
 @jit
-def compensated_step(s, c, tally):
+def compensated_step(s, c, counters):
     """The same map with compensated sums: the rounding error of an addition goes into the next one.
 
     For steps of about an ulp, such as a whole nutation without its turn. Without compensation they would all err the same way.
     """
     J1, J2, J3, x1, x2, x3 = s
     d1, d2, e1, e2, e3 = increments(s, c)
-    J1, tally[MEMORY] = two_sum(J1, d1 + tally[MEMORY])
-    J2, tally[MEMORY + 1] = two_sum(J2, d2 + tally[MEMORY + 1])
-    x1, tally[MEMORY + 2] = two_sum(x1, e1 + tally[MEMORY + 2])
-    x2, tally[MEMORY + 3] = two_sum(x2, e2 + tally[MEMORY + 3])
-    x3, tally[MEMORY + 4] = two_sum(x3, e3 + tally[MEMORY + 4])
+    J1, counters[MEMORY] = two_sum(J1, d1 + counters[MEMORY])
+    J2, counters[MEMORY + 1] = two_sum(J2, d2 + counters[MEMORY + 1])
+    x1, counters[MEMORY + 2] = two_sum(x1, e1 + counters[MEMORY + 2])
+    x2, counters[MEMORY + 3] = two_sum(x2, e2 + counters[MEMORY + 3])
+    x3, counters[MEMORY + 4] = two_sum(x3, e3 + counters[MEMORY + 4])
     return J1, J2, J3, x1, x2, x3
 
 
@@ -110,7 +110,7 @@ def direction(s, c):
 
 
 @jit
-def turning_step(s, c, tally):
+def turning_step(s, c, counters):
     """The same map, with w scaled to its exact length and x turned about it. It costs more than twice as much.
 
     For large |λ|, where increments of x would cancel, and for λ close to a root of Q. The rotation is orthogonal up to the

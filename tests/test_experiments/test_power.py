@@ -331,7 +331,7 @@ def turned(s, push):
     return s[0] - push * s[4], s[1] + push * s[3], s[2], s[3], s[4], s[5]
 
 @compiled
-def step(s, c, tally):
+def step(s, c, counters):
     alpha, h = c[0], c[1]
     return turned(s, alpha * h)
 

@@ -306,7 +306,7 @@ def test_steppers_of_kernels_go_to_other_processes(tmp_path, name, named):
 
 
 def test_kernels_that_cannot_be_compiled_are_refused():
-    def plain(s, c, tally):
+    def plain(s, c, counters):
         return s[:5]
 
     with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):

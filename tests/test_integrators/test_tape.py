@@ -49,8 +49,8 @@ def test_a_timed_kernel_of_any_size_counts_its_steps():
     """y1' = t by midpoints is exact: nothing adds up but the states."""
 
     @compiled
-    def step(s, c, tally):
-        return s[0] + c[0] * (c[0] * (tally[CLOCK] + 0.5)), s[1] - 1.0
+    def step(s, c, counters):
+        return s[0] + c[0] * (c[0] * (counters[CLOCK] + 0.5)), s[1] - 1.0
 
     stepper = FixedStepper("mine", 0.25, np.array((0.25,)), step, size=2, timed=True)
     rows = stepper.record(np.array((0.0, 8.0)), 8, 2)
@@ -65,11 +65,11 @@ Y0 = GENERIC.state
 
 
 @jit
-def count(s, c, tally):
+def count(s, c, counters):
     """x1 counts the steps; fails when it reaches c[0]."""
     if s[3] == c[0]:
-        tally[FAILURE] = 1
-        tally[RESIDUAL] = 0.125
+        counters[FAILURE] = 1
+        counters[RESIDUAL] = 0.125
     return s[0], s[1], s[2], s[3] + 1.0, s[4], s[5]
 
 
