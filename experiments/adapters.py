@@ -135,8 +135,8 @@ def mujoco_warp(warp: Any, top: Body, kind: str, h: float) -> Run:
     data = mj.MjData(model)
     data.qvel[-3:] = top.omega
     mj.mj_forward(model, data)
-    there, state = warp.put_model(model), warp.put_data(model, data)
-    step = loop(lambda: warp.step(there, state))
+    device_model, state = warp.put_model(model), warp.put_data(model, data)
+    step = loop(lambda: warp.step(device_model, state))
     return stepping(step, lambda: placed(mj, model, data, state.qpos.numpy()[0], state.qvel.numpy()[0]))
 
 
@@ -150,10 +150,10 @@ def mjx(mjx: Any, top: Body, kind: str, h: float) -> Run:
     model = mj.MjModel.from_xml_string(mjcf(top, kind.removesuffix(DOUBLES), h))
     data = mj.MjData(model)
     data.qvel[-3:] = top.omega
-    there, state, once = mjx.put_model(model), [mjx.put_data(model, data)], jax.jit(mjx.step)
+    device_model, state, once = mjx.put_model(model), [mjx.put_data(model, data)], jax.jit(mjx.step)
 
     def step() -> None:
-        state[0] = once(there, state[0])
+        state[0] = once(device_model, state[0])
 
     return stepping(loop(step), lambda: placed(mj, model, data, np.asarray(state[0].qpos), np.asarray(state[0].qvel)))
 
@@ -383,9 +383,9 @@ def rapier(rapier3d: Any, top: Body, kind: str, h: float) -> Run:
     if kind != "default":
         world.integration_parameters.num_solver_iterations = 32  # default: 4
     mass = rapier3d.MassProperties(tuple(top.com), top.mass, tuple(top.moments), (0, 0, 0, 1))
-    made = rapier3d.RigidBody.dynamic().additional_mass_properties(mass).can_sleep(False)
-    made = made.allow_fast_rotation(kind != "default")  # or at most 45° a substep
-    handle = world.add_body(made.linvel(tuple(top.velocity)).angvel(tuple(top.omega)))
+    description = rapier3d.RigidBody.dynamic().additional_mass_properties(mass).can_sleep(False)
+    description = description.allow_fast_rotation(kind != "default")  # or at most 45° a substep
+    handle = world.add_body(description.linvel(tuple(top.velocity)).angvel(tuple(top.omega)))
     world.rigid_bodies[handle].recompute_mass_properties_from_colliders(world.colliders)
     if not top.free:
         ground = world.add_body(rapier3d.RigidBody.fixed())

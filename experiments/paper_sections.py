@@ -144,8 +144,8 @@ def show_one_point(top: LagrangeTop, y: Array) -> Shown:
     """5.1: the one-point map on its complex orbit."""
     lam, steps = parameter(top, y), 60
     states, _ = one_point.orbit(top, y + 0j, lam, steps)
-    kept = np.array(invariants(top, states)).T
-    error = np.abs(kept - kept[0]) / (1 + np.sum(np.abs(states) ** 2, axis=1))[:, None]
+    values = np.array(invariants(top, states)).T
+    error = np.abs(values - values[0]) / (1 + np.sum(np.abs(states) ** 2, axis=1))[:, None]
     image = one_point.one_point(top, states, lam)
     _, q = one_point.parameters(top, states, lam)
     terms = np.concatenate((q[:, None] ** 2 * states**2, q[:, None] * states**3, states**2), axis=1)
@@ -216,8 +216,8 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
     }
     residuals: Residuals = {f"(5.5.9) against {name}": (size(f - image) / scale, 1e-11) for name, f in forms.items()}
     residuals["the inverse"] = (size(two_point.inverse(top, image, first, second) - start) / scale, 1e-11)
-    kept = np.array(invariants(top, image)) - np.array(invariants(top, start))
-    residuals["H, J3, C1, C2"] = (size(kept) / scale, 1e-11)
+    changes = np.array(invariants(top, image)) - np.array(invariants(top, start))
+    residuals["H, J3, C1, C2"] = (size(changes) / scale, 1e-11)
     T, turn = (complex(v) for v in interpolating_flow.time_and_turn(top, y, lam1, lam2))
     ours = two_point.pole_free(top, start, lam1, lam2)
     by_flow = interpolating_flow.interpolated(top, start, T, turn)

@@ -73,15 +73,15 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     code = str(place.where.get("case", place.where.get("state")))
     (problem, y0), title = _problem(place), f"{name} ({code})"
     unit = 1.0 if "case" in place.where else problem.scales(y0)[2]
-    kept = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
+    conserved = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
         length, target = fields.values()
         when = f"{tables.show(length)}{' s' if 'case' in place.where else ''}"
         for demand, names in _demands(problem).items():
-            those = best[[names <= kept.get(method, frozenset()) for method in best.method]]
-            if len(those):
-                first, *answer = _answer(those)
+            candidates = best[[names <= conserved.get(method, frozenset()) for method in best.method]]
+            if len(candidates):
+                first, *answer = _answer(candidates)
                 python = line(code, first, unit)
                 yield (title, when, tables.show(target), demand, *answer, place.figure.format(length), python)
 

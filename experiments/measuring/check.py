@@ -264,17 +264,17 @@ def one_step_errors(method: Method, names: Starts, spans: Array) -> Array:
 
 def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """Accuracy that order says nothing about: of methods exact in time, of methods that control their error, and for h < 0."""
-    there, back_again = Worst(), Worst()
+    forward, back_again = Worst(), Worst()
     for name in names:
-        there = there.worse_of(run_error(method, name, 0.25, 80), name, 0.25)
+        forward = forward.worse_of(run_error(method, name, 0.25, 80), name, 0.25)
         back_again = back_again.worse_of(return_error(method, name, 0.25, 80), name, -0.25)
-    ahead, back = there.size, back_again.size
+    ahead, back = forward.size, back_again.size
     if method.control == "step" and method.order is None:
-        how = f"80 steps against the {_truth(names)}, h_scaled = 0.25, {len(names)} states{there.where}"
-        yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how, there.at)
+        how = f"80 steps against the {_truth(names)}, h_scaled = 0.25, {len(names)} states{forward.where}"
+        yield Verdict("exact in time", ahead <= EXACT, ahead, f"≤ {EXACT:g}", how, forward.at)
     elif method.control == "tolerance":
-        how = f"default tolerance, t = 20, {len(names)} states{there.where}"
-        yield Verdict(f"follows the {_truth(names)}", ahead <= 1e-4, ahead, "≤ 1e-4", how, there.at)
+        how = f"default tolerance, t = 20, {len(names)} states{forward.where}"
+        yield Verdict(f"follows the {_truth(names)}", ahead <= 1e-4, ahead, "≤ 1e-4", how, forward.at)
     # the two errors differ by a factor of order one, unless they are round-off
     passed = None if ahead > LOST else back <= 10 * ahead + EXACT
     how = f"largest error of the way back from t = 20, against that of the way there{back_again.where}"
@@ -332,8 +332,8 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
     worst = Worst()
     for name, span, top, y0, h in steps_on(names):
         with declines_long_steps(span):
-            there = prepared(method, top, y0, h).advance(y0, 1)
-            back = prepared(method, starting_later(top, h), there, -h).advance(there, 1)
+            stepped = prepared(method, top, y0, h).advance(y0, 1)
+            back = prepared(method, starting_later(top, h), stepped, -h).advance(stepped, 1)
             worst = worst.worse_of(float(metrics.scaled_error(top, y0, back, y0)), name, span)
     # two steps of some hundred roundings; a method of order 8 that is not symmetric is far beyond. A rounding may weigh more at a
     # state of the user's own
@@ -374,9 +374,9 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     claimed: dict[str, list[str]] = {}
     quantities: dict[str, None] = {}
     for name, span, top, y0, h in steps_on(names):
-        kept, keeps = method.conserves_on(top), method.claims.conserves_own if "uniform" in top.offers else {}
+        words, own = method.conserves_on(top), method.claims.conserves_own if "uniform" in top.offers else {}
         if span == SPANS[0]:
-            for quantity in (*kept, *keeps):
+            for quantity in (*words, *own):
                 claimed.setdefault(quantity, []).append(label(name))
             quantities |= dict.fromkeys(top.names)
         try:
@@ -389,8 +389,8 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         with np.errstate(over="ignore", invalid="ignore"):  # a run may have gone astray
             drift = np.abs(metrics.relative_drift(top.invariants(y, times), top.invariant_scales(y0)))
         sizes = dict(zip(top.names, np.max(drift, axis=0), strict=True))
-        drifts = {word if word in kept else f"({word})": sizes[word] for word in top.names if word in top.conserved}
-        for quantity, value in keeps.items():
+        drifts = {word if word in words else f"({word})": sizes[word] for word in top.names if word in top.conserved}
+        for quantity, value in own.items():
             values, unit = value(top, h, y)
             drifts[quantity] = np.max(np.abs(values - values[0]) / unit)
         for quantity, size in drifts.items():
@@ -433,11 +433,11 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
     worst = Worst()
     for name, span, steps in product(starts, LONG_SPANS, LONG_RUNS) if method.control == "step" else ():
         top, y0 = find(name)
-        kept = [word in method.conserves_on(top) for word in top.names]
+        claimed = [word in method.conserves_on(top) for word in top.names]
         with contextlib.suppress(StepError):
             y = prepared(method, top, y0, span * top.scales(y0)[2]).record(y0, steps, 1)
             with np.errstate(over="ignore", invalid="ignore"):
-                drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, kept]
+                drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, claimed]
             worst = worst.worse_of(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), name, span)
     if worst.at:
         how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it{worst.where}"
@@ -510,7 +510,7 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
     yield Verdict("finite, or a StepError", not bad, float(sum(map(len, bad.values()))), "0", how)
     if raised:
         copies = [pickle.loads(pickle.dumps(error)) for error in raised]
-        kept = all(str(a) == str(b) and vars(a) == vars(b) for a, b in zip(copies, raised, strict=True))
+        same = all(str(a) == str(b) and vars(a) == vars(b) for a, b in zip(copies, raised, strict=True))
         others = dict.fromkeys(repr(error.method) for error in raised if error.method != method.name)
         how = f"{len(raised)} of them"
         if others:
@@ -519,7 +519,7 @@ def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None
         elif not all(error.reason for error in raised):
             others, how = {"": None}, "one of them has no reason"
         yield verdict("StepErrors name the method", not others, how)
-        yield verdict("StepErrors survive pickling", kept, f"{len(raised)} of them")
+        yield verdict("StepErrors survive pickling", same, f"{len(raised)} of them")
 
 
 def extreme_cases() -> Iterator[Extreme]:

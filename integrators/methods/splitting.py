@@ -262,14 +262,14 @@ def push_in_field(field: Field, gradients: int) -> Any:
 @cache
 def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: bool) -> Any:
     """One step: rotation and kick for each group of `stride` constants. `conserves_J3`: the field keeps J3."""
-    kept, keep = tuple_loader(5), tuple_storer(5)
+    load, store = tuple_loader(5), tuple_storer(5)
 
     @jit(inline=True)
     def step(s, c, counters):
         J1, J2, J3, x1, x2, x3 = s
         k1 = k2 = k3 = l1 = l2 = l3 = 0.0
         if compensated:
-            k1, k2, l1, l2, l3 = kept(counters, MEMORY)
+            k1, k2, l1, l2, l3 = load(counters, MEMORY)
             if not conserves_J3:
                 k3 = counters[MEMORY + 5]
         for i in range(0, len(c), stride):
@@ -283,7 +283,7 @@ def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: b
             if not conserves_J3:
                 J3, k3 = add(J3, k3, p3, compensated)
         if compensated:
-            keep(counters, MEMORY, (k1, k2, l1, l2, l3))
+            store(counters, MEMORY, (k1, k2, l1, l2, l3))
             if not conserves_J3:
                 counters[MEMORY + 5] = k3
         return J1, J2, J3, x1, x2, x3

@@ -94,10 +94,10 @@ def integrator_here(*key: Any) -> Any:
 
     Steppers share it; nothing of a run is left in it that the next does not set.
     """
-    kept: dict[Any, Any] = _here.__dict__.setdefault("integrators", {})
-    if key not in kept:
-        kept[key] = copy.deepcopy(compile_integrator(*key))
-    return kept[key]
+    compiled: dict[Any, Any] = _here.__dict__.setdefault("integrators", {})
+    if key not in compiled:
+        compiled[key] = copy.deepcopy(compile_integrator(*key))
+    return compiled[key]
 
 
 _here = threading.local()

@@ -155,10 +155,10 @@ def coefficient(z, code, a, b, here, k):
 @lru_cache(maxsize=64)
 def kernel_of(system: System) -> Callable[..., Any]:
     """The Taylor polynomial of one step of any system, in powers of t/h; constants: start, h, order, then numbers."""
-    made, n = recurrences(system), system.size
-    codes, first, second, rates = made.codes, made.first * (MAX_ORDER + 1), made.second * (MAX_ORDER + 1), made.rates
-    inputs, lines, timed, width = 1 + n + system.parameters, len(made.codes), system.timed, MAX_ORDER + 1
-    given, scratch, places = made.rows - lines - 1 - n, made.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
+    rows, n = recurrences(system), system.size
+    codes, first, second, rates = rows.codes, rows.first * (MAX_ORDER + 1), rows.second * (MAX_ORDER + 1), rows.rates
+    inputs, lines, timed, width = 1 + n + system.parameters, len(rows.codes), system.timed, MAX_ORDER + 1
+    count, scratch, places = rows.rows - lines - 1 - n, rows.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
     get = tuple_loader(n)
 
     @jit
@@ -169,7 +169,7 @@ def kernel_of(system: System) -> Callable[..., Any]:
         z[0], z[1] = c[0] + h * counters[CLOCK] if timed else c[0], h
         for i in range(n):
             z[width * (1 + i)], total[i] = s[i], 0.0
-        for i in range(given):  # parameters, then constants, which lie behind the operations
+        for i in range(count):  # parameters, then constants, which lie behind the operations
             row = 1 + n + i if i < inputs - 1 - n else 1 + n + i + lines
             z[width * row] = c[3 + i]
         for k in range(order):
