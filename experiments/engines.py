@@ -22,7 +22,7 @@ names in ENGINES. `make web` installs the engines of the web and runs them. Cell
 import importlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import partial
@@ -268,25 +268,30 @@ def measure(cell: dict) -> list[dict]:
 SHOWN = 1 / 1024  # s, a step at which errors are told beside those with the smallest
 
 
-def runs(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the name of each integrator, or method, in one column, and the seconds of a run."""
-    wanted = ("integrator", "method", "setting", "overhead_ns_per_step", "until")
+def runs(rows: pd.DataFrame, sweep: bool = True) -> pd.DataFrame:
+    """The rows of the sweep, or the others, with the name of each integrator, or method, and the seconds of a run."""
+    wanted = ("timing", "integrator", "method", "setting", "ns_per_step", "overhead_ns_per_step", *FOLLOWED)
     rows = rows.reindex(columns=list(dict.fromkeys((*rows.columns, *wanted))))
+    rows = rows[rows.timing.eq(True) == sweep]
     named = rows.integrator.astype(object).fillna(rows.method)
-    seconds = rows.ns_per_step * 1e-9 * UNTIL / rows.h if "ns_per_step" in rows else np.nan
+    seconds = rows.ns_per_step * 1e-9 * UNTIL / rows.h
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)
 
 
+FOLLOWED = ("position", "rotation", "spin", "energy", "until", "precision", "turns_over")  # of rows without times
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
+KNOWN = ("MuJoCo", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)")  # one of each family of results
 
 
-def overview(rows: pd.DataFrame) -> pd.DataFrame:
+def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame:
     """How well engines follow `slow`, with their default and their best settings.
 
     Parameters
     ----------
     rows : DataFrame
         As stored, of the experiment `engines`.
+    engines : iterable of str
+        Which, of ENGINES.
 
     Returns
     -------
@@ -295,30 +300,49 @@ def overview(rows: pd.DataFrame) -> pd.DataFrame:
         the error of the centre of mass after 2 s with these steps, m (NaN: it gave up, or was not measured); `until`: how long
         it is within 10 cm with steps of 1/60 s, s; `limit`: what motion it tends to as the steps get smaller.
     """
-    good = runs(rows[rows.status == "done"]).drop_duplicates(["case", "engine", "integrator", "h"], keep="last")
+    good = runs(rows[rows.status == "done"], sweep=False)
     lines = []
-    for (engine, kind), group in good[good.setting.isin((DEFAULT, BEST))].groupby(["engine", "integrator"], sort=False):
-        slow = group[group.case == "slow"].set_index("h").sort_index(ascending=False)
-        if not slow.empty:
-            line = {"engine": f"{engine}, {slow.version.iloc[-1]}", "setting": f"{slow.setting.iloc[-1]}: {kind}"}
-            line |= {name: slow.position.get(h, np.nan) for name, h in OVERVIEW.items()}
-            lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(slow)})
+    for name in engines:
+        for kind, group in good[(good.engine == name) & good.setting.isin((DEFAULT, BEST))].groupby(
+            "integrator", sort=False
+        ):
+            slow = group[group.case == "slow"].set_index("h").sort_index(ascending=False)
+            if not slow.empty:
+                line = {"engine": f"{name}, {slow.version.iloc[-1]}", "setting": f"{slow.setting.iloc[-1]}: {kind}"}
+                line |= {step: slow.position.get(h, np.nan) for step, h in OVERVIEW.items()}
+                lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
-def limit(slow: pd.DataFrame) -> str:
-    """What motion the runs of one integrator tend to, from those with the two smallest steps."""
+def limit(group: pd.DataFrame) -> str:
+    """What motion the runs of one integrator tend to, as the steps get smaller.
+
+    Without gyroscopic torque `racket` never turns over. Damping and caps take a spin that smaller steps do not give back.
+    Else the error of `slow` gets smaller to the end, or stays where round-off is.
+    """
+    finest = {case: runs.sort_values("h").iloc[:2] for case, runs in group.groupby("case")}
+    slow, racket = finest["slow"], finest.get("racket", group[:0])
     if len(slow) < 2:
         return ""
-    (h, coarse), (k, fine) = slow.position.iloc[-2:].items()
-    order = np.log(coarse / fine) / np.log(h / k) if fine else np.inf
-    return "another motion" if order < 0.3 and fine > 0.05 else "the exact motion"
+    never = len(racket) > 0 and racket.turns_over.isna().all()
+    lost, error = -slow.spin.to_numpy(), slow.position.to_numpy()
+    damped = lost[0] > 0.05 and lost[0] > lost[1] / 2
+    found = {"no gyroscopic torque": never, "damping": damped}
+    if never or damped:
+        return f"another motion: {', '.join(word for word, is_so in found.items() if is_so)}"
+    return "the exact motion" if error[0] < error[1] / 1.5 or error[0] < 1e-6 else "the exact motion, to round-off"
 
 
 CAPTION = (
     "The heavy top in multibody codes and engines: measured orders of position and rotation; errors (m, rad) with steps of "
     "1/1024 s and with the smallest; the time of a step, and what a step of a mass on a rail takes. No order: too few errors "
     "below 0.1, or all at round-off"
+)
+
+
+TOLD = (
+    "The top of `slow` in engines, default and best settings: errors (m) of the centre of mass after 2 s with two steps, how "
+    "long it is within 10 cm with steps of 1/60 s (s), and what smaller steps lead to"
 )
 
 
@@ -332,7 +356,11 @@ def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    return tabulated(orders)(runs(rows))
+    made, told = tabulated(orders)(runs(rows)), overview(rows)
+    if len(told):
+        told.attrs["caption"] = TOLD
+        made["overview"] = told
+    return made
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
@@ -388,4 +416,80 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
     return fig
 
 
-draw = drawn(steps=_draw_steps, defaults=partial(_draw_steps, rest=True))
+EQUAL = 0.05  # relative: errors that differ by less with all steps are of one family
+
+
+def families(rows: pd.DataFrame) -> list[list[tuple[str, str, pd.Series]]]:
+    """Engines and integrators whose errors on `slow` are equal, with these errors by step; the largest families first."""
+    good, found = runs(rows[rows.status == "done"], sweep=False), []
+    good = good[(good.case == "slow") & (good.engine != OURS)].dropna(subset=["position"])
+    for (name, kind), group in good.groupby(["engine", "integrator"], sort=False):
+        error = group.set_index("h").position.sort_index()
+        for family in found:
+            ratio = (error / family[0][2]).dropna()
+            if len(ratio) > 1 and np.all(np.abs(np.log(ratio)) < EQUAL):
+                family.append((name, kind, error))
+                break
+        else:
+            found.append([(name, kind, error)])
+    return sorted(found, key=len, reverse=True)
+
+
+@of_part(failed=True)
+def _draw_families(rows: pd.DataFrame, style):
+    """Error against step, a colour for each family."""
+    found = [family for family in families(rows) if len(family[0][2]) > 1]
+    if not found:
+        return None
+    fig, ax = style.figure("page", 4.6)
+    colours = iter(COLOURS[1:])
+    for family in found:
+        text = ", ".join(dict.fromkeys(name for name, _, _ in family))
+        colour = next(colours, None) if len(family) > 1 else None
+        for name, kind, error in family:
+            look = {"color": colour or NEUTRAL, "linewidth": 1.4 if colour else 0.6, "marker": "o", "markersize": 3.0}
+            label = style.plain(text) if colour and error is family[0][2] else "_thin"
+            ax.loglog(error.index, error.clip(lower=1e-16), label=label, gid=style.title(f"{name}, {kind}"), **look)
+    ax.set(xlabel="step, s", ylabel="error of position, m", title=f"slow, t = {UNTIL:g} s")
+    style.legend_below(fig)
+    fig.caption = (
+        "Error of the centre of mass against the step. A colour is a family of programs whose numbers agree within "
+        f"{EQUAL:.0%}: the same formula under different names. Grey: numbers that only one program has. Lines that end level "
+        "follow another motion, or have met the round-off of single precision."
+    )
+    return fig
+
+
+@of_part()
+def _draw_racket(rows: pd.DataFrame, style):
+    """When the racket turns over, by engine."""
+    good = runs(rows, sweep=False)
+    good = good[(good.case == RACKET.name) & good.setting.isin((DEFAULT, BEST)) & good.h.isin(OVERVIEW.values())]
+    names = list(dict.fromkeys(zip(good.engine, good.integrator, strict=True)))
+    if not names:
+        return None
+    t = np.linspace(0.0, RACKET.until, 5001)
+    exact = t[np.argmax(RACKET.solution(t).omega_body[:, AXIS] < 0)]
+    fig, ax = style.figure("page", 0.9 + 0.17 * len(names))
+    ax.axvline(exact, color="#1A1A1A", linewidth=0.8, label="exact")
+    for (step, h), marker in zip(OVERVIEW.items(), ("s", "o"), strict=True):
+        at = good[good.h == h].set_index(["engine", "integrator"]).turns_over.reindex(names)
+        ax.plot(
+            at.fillna(RACKET.until),
+            range(len(names)),
+            marker,
+            color=COLOURS[1 + 2 * (h < 0.01)],
+            label=step,
+            markersize=4.0,
+        )
+    ax.set_yticks(range(len(names)), [style.plain(f"{name}, {kind}") for name, kind in names], fontsize=6)
+    ax.set(xlabel=f"time at which it turns over, s; at {RACKET.until:g} s: never", ylim=(len(names), -1))
+    style.legend_below(fig)
+    fig.caption = (
+        "A free body that starts beside its middle axis must turn over. Without the gyroscopic torque it never does, whatever "
+        f"the step: these marks stand at {RACKET.until:g} s."
+    )
+    return fig
+
+
+draw = drawn(steps=_draw_steps, defaults=partial(_draw_steps, rest=True), families=_draw_families, racket=_draw_racket)

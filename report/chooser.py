@@ -91,6 +91,7 @@ def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:
     good = rows[rows.status == "done"]
     if "ns_per_step" not in good:
         return good[:0]
+    good = good.dropna(subset=["ns_per_step"])  # engines have rows without times, too
     error, span = good[["position", "rotation"]].max(axis=1, skipna=False), good.case.map(UNTIL)
     return good.assign(error=error, span=span, price=1e-9 * good.ns_per_step * span / good.h)
 

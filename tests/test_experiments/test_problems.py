@@ -113,26 +113,40 @@ def test_errors_and_orders_are_those_of_the_adapter(monkeypatch):
     assert line["rotation, h = 1/1024"] == line["rotation there"] == rows[-1]["rotation"]
 
 
-def test_the_overview_tells_another_motion_from_large_errors():
-    line = {**ABSENT, "version": "1", "status": "done", "until": 0.5}
-    errors = {("right", "default"): (1.0, 0.25, 0.06), ("wrong", "best"): (1.0, 0.11, 0.1), ("right", ""): (1.0,) * 3}
-    steps = (1 / 60, 1 / 1024, 1 / 4096)
+def stored(name, how, errors, spin=0.0, turns_over=2.6):
+    """Rows of an engine on `slow` and `racket`, with steps from 1/60 s."""
+    line = {"engine": name, "integrator": how, "setting": how, "version": "1", "status": "done", "until": 0.5}
     rows = [
-        {**line, "engine": name, "integrator": how, "setting": how, "h": h, "position": error}
-        for (name, how), found in errors.items()
-        for h, error in zip(steps, found, strict=True)
+        {**line, "case": "slow", "h": h, "position": error, "spin": spin}
+        for h, error in zip((1 / 60, 1 / 1024, 1 / 4096), errors, strict=True)
     ]
-    right, wrong = engines.overview(pd.DataFrame(rows)).to_dict("records")
-    assert right == {
-        "engine": "right, 1",
-        "setting": "default: default",
-        "1/60 s": 1.0,
-        "1/1024 s": 0.25,
-        "until": 0.5,
-        "limit": "the exact motion",
+    return [*rows, {**line, "case": "racket", "h": 1 / 60, "turns_over": turns_over}]
+
+
+def test_what_an_engine_tends_to():
+    falling, level = (1.0, 0.25, 0.06), (1.0, 0.11, 0.1)
+    kinds = {
+        "right": (stored("right", "default", falling), "the exact motion"),
+        "single": (stored("single", "best", level), "the exact motion, to round-off"),
+        "damped": (stored("damped", "best", falling, spin=-0.2), "another motion: damping"),
+        "bare": (stored("bare", "best", falling, turns_over=np.nan), "another motion: no gyroscopic torque"),
+        "other": (stored("other", "", falling), None),
     }
-    assert wrong["limit"] == "another motion"
-    assert np.isnan(engines.overview(pd.DataFrame(rows[:1]))["1/1024 s"].iloc[0])
+    rows = pd.DataFrame([row for found, _ in kinds.values() for row in found])
+    lines = engines.overview(rows, kinds).set_index("engine")
+    assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
+    assert lines.loc["right, 1"].tolist()[:4] == ["default: default", 1.0, 0.25, 0.5]
+    few = pd.DataFrame(stored("right", "best", falling)[:1])
+    assert np.isnan(engines.overview(few, ["right"])["1/1024 s"].iloc[0])
+    found = [[name for name, _, _ in family] for family in engines.families(rows)]
+    assert sorted(map(sorted, found)) == [["bare", "damped", "other", "right"], ["single"]]
+    assert found[0][0] == "right"
+    figures = engines.draw(rows)
+    assert set(figures) == {"families", "racket"}
+    labels = [label.get_text() for label in figures["families"].axes[0].get_figure().legends[0].get_texts()]
+    assert labels == ["right, damped, bare, other"]
+    times = figures["racket"].axes[0].get_lines()[1].get_xdata()
+    assert list(times) == [2.6, 2.6, 2.6, engines.RACKET.until], "the last never turns over"
 
 
 def test_an_engine_that_gives_up_is_a_result(monkeypatch):
