@@ -308,7 +308,11 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
         ):
             slow = group[group.case == "slow"].set_index("h").sort_index(ascending=False)
             if not slow.empty:
-                line = {"engine": f"{name}, {slow.version.iloc[-1]}", "setting": f"{slow.setting.iloc[-1]}: {kind}"}
+                how = slow.setting.iloc[-1]
+                line = {
+                    "engine": f"{name}, {slow.version.iloc[-1]}",
+                    "setting": how if kind == how else f"{how}: {kind}",
+                }
                 line |= {step: slow.position.get(h, np.nan) for step, h in OVERVIEW.items()}
                 lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])

@@ -135,7 +135,7 @@ def test_what_an_engine_tends_to():
     rows = pd.DataFrame([row for found, _ in kinds.values() for row in found])
     lines = engines.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
-    assert lines.loc["right, 1"].tolist()[:4] == ["default: default", 1.0, 0.25, 0.5]
+    assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
     few = pd.DataFrame(stored("right", "best", falling)[:1])
     assert np.isnan(engines.overview(few, ["right"])["1/1024 s"].iloc[0])
     found = [[name for name, _, _ in family] for family in engines.families(rows)]
