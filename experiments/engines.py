@@ -425,7 +425,8 @@ EQUAL = 0.05  # relative: errors that differ by less with all steps are of one f
 
 def families(rows: pd.DataFrame) -> list[list[tuple[str, str, pd.Series]]]:
     """Engines and integrators whose errors on `slow` are equal, with these errors by step; the largest families first."""
-    good, found = runs(rows[rows.status == "done"], sweep=False), []
+    found: list[list[tuple[str, str, pd.Series]]] = []
+    good = runs(rows[rows.status == "done"], sweep=False)
     good = good[(good.case == "slow") & (good.engine != OURS)].dropna(subset=["position"])
     for (name, kind), group in good.groupby(["engine", "integrator"], sort=False):
         error = group.set_index("h").position.sort_index()
