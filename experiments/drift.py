@@ -17,6 +17,7 @@ from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
@@ -103,7 +104,7 @@ def followed(
     drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
     columns = dict(zip(top.names, drift[1:].T, strict=True))
     own_quantities = (
-        METHODS[cell["method"]].claims.conserves_own if "uniform" in top.offers else {}
+        METHODS[cell["method"]].claims.conserves_own if kinds.uniform(top) else {}
     )  # these hold in a uniform field
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)

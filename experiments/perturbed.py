@@ -33,6 +33,7 @@ from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate, prepare
 from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
 from lagrange_bench.integrators.truth import reference
 
@@ -163,7 +164,7 @@ def measure(cell: dict) -> list[dict]:
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
     span = cell.get("span", SPAN)
     # the longest race needs no test: its top is not chaotic. For other problems the reference itself shows chaos
-    follow = "force" in top.offers and span < LONGEST
+    follow = kinds.top(top) and span < LONGEST
     if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
     if cell["part"] == "work":

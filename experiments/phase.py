@@ -24,6 +24,7 @@ from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.backward_error.prediction import predicted_phase
 from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
 
@@ -129,7 +130,7 @@ def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.nd
     times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
     truth = states.truth(top, y0, method, h, counts)
     whole = metrics.scaled_error(top, y0, y, truth)
-    if "uniform" not in top.offers:
+    if not kinds.uniform(top):
         return times, y, {"error": whole}
     split = metrics.phase_split(top, truth, y - truth)
     rate, size, _ = top.scales(truth[0])

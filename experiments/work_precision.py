@@ -22,6 +22,7 @@ from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, states, timing
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
@@ -97,7 +98,7 @@ def _run(cell: dict) -> dict:
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": states.rounded(predicted)}
     # in a potential only at the end: every time needs a reference solution of its own
-    counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if "uniform" in top.offers else [n]
+    counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if kinds.uniform(top) else [n]
     _, y = states.sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
         error = float(np.max(metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, counts))))

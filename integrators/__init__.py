@@ -35,12 +35,11 @@ if TYPE_CHECKING:  # `as` says that a name is public
     from lagrange_bench.integrators.interface import Stepper as Stepper
     from lagrange_bench.integrators.interface import Work as Work
     from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet as GaudinMagnet
-    from lagrange_bench.integrators.problem.field import Potential as Potential
     from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body as kirchhoff_body
     from lagrange_bench.integrators.problem.orbiting_tide import orbiting_tide as orbiting_tide
     from lagrange_bench.integrators.problem.perturbed import PerturbedTop as PerturbedTop
+    from lagrange_bench.integrators.problem.potential import Potential as Potential
     from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS as PERTURBED_TOPS
-    from lagrange_bench.integrators.problem.potentials import in_any_field as in_any_field
     from lagrange_bench.integrators.problem.problem import Problem as Problem
     from lagrange_bench.integrators.problem.rigid_body import RigidBody as RigidBody
     from lagrange_bench.integrators.problem.top import TOPS as TOPS

@@ -15,9 +15,8 @@ from lagrange_bench.integrators.cases import CASES, Case
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
 from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method, find_top
@@ -29,7 +28,7 @@ TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
 
 def prepare(
-    top: LagrangeTop | PerturbedTop | Problem | NamedTop | Case | str,
+    top: Problem | NamedTop | Case | str,
     y0: ArrayLike | None,
     h: float | None = None,
     method: str | Method | None = None,
@@ -72,7 +71,7 @@ def prepare(
 
 
 def integrate(
-    top: LagrangeTop | PerturbedTop | Problem | NamedTop | Case | str,
+    top: Problem | NamedTop | Case | str,
     y0: ArrayLike | None = None,
     h: float | None = None,
     steps: int | None = None,
@@ -184,8 +183,8 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
     StepError
         The image is beyond the range of doubles.
     """
-    check_problem(top).require_single()
-    if not isinstance(top, LagrangeTop):
+    check_problem(top).single()
+    if not kinds.uniform(top):
         raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
 
@@ -210,7 +209,7 @@ def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
 
 def check_problem(top: Any) -> Any:
     """A problem as it is; ValueError if it is none."""
-    if not isinstance(top, (LagrangeTop, PerturbedTop, Problem)):
+    if not isinstance(top, Problem):
         hint = ": pass its problem()" if callable(getattr(top, "problem", None)) else ""
         raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}{hint}")
     return top
@@ -234,21 +233,21 @@ def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tup
         raise ValueError(
             "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
         )
-    y0, flight = top.parted(y0) if isinstance(top, RigidBody) else (y0, None)
+    y0, flight = top.parted(y0)
     state = top.check_state(y0)
     return top, find_method(default_method(top) if method is None else method), state, flight
 
 
 def default_method(problem: Any) -> str:
     """The exact method of a problem. ValueError where there is none."""
-    if not {"uniform", "symmetric"}.isdisjoint(problem.offers):
+    if kinds.uniform(problem) or kinds.symmetric_body(problem):
         return "backlund"
-    if "free" in problem.offers:
+    if kinds.free_body(problem):
         return "theta_functions"
     raise ValueError(
         "method: no exact one is known here; name one, such as taylor (round-off at every step) or blanes_moan6 (a splitting, "
         "which keeps the energy near its start in long runs)"
-        + (", or backlund_splitting (the exact step in a weak field)" if "top" in problem.offers else "")
+        + (", or backlund_splitting (the exact step in a weak field)" if problem.is_top else "")
     )
 
 

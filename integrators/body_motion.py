@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ class BodyMotion:
     @property
     def _body(self) -> RigidBody:
         """The body that moves. AttributeError: there is none."""
-        if not isinstance(self.problem, RigidBody):
+        if not kinds.rigid_body(self.problem):
             raise AttributeError(f"{self.top!r} has no rotation or position: follow a RigidBody")
         return self.problem
 
@@ -104,7 +105,7 @@ class BodyMotion:
         return self.rotation.apply(self.y[:, 4:7] @ self._body.axes)
 
     def _motion(self) -> dict[str, Array]:
-        if not isinstance(self.problem, RigidBody):
+        if not kinds.rigid_body(self.problem):
             return {}
         known, names = self._with_rotation(), ["position", "quaternion", "omega_body"]
         names += [] if self.problem.fixed else ["velocity"]

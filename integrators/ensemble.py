@@ -20,11 +20,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
 from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate, own_step
-from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory, motion_of
+from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory
 from lagrange_bench.integrators.interface import Array, Method, StepError
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.trajectory import RunInputs
@@ -34,7 +33,7 @@ CHUNK = 1024  # tops in one call, at most: their constants stay in the processor
 
 
 def integrate_ensemble(
-    top: LagrangeTop | PerturbedTop | Problem,
+    top: Problem,
     Y0: ArrayLike,
     h: float | None = None,
     steps: int | None = None,
@@ -87,12 +86,12 @@ def integrate_ensemble(
         Ctrl-C, seen within a fraction of a second (between two tops, where they are taken one by one).
     """
     states = _check_states(top, Y0)
-    n, sample = len(states), motion_of(top, 0) if len(states) else LagrangeTop()
+    n, sample = len(states), top.motion(0) if len(states) else LagrangeTop()
     record = find_method(default_method(sample) if method is None else method)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
     if h_scaled is not None:
-        h = own_step(h, h_scaled, *((motion_of(top, i), y[: sample.space.size]) for i, y in enumerate(states)))
+        h = own_step(h, h_scaled, *((top.motion(i), y[: sample.space.size]) for i, y in enumerate(states)))
     times = checks.check_times_or_grid(t, h, steps, every)
     if times is None:
         h = checks.check_step(h)
@@ -162,14 +161,14 @@ class _Work:
 
     def alone(self, place: int, grid: dict[str, Any]) -> Array:
         """The rows of one motion."""
-        problem, y0 = motion_of(self.problem, place), self.states[place]
+        problem, y0 = self.problem.motion(place), self.states[place]
         return integrate(problem, y0, method=self.method, **grid, **self.options).y
 
     def together(self, chunk: slice) -> NDArray[np.bool_]:
         """Which motions of a chunk were followed in one call, a mask."""
         states, out, steps = self.states[chunk], self.out[:, chunk], self.grid.get("steps")
         done = np.zeros(len(states), dtype=bool)
-        uniform = isinstance(self.problem, LagrangeTop)
+        uniform = kinds.uniform(self.problem)
         if not (self.method.many and uniform and steps and math.isfinite(self.grid["h"] * steps)):
             return done
         every = self.grid["every"] or steps
@@ -186,13 +185,13 @@ class _Work:
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop the caller's own memory where that is what it holds."""
     problem = check_problem(top)
-    if not isinstance(problem, LagrangeTop):
+    if not kinds.uniform(problem):
         try:
             rows: list[Any] = list(Y0)  # type: ignore[arg-type]
         except TypeError:
             raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
         _check_numbers(problem, len(rows))
-        checked = [_check_state(motion_of(problem, i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
+        checked = [_check_state(problem.motion(i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
         return np.array(checked) if rows else np.empty((0, problem.space.size))
     try:
         states = np.asarray(Y0)
@@ -213,7 +212,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
 
 def _check_state(problem: Any, y: Any, name: str) -> Array:
     """A state as `integrate` takes it."""
-    y, flight = problem.parted(y) if isinstance(problem, RigidBody) else (y, None)
+    y, flight = problem.parted(y)
     state: Array = problem.check_state(y, name)
     return state if flight is None else np.concatenate((state, flight))
 

@@ -9,21 +9,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.interface import Array, Work
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.rigid_body import RigidBody
-from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.trajectory import Rows, RunInputs, Trajectory
-
-
-def motion_of(top: Any, place: int) -> Any:
-    """What is followed in the motion of this place of an ensemble: of arrays of alphas or parameters its own."""
-
-    def number(value: Any) -> float:
-        return float(value[place] if np.ndim(value) else value)
-
-    if isinstance(top, PerturbedTop):
-        return PerturbedTop(LagrangeTop(number(top.alpha)), top.potential, tuple(map(number, top.parameters)))
-    return LagrangeTop(number(top.alpha)) if isinstance(top, LagrangeTop) else top
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -103,13 +90,13 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
             raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
-        state, top = self.start.state[place], motion_of(self.top, place)
-        state, flight = top.parted(state) if isinstance(top, RigidBody) else (state, None)
+        state, top = self.start.state[place], self.top.motion(place)
+        state, flight = top.parted(state)
         start = replace(self.start, state=state, flight=flight)
         return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start)
 
     def _motion(self) -> dict[str, Array]:
-        if not isinstance(self.problem, RigidBody):
+        if not kinds.rigid_body(self.problem):
             return {}
         rows = self.y.reshape(-1, self.y.shape[2])  # all motions are of the same body
         motion = Trajectory(self.top, self.method, self.t, rows, Work())._motion()

@@ -9,7 +9,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
-from functools import cached_property, partial, wraps
+from functools import cached_property, partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -101,7 +101,7 @@ class Stepper(Protocol):
         ...
 
 
-# what a method may need of a problem, see `PerturbedTop.offers` and `Problem.offers`, and what is said of one without
+# what a method may need of a problem, see `Problem.offers`, and what is said of one without
 NEEDS = {
     "uniform": "a top in a uniform field, a LagrangeTop",
     "rhs": "a right-hand side",
@@ -109,16 +109,23 @@ NEEDS = {
     "kinetic": "a Hamiltonian c |J|² + U(t, x)",
     "smooth": "a Hamiltonian without corners",
     "body": "a rigid body in a uniform field, a RigidBody",
-    "symmetric": "a symmetric RigidBody",
-    "free": "a RigidBody without torque",
-    "top": "a Hamiltonian |J|²/2 + U(t, x)",
-    "force": "a Hamiltonian |J|²/2 + U(x)",
-    "quadratic": "a Hamiltonian |J|²/2 + U(x) with a quadratic U",
 }
+Need = str | Callable[[Any], bool]  # a word of NEEDS, or a predicate of problems whose docstring says the same
+
+
+def meets(problem: Any, need: Need) -> bool:
+    """Whether a problem has what a method needs."""
+    return need(problem) if callable(need) else need in problem.offers
+
+
+def needed(need: Need) -> str:
+    """What a method needs, in words."""
+    return (need.__doc__ or need.__name__) if callable(need) else NEEDS[need]
+
 
 # fields of `Method`: what they must be
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "a text": (lambda value: isinstance(value, str), "name label family source needs"),
+    "a text": (lambda value: isinstance(value, str), "name label family source"),
     "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
     "a function": (callable, "prepare"),
     "a function or None": (lambda value: value is None or callable(value), "evaluate many"),
@@ -217,10 +224,10 @@ class Method:
         Symmetry, the bracket, and what is conserved; nothing by default.
     control : str
         "step": one internal step per h; "tolerance": h is the output grid, tol sets the accuracy.
-    needs : str
-        Of NEEDS: what a problem must offer.
+    needs : str or callable
+        What a problem must offer: a word of NEEDS; or a predicate, problem → bool, whose docstring says what it asks for.
     kernels_for : dict
-        Builders of another kernel for problems that offer a word of NEEDS, in place of `prepare`; each says why it is there.
+        Builders of another kernel, in place of `prepare`, for problems that offer a word of NEEDS or meet a predicate.
     evaluate : callable, optional
         (problem, y0, times, **options) → states and Work: dense output or jumps.
     many : callable, optional
@@ -247,8 +254,8 @@ class Method:
     prepare: Callable[..., Stepper]
     claims: Claims = Claims()
     control: str = "step"
-    needs: str = "uniform"
-    kernels_for: Mapping[str, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
+    needs: Need = "uniform"
+    kernels_for: Mapping[Need, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
@@ -261,10 +268,12 @@ class Method:
 
     def __post_init__(self) -> None:
         _check_kinds(self, KINDS)
-        for name, words in (("needs", (self.needs,)), ("kernels_for", self.kernels_for)):
-            for word in words:
-                if word not in NEEDS:
-                    raise ValueError(f"{name} must be one of {', '.join(NEEDS)}; got {word!r}")
+        for name, needs in (("needs", (self.needs,)), ("kernels_for", self.kernels_for)):
+            for need in needs:
+                if not callable(need) and need not in (*NEEDS,):
+                    raise ValueError(
+                        f"{name} must be one of {', '.join(NEEDS)}, or a predicate of problems; got {need!r}"
+                    )
         if self.control not in ("step", "tolerance"):
             raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
         if self.engine not in ENGINES:
@@ -277,28 +286,16 @@ class Method:
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
-        if self._follows(problem) or self._kernel_for(problem):
+        if meets(problem, self.needs) or self._kernel_for(problem):
             return None
-        potential = getattr(problem, "potential", None)
-        named = f"the problem {problem.name}" if hasattr(problem, "name") else f"a {type(problem).__name__}"
-        if self.needs == "uniform":
-            what = f"the potential {potential.name}" if potential else named
-            reason = f"its record needs {NEEDS['uniform']} (“Any problem” in docs/adding-a-method.md)"
-            advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and potential else ""
-            return f"{self.name} does not take {what}: {reason}{advice}"
-        if potential and self.needs in ("smooth", "quadratic"):
-            return f"{self.name} needs a {self.needs} potential, which {potential.name} is not"
-        return f"{self.name} needs {NEEDS[self.needs]}, which {named} is not"
-
-    def _follows(self, problem: Any) -> bool:
-        """Whether `prepare` takes it, as it is or as a top in a potential that does not depend on t."""
-        if self.needs in problem.offers:
-            return True
-        top = None if getattr(problem, "timed", True) else problem.as_top
-        return top is not None and self.needs in top.offers
+        if self.needs != "uniform":
+            return f"{self.name} needs {needed(self.needs)}, which {problem.described} is not"
+        reason = f"its record needs {NEEDS['uniform']} (“Any problem” in docs/adding-a-method.md)"
+        advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and problem.is_top else ""
+        return f"{self.name} does not take {problem.described}: {reason}{advice}"
 
     def _kernel_for(self, problem: Any) -> Callable[..., Stepper] | None:
-        return next((build for word, build in self.kernels_for.items() if word in problem.offers), None)
+        return next((build for need, build in self.kernels_for.items() if meets(problem, need)), None)
 
     def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
         """What prepares a stepper for this problem: (problem, y0, h, **options).
@@ -310,7 +307,7 @@ class Method:
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        build = self._kernel_for(problem) or self._for_form(problem, self.prepare)
+        build = self._kernel_for(problem) or self.prepare
         check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
         return build
 
@@ -326,25 +323,10 @@ class Method:
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
-        if self.evaluate is None:
-            return None
-        kernel = self._kernel_for(problem)
-        evaluate, by_steps = (
-            (self.evaluate, kernel) if kernel else (self._for_form(problem, self.evaluate), self.prepare)
-        )
-        check_options(f"{self.name} at given times", evaluate, options or {}, by_steps, "runs by h and steps")
-        return evaluate
-
-    def _for_form(self, problem: Any, function: Callable[..., Any]) -> Callable[..., Any]:
-        """A function of the problem; if the method needs its form as a top in a potential, it gets that one."""
-        if self.needs in problem.offers:
-            return function
-
-        @wraps(function)
-        def of_top(problem: Any, *arguments: Any, **options: Any) -> Any:
-            return function(problem.as_top, *arguments, **options)
-
-        return of_top
+        if self.evaluate is not None:
+            by_steps = self._kernel_for(problem) or self.prepare
+            check_options(f"{self.name} at given times", self.evaluate, options or {}, by_steps, "runs by h and steps")
+        return self.evaluate
 
     def conserves_on(self, problem: Any) -> frozenset[str]:
         """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""

@@ -230,7 +230,7 @@ class TopRegistry(Registry):
 
 
 METHODS = Registry("method", BUILT_IN, "lagrange_bench.integrators.interface:Method")
-POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "lagrange_bench.integrators.problem.field:Potential")
+POTENTIALS = Registry("potential", POTENTIALS_BUILT_IN, "lagrange_bench.integrators.problem.potential:Potential")
 NAMED_TOPS = TopRegistry()
 
 

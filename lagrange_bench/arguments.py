@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.words import number, numbers, option, read, suggestion
 
 __all__ = ["number", "numbers", "option"]  # types of options, too
@@ -174,7 +175,7 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
         if options.parameters is not None:
             raise ValueError("--parameters belongs to --potential")
         return top
-    if "uniform" not in top.offers:
+    if not kinds.uniform(top):
         raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
     return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))
 

@@ -19,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.consistency import Rows
 from lagrange_bench.integrators import CASES, Case, RigidBody
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
 
 Array = np.ndarray
@@ -97,7 +98,7 @@ class Frames:
             self.energy, self.momentum, self.spin_rate = np.array(np.nan), np.full(3, np.nan), np.nan
             self.flown = np.full(3, np.nan), np.full(3, np.nan)
             return
-        if not {"free", "symmetric"} & body.offers:
+        if not (kinds.free_body(body) or kinds.symmetric_body(body)):
             scale = float(body.scales(body.parted(case.state)[0])[2])
             self.known = max(truths.LONGEST * scale, case.until)
         x, R, omega = self.exact([0.0, case.until])
@@ -246,7 +247,7 @@ class Frames:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
                 add(momentum=self.momentum_error(self.moving.momentum_of(R, in_body)))
-            if body and not attitudes and "free" in self.moving.offers:
+            if body and not attitudes and kinds.free_body(self.moving):
                 length = np.linalg.norm(self.moving.momentum_of(np.eye(3), omega), axis=1)
                 add(energy=np.abs(self.moving.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
@@ -266,7 +267,7 @@ class Frames:
     def momentum_error(self, momentum: Array) -> Array:
         """Of a body without torque that of the vector, else of its part about the vertical, (n,)."""
         off = momentum - self.momentum
-        return np.linalg.norm(off, axis=1) if "free" in self.moving.offers else np.abs(off @ self.moving.up)
+        return np.linalg.norm(off, axis=1) if self.moving.is_free else np.abs(off @ self.moving.up)
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
         """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
@@ -525,7 +526,7 @@ class Hints:
         if judged is None or len(self.t) < ENOUGH:
             return []
         errors = {words: self._error(judged, exact=each.exact(self.t)) for words, each in self.frames.others.items()}
-        if "free" in self.frames.moving.offers:
+        if kinds.free_body(self.frames.moving):
             _, R, omega = self.frames.exact([0.0])
             turned = R[0] @ Rotation.from_rotvec(self.t[:, None] * omega).as_matrix()
             errors[WITHOUT] = self._error(judged, exact=(self.exact[0], turned, np.repeat(omega, len(turned), axis=0)))

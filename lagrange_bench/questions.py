@@ -38,6 +38,7 @@ from lagrange_bench.experiments.measuring.reductions import worst
 from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
 from lagrange_bench.integrators.interface import Array, StepWarning
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_method, find_top
 from lagrange_bench.integrators.truth import truths
@@ -221,7 +222,7 @@ def perturbed(
     """
     request = _Request(methods, tops)
     for top in request.tops:
-        if "uniform" in top.top.offers:
+        if kinds.uniform(top.top):
             raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
     return _race(request, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
 

@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import Problem, Trajectory
+from lagrange_bench.integrators import Trajectory
 from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.output import table, write_picture
 from lagrange_bench.results import provenance
@@ -81,10 +82,10 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
 
 def _kind(top: Any, y0: Array) -> str:
     """The kind of motion, or the potential."""
-    if isinstance(top, Problem):
-        return f"the problem {top.name}, {top.space.size} numbers"
+    if not hasattr(top, "alpha"):
+        return f"{top.described}, {top.space.size} numbers"
     alpha = f"alpha = {top.alpha:.10g}"
-    if "uniform" in top.offers:
+    if kinds.uniform(top):
         return f"{alpha}, {exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"
     names = top.potential.parameters or [f"p{i}" for i in range(1, len(top.parameters) + 1)]
     values = ", ".join(f"{name} = {value:.10g}" for name, value in zip(names, top.parameters, strict=True))

@@ -26,6 +26,7 @@ from lagrange_bench.experiments.measuring import check, metrics, states
 from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.support.words import suggestion
 
@@ -155,7 +156,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Sequen
     if not named:
         raise ValueError("tops: give one or more")
     labels, problems = [label for label, _, _ in named], [problem for _, problem, _ in named]
-    if len({"uniform" in problem.offers for problem in problems}) > 1:
+    if len({kinds.uniform(problem) for problem in problems}) > 1:
         raise ValueError(f"tops must be all in a potential or all not; got {', '.join(labels)}")
     for problem in problems:
         if reason := record.takes(problem):

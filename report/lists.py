@@ -4,7 +4,7 @@ import pandas as pd
 
 from lagrange_bench.experiments import engines
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
-from lagrange_bench.integrators.interface import INVARIANTS, NEEDS, Method
+from lagrange_bench.integrators.interface import INVARIANTS, Method, needed
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import ARCHIVE, METHODS, POTENTIALS, POTENTIALS_BUILT_IN
@@ -38,7 +38,7 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
 def more(name: str) -> dict[str, str]:
     """What only the panel of a method says."""
     record = METHODS[name]
-    return {"engine": record.engine, "needs": NEEDS[record.needs], "source": record.source}
+    return {"engine": record.engine, "needs": needed(record.needs), "source": record.source}
 
 
 def tops() -> pd.DataFrame:

@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.experiments.measuring import first_step, metrics, states
 from lagrange_bench.integrators import INVARIANTS, POTENTIALS, PerturbedTop
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.registry import find_method
@@ -374,7 +375,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     claimed: dict[str, list[str]] = {}
     quantities: dict[str, None] = {}
     for name, span, top, y0, h in steps_on(names):
-        words, own = method.conserves_on(top), method.claims.conserves_own if "uniform" in top.offers else {}
+        words, own = method.conserves_on(top), method.claims.conserves_own if kinds.uniform(top) else {}
         if span == SPANS[0]:
             for quantity in (*words, *own):
                 claimed.setdefault(quantity, []).append(label(name))
@@ -603,7 +604,7 @@ def random_states_near(problem: Any, y0: ArrayLike) -> list[Array]:
     near = [y]
     while len(near) < NEAR_STATES:
         other = y + 0.2 * problem.sizes(y) * np.array([draw.uniform(-1, 1) for _ in y])
-        if "body" in problem.offers:
+        if kinds.rigid_body(problem):
             other[:4] /= np.linalg.norm(other[:4])
         with contextlib.suppress(ValueError):  # where H is not finite
             near.append(problem.check_state(other))

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.interface import Method, StepError, Stepper
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.problem import Problem
@@ -144,7 +145,7 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
 
     loaded = {name: method for name, method, _ in METHODS.each() if method}
     top = find(state)[0] if state else LagrangeTop()
-    if "uniform" in top.offers:
+    if kinds.uniform(top):
         loaded.pop("backlund_splitting", None)
     return {name: m for name, m in loaded.items() if m.takes(top) is None}
 

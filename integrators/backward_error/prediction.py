@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from lagrange_bench.integrators.backward_error.steps import STEPS, Series, taylor_flow
 from lagrange_bench.integrators.checks import check_state, check_step, check_times
 from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.registry import find_method
@@ -131,7 +132,7 @@ def predicted_phase(
         An argument is not valid; the message names it.
     """
     plain = top
-    if not isinstance(top, LagrangeTop):
+    if not kinds.uniform(top):
         raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
     plain.require_single()
     record, state, h = find_method(method), check_state(y0), check_step(h)

@@ -21,8 +21,8 @@ from lagrange_bench.integrators.methods import collective_midpoint as cm
 from lagrange_bench.integrators.methods import gauss_coefficients as gauss
 from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta, splitting
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
-from lagrange_bench.integrators.problem.field import cross
 from lagrange_bench.integrators.problem.system import uniform_system
+from lagrange_bench.integrators.problem.vectors import cross
 
 
 class Series:
@@ -221,7 +221,7 @@ STEPS: dict[str, Step] = {
     "verner9_projected": partial(projected_step, VERNER9),
     **{name: partial(splitting_step, name) for name in splitting.SCHEMES},
     "kahan": partial(kernel_step, kahan.step, half_step),
-    "bobenko_suris": partial(kernel_step, bs.step, half_step),
+    "bobenko_suris": partial(kernel_step, bs.kernel(uniform_system()), lambda alpha, h: (h, 0.0, alpha)),
     "implicit_midpoint": partial(collocation_step, 1),
     "collective_midpoint": collective_step,
     **{f"gauss{2 * stages}": partial(collocation_step, stages) for stages in (2, 3, 4, 6)},

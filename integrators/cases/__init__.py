@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_count, check_times
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.registry import find_method
@@ -89,7 +90,7 @@ class Case:
         Doubles, from the closed form of a free or a symmetric body: errors are of the size of round-off, 1e-15 for each radian
         that the body turns. Of other bodies from Taylor series, whose errors are as small, but grow with the motion's own.
         """
-        closed = not {"free", "symmetric"}.isdisjoint(self.body.offers)
+        closed = kinds.free_body(self.body) or kinds.symmetric_body(self.body)
         method, times = find_method("theta_functions" if closed else "taylor"), check_times(t)
         state, flight = self.body.parted(self.state)
         evaluate: Any = method.evaluate_for(self.body)

@@ -23,6 +23,7 @@ from mpmath import mp, mpf
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators.cases import Case
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.free_motion import free_motion
 from lagrange_bench.integrators.truth import free_body, symmetric_body
 from lagrange_bench.integrators.truth.exact import DIGITS
@@ -43,9 +44,9 @@ def standalone(case: Case, language: str, facts: list[str]) -> str:
     """
     body = case.body
     y, _ = body.parted(case.state)
-    if "free" in body.offers:
+    if kinds.free_body(body):
         constants = free_constants(body, y)
-    elif "symmetric" in body.offers:
+    elif kinds.symmetric_body(body):
         constants = heavy_constants(body, y)
     else:
         raise ValueError(

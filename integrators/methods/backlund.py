@@ -28,6 +28,7 @@ from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods import symmetric_body
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
@@ -95,7 +96,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """Jumps: one two-point map from y0 to each output time, whatever the distance."""
-    if "symmetric" in top.offers:
+    if kinds.symmetric_body(top):
         return symmetric_body.evaluated("backlund", top, y0, times, evaluate_exact, frames_exact)  # type: ignore[arg-type]
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     y = units.leave(first_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
@@ -173,7 +174,7 @@ EXACT = Method(
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
     evaluate=evaluate_exact, many=many,
-    kernels_for={"symmetric": prepare_body},
+    kernels_for={kinds.symmetric_body: prepare_body},
 )  # fmt: skip
 UNPINNED = replace(
     EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,

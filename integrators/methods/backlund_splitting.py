@@ -48,10 +48,9 @@ from lagrange_bench.integrators.methods import backlund, step_halving
 from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, WIDEST, Scheme, ends_of
 from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.methods.splitting import torques
-from lagrange_bench.integrators.problem.field import Field
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.system import depends
+from lagrange_bench.integrators.problem.system import System, depends
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import time_step
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
@@ -130,9 +129,9 @@ def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
 
 
 @cache
-def kick_of(field: Field, conserves_J3: bool, gradients: int) -> Any:
-    """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says."""
-    total = torques(field, gradients)
+def kick_of(V: System, gradients: int) -> Any:
+    """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says; q = (t, *p)."""
+    total, conserves_J3 = torques(V, gradients), 2 in V.constant
 
     @jit(inline=True)
     def kicked(s, q, weights):
@@ -143,26 +142,23 @@ def kick_of(field: Field, conserves_J3: bool, gradients: int) -> Any:
 
 
 @cache
-def numbers_of(field: Field, timed: bool) -> Any:
-    """(c, first, t) → the numbers of V in c from `first` on; of a V that depends on t its last one is t."""
-    numbers = tuple_loader(field.parameters - timed)
+def numbers_of(V: System) -> Any:
+    """(c, first, t) → t and the parameters; in c from `first` on they follow the time at the start."""
+    at_start, parameters, timed = tuple_loader(1 + V.parameters), tuple_loader(V.parameters), V.timed
 
     @jit
     def run(c, first, t):
-        return numbers(c, first) + (t,) if timed else numbers(c, first)  # noqa: RUF005 - as elsewhere
+        return (t,) + parameters(c, first + 1) if timed else at_start(c, first)  # noqa: RUF005 - as elsewhere
 
     return run
 
 
 @cache
-def kernel(field: Field, conserves_J3: bool, gradients: int, degree: int, single: bool, timed: bool = False) -> Any:
+def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
     """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
-    kicked, numbers, look = (
-        kick_of(field, conserves_J3, gradients),
-        numbers_of(field, timed),
-        look_up(degree or 1, conserves_J3),
-    )
-    first, stride = NUMBERS + field.parameters, GROUP + table_size(degree, conserves_J3)
+    conserves_J3, timed = 2 in V.constant, V.timed
+    kicked, numbers, look = kick_of(V, gradients), numbers_of(V), look_up(degree or 1, conserves_J3)
+    first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
     def step(s, c, counters):
@@ -179,7 +175,7 @@ def kernel(field: Field, conserves_J3: bool, gradients: int, degree: int, single
                 s, ok = exact_flow(s, alpha, c[place + TIME])
                 if not ok:
                     counters[loops.FAILURE] = LOST
-            t = c[first - 1] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
+            t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
             s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK], c[place + TWIST], c[place + SECOND]))
         return s
 
@@ -210,12 +206,12 @@ RESTORE_EVERY = 16
 
 
 @cache
-def map_over(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
+def map_over(V: System) -> Any:
     """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
 
-    times : t, dt, n: the time of the first row is t + n dt, and so on.
+    given : alpha, t at the start and the parameters. times : t, dt, n: the time of the first row is t + n dt, and so on.
     """
-    kicked, numbers = kick_of(field, conserves_J3, 0), numbers_of(field, timed)
+    kicked, numbers = kick_of(V, 0), numbers_of(V)
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
@@ -232,7 +228,7 @@ def map_over(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
                     if not ok:
                         counters[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
-                    s = kicked(s, numbers(given, 0, t), (parts[k, 1],))
+                    s = kicked(s, numbers(given, 1, t), (parts[k, 1],))
             write(row, 0, s)
 
     return at_first_interpreted(run)
@@ -246,10 +242,9 @@ MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further tha
 
 
 @cache
-def trial_run(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
+def pilot(V: System) -> Any:
     """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
-    kicked, numbers = kick_of(field, conserves_J3, 0), numbers_of(field, timed)
-    start = NUMBERS + field.parameters - 1  # the time, where V depends on it
+    kicked, numbers = kick_of(V, 0), numbers_of(V)
 
     @jit
     def run(y, c, h, steps):
@@ -261,7 +256,7 @@ def trial_run(field: Field, conserves_J3: bool, timed: bool = False) -> Any:
             s, ok = exact_flow(s, alpha, h)
             if not ok:
                 break
-            s = kicked(s, numbers(c, NUMBERS, c[start] + (k + 1) * h), (h,))
+            s = kicked(s, numbers(c, NUMBERS, c[NUMBERS] + (k + 1) * h), (h,))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
@@ -283,13 +278,11 @@ class ExactSplittingStepper(loops.ConjugateStepper):
     """
 
     def __init__(
-        self, problem: PerturbedTop | Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool,
-        tabled: bool, after: float = 0.0,
+        self, problem: Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, twisted: bool, tabled: bool,
+        after: float = 0.0,
     ):  # fmt: skip
-        top, conserves_J3, timed, start = problem.as_top, problem.conserves_J3, problem.timed, problem.start + after
-        numbers, field, n = np.array(top.numbers), top.formula.perturbation, len(chosen.b)
-        if timed:
-            numbers[-1] = start
+        (alpha, V), start, n = problem.alpha_and_rest, problem.start + after, len(chosen.b)
+        conserves_J3, timed, given = 2 in V.constant, V.timed, np.array((alpha, start, *problem.numbers))
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         gradients = (1 + bool(chosen.d)) if twisted else 0
@@ -302,9 +295,9 @@ class ExactSplittingStepper(loops.ConjugateStepper):
                 group[SECOND] = chosen.d[g] * (h * h * h * h * h)
             if timed:
                 group[WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
-        head = np.array((top.alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers))
+        head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *given[1:]))
         degree, made = 0, []
-        if tabled and _set_box(head, top.top.scales(y0), y0, trial_run(field, conserves_J3, timed), h):
+        if tabled and _set_box(head, _top_of(problem).scales(y0), y0, pilot(V), h):
             different = tuple(dict.fromkeys(times))
             degree, listed = tables(head[ALPHA : C2 + 1], head[CENTRE_H:NUMBERS], different, conserves_J3)
             if degree:
@@ -315,21 +308,19 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        self.sweep: PerturbedTop | Problem | None = (
-            None  # if its frequencies in time change: then the end of a run counts, too
-        )
+        self.sweep: Problem | None = None  # if its frequencies in time change: then the end of a run counts, too
         preprocess, postprocess = ends_of(chosen, h, corrected)
-        step = kernel(field, conserves_J3, gradients, degree, n == 1 and degree > 0, timed)
+        step = kernel(V, gradients, degree, n == 1 and degree > 0)
         super().__init__(
             NAME, h, c, step, restore_casimirs_at_fixed_J3 if conserves_J3 else restore_casimirs, RESTORE_EVERY,
-            map_rows=map_over(field, conserves_J3, timed), preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
-            postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
+            map_rows=map_over(V), preprocess=(given, preprocess, (start, 0.0, 0.0)),
+            postprocess=(given, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
             rhs_per_step=n, failures=FAILURES, timed=timed,
         )  # fmt: skip
 
     def rows(self, out: Array, every: int) -> Array:
-        numbers, parts, (start, *_) = self._postprocess
-        self._map(out[1:], (numbers, parts, (start, every * self.h, 1.0)))
+        given, parts, (start, *_) = self._postprocess
+        self._map(out[1:], (given, parts, (start, every * self.h, 1.0)))
         return out
 
     def record(self, y: Array, n: int, every: int) -> Array:
@@ -378,7 +369,7 @@ def prepare(
 
 
 def prepare_in_field(
-    top: PerturbedTop | Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
+    problem: Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> ExactSplittingStepper:  # fmt: skip
     """Kicks by V, exact flows of the top without it.
@@ -389,12 +380,12 @@ def prepare_in_field(
     table : λ from a table in (H, J3); False: computed at every flow.
     """
     corrected, twisted = _check(scheme, corrector, modified_kick, table)
-    _warn_strong(top.as_top, y0)
-    _warn_long(top, y0, h)
-    stepper = ExactSplittingStepper(top, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
-    if top.timed:
-        V = top.as_top.formula.value
-        stepper.sweep = top if depends(phase_rates(V, V.inputs - 1), [V.inputs - 1]) else None
+    _warn_strong(problem, y0)
+    _warn_long(problem, y0, h)
+    stepper = ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, twisted, bool(table))
+    V = problem.alpha_and_rest[1]
+    if V.timed and depends(phase_rates(V.energy, 0), [0]):
+        stepper.sweep = problem
     return stepper
 
 
@@ -416,24 +407,23 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
     In a uniform field one exact step to each time, whatever `tol`.
     """
     tol, notes = step_halving.check_tolerance(tol), []
-    if "uniform" in problem.offers:
+    if kinds.uniform(problem):
         try:
             states, work = backlund.evaluate_exact(problem, y0, times)
         except StepError as error:
             raise StepError(NAME, error.reason) from None
         work.notes = "one exact step to each time"
         return states, work
-    top = problem.as_top
-    _warn_strong(top, y0)
+    _warn_strong(problem, y0)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        if not (problem.timed or np.any(top.rhs(y))):
+        if not (problem.timed or np.any(problem.rhs(y))):
             notes.append("an equilibrium: no step is needed")
             return np.tile(y, (len(grid), 1))
-        rate, size, unit = top.scales(y)
+        rate, size, unit = problem.scales(y)
         last, parts = float(grid[-1]), math.ceil(step_halving.PLACES / len(grid))
         frequency = _frequency(problem, y, np.linspace(0.0, last, step_halving.PLACES))
-        longest = 2.0 * min(_longest(nutation_period(top, y), frequency), unit)
+        longest = 2.0 * min(_longest(nutation_period(problem, y), frequency), unit)
         track = partial(_track, problem, y, grid, parts, longest, work)
         rows, halved, difference = step_halving.agreeing(NAME, track, tol, (rate, size))
         largest = longest / 2**halved
@@ -442,12 +432,12 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         )
         return rows[parts - 1 :: parts]
 
-    states, work = at_times(NAME, top, run, y0, times)
+    states, work = at_times(NAME, problem, run, y0, times)
     work.notes = "; ".join(notes)
     return states, work
 
 
-def _track(problem: Any, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:
+def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:
     """States at the times of `grid` and, with equal distances, at parts − 1 before each; steps of at most longest/finer.
 
     A uniform grid is one run. Otherwise a run goes from each time to the next.
@@ -469,21 +459,22 @@ def _track(problem: Any, y: Array, grid: Array, parts: int, longest: float, work
     return np.concatenate(tracks)
 
 
-def _warn_strong(top: PerturbedTop, y0: Array) -> None:
-    rate, length, _ = top.top.scales(y0)
-    strength = length * math.hypot(*map(float, top.formula.derived(*y0[3:].tolist(), *top.parameters)))
+def _warn_strong(problem: Problem, y0: Array) -> None:
+    rate, length, _ = _top_of(problem).scales(y0)
+    V = problem.alpha_and_rest[1]
+    strength = length * math.hypot(*map(float, V.gradient(problem.start, *y0.tolist(), *problem.numbers)))
     if strength > STRONG * rate * rate:
         share = strength / rate / rate if rate > 0 else math.inf
         text = f"V is strong here, {share:.2g} of the top's own scale: blanes_moan6 costs less"
         warn_caller(text, StepWarning)
 
 
-def _warn_long(problem: PerturbedTop | Problem, y0: Array, h: float, span: float = 0.0) -> None:
+def _warn_long(problem: Problem, y0: Array, h: float, span: float = 0.0) -> None:
     """A warning, or a StepError, where the step is in resonance with V along the motion from y0 on, over a time `span`."""
-    top, h, frequency = problem.as_top, abs(h), _frequency(problem, y0, np.array((0.0, span)))
-    if h <= RESONANT * SHORTEST * top.top.scales(y0)[2] * (1.0 - h * frequency / WIDEST):
+    h, frequency, unit = abs(h), _frequency(problem, y0, np.array((0.0, span))), _top_of(problem).scales(y0)[2]
+    if h <= RESONANT * SHORTEST * unit * (1.0 - h * frequency / WIDEST):
         return
-    period = nutation_period(top, y0)
+    period = nutation_period(problem, y0)
     if h >= 0.5 * period:
         reason = f"h is {h / period:.2g} of the nutation period, in resonance with it; take less than a half"
         raise StepError(NAME, reason, h=h)
@@ -493,23 +484,27 @@ def _warn_long(problem: PerturbedTop | Problem, y0: Array, h: float, span: float
         warn_caller(f"{text} {longest:.3g}", StepWarning)
 
 
+def _top_of(problem: Problem) -> LagrangeTop:
+    """The top without V."""
+    return LagrangeTop(problem.alpha_and_rest[0])
+
+
 def _longest(period: float, frequency: float) -> float:
     """The step from which V along the motion has harmonics near 2π/h: of the nutation, of H in time, and of both together."""
     share = 1.0 / (RESONANT * period) + frequency / WIDEST
     return 1.0 / share if share > 0.0 else math.inf
 
 
-def _frequency(problem: PerturbedTop | Problem, y0: Array, after: Array) -> float:
+def _frequency(problem: Problem, y0: Array, after: Array) -> float:
     """The highest angular frequency of V in time, at these times after the start: what sin, cos and exp in its formula show."""
-    if not problem.timed:
-        return 0.0
-    V, numbers = problem.as_top.formula.value, problem.as_top.parameters[:-1]
-    return bandwidth(V, V.inputs - 1, (*y0[3:], *numbers, problem.start + after))
+    V = problem.alpha_and_rest[1]
+    return bandwidth(V.energy, 0, (problem.start + after, *y0, *problem.numbers)) if V.timed else 0.0
 
 
-def nutation_period(top: PerturbedTop, y0: Array) -> float:
+def nutation_period(problem: Problem, y0: Array) -> float:
     """Of the top without V, to 1e-15; where nothing oscillates inf, or a long time."""
-    rate, size, unit = top.top.scales(y0)
+    top = _top_of(problem)
+    rate, size, unit = top.scales(y0)
     if not 0.0 < rate < math.inf:
         return math.inf
     y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
@@ -520,5 +515,5 @@ METHOD = Method(
     name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field, needs="top", kernels_for={"uniform": prepare}, evaluate=evaluate,
+    prepare=prepare_in_field, needs=kinds.driven_top, kernels_for={"uniform": prepare}, evaluate=evaluate,
 )  # fmt: skip

@@ -34,38 +34,20 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
-from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
-from lagrange_bench.integrators.methods.lie_group import turn as rotated
-from lagrange_bench.integrators.problem.field import Field
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.methods.lie_group import dot, turn
+from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.units import Units
-
-HALF, KICK = range(2)  # places of the constants h/2 and alpha h/2
-
-
-@jit
-def turn(K1, K2, J3, x, k):
-    """x̃ − x where x̃ − x = k K×(x + x̃): 2k (u + k K×u)/(1 + k²|K|²) with u = K×x."""
-    K = K1, K2, J3
-    u = cross(K, x)
-    t, w2 = k * (K1 - J3), k * K2
-    q = (2.0 * k) / ((1.0 + (t * t + w2 * w2)) + (2.0 * k) * (k * (K1 * J3)))
-    return times(q, add(u, k, cross(K, u)))
-
-
-@jit
-def step(s, c, counters):
-    J1, J2, J3, x1, x2, x3 = s
-    k, kick = c[HALF], c[KICK]
-    d1, d2, d3 = turn(J1 - kick * x2, J2 + kick * x1, J3, (x1, x2, x3), k)
-    return J1 - kick * (2.0 * x2 + d2), J2 + kick * (2.0 * x1 + d1), J3, x1 + d1, x2 + d2, x3 + d3
 
 
 @cache
-def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
-    """The step in a field; constants: h, then alpha and the parameters of the potential. `conserves_J3`: the field keeps J3."""
-    torque, numbers = machine_code(field.torque), tuple_loader(field.parameters)
+def kernel(system: System) -> Any:
+    """The step of |J|²/2 + U(x); constants: h, then t and the parameters."""
+    torque, numbers, conserves_J3 = (
+        machine_code(system.torque),
+        tuple_loader(1 + system.parameters),
+        2 in system.constant,
+    )
 
     @jit(inline=True)
     def kicked(J, k, t):
@@ -76,25 +58,16 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
         x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
         J = kicked((s[0], s[1], s[2]), k, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]
-        x = rotated(v, 1.0 / (1.0 + dot(v, v)), x)
+        x = turn(v, 1.0 / (1.0 + dot(v, v)), x)
         J = kicked(J, k, torque(x, q))
         return J[0], J[1], J[2], x[0], x[1], x[2]
 
     return step
 
 
-def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """Any h."""
-    units = Units(top, y0, h)
-    half = units.time(h) / 2
-    c = np.array((half, half * units.alpha))
-    return FixedStepper("bobenko_suris", h, c, step, enter=units.enter, leave=units.leave)
-
-
-def prepare_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
-    """As `prepare`; the kicks are those of the whole potential, and no energy of its own is known."""
-    kernel = kernel_in_field(top.field, "J3" in top.conserved)
-    return FixedStepper("bobenko_suris", h, np.array((h, *top.numbers)), kernel)
+def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
+    """Any h. Only in a uniform field an energy of its own is known."""
+    return FixedStepper("bobenko_suris", h, np.array((h, problem.start, *problem.numbers)), kernel(problem.system))
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
@@ -108,7 +81,5 @@ def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 METHOD = Method(
     name="bobenko_suris", label="Bobenko–Suris", family="integrable", order=2,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}, conserves_own={"E": energy}),
-    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare_in_field,
-    needs="force",
-    kernels_for={"uniform": prepare},  # the general kernel costs 1.3 times as much there
+    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare, needs=kinds.top,
 )  # fmt: skip

@@ -44,13 +44,14 @@ from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.tape import Tape, with_slopes
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
-from lagrange_bench.integrators.methods.gauss_in_field import SOLVERS, check_span
+from lagrange_bench.integrators.methods.gauss import SOLVERS, check_span
 from lagrange_bench.integrators.methods.lie_group import cross as vector
 from lagrange_bench.integrators.methods.lie_group import dot as scalar
 from lagrange_bench.integrators.methods.lie_group import turn
-from lagrange_bench.integrators.problem.field import Field, cross, dot
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.vectors import cross, dot
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
 turned = interpreted(turn)  # of symbols
@@ -137,27 +138,27 @@ def newton_step(s, c, counters):
 
 
 @cache
-def rule_in_field(field: Field) -> Program:
-    """(u, J, x, h, q) → what is left of u = …, and the kick h g×X."""
+def rule_in_field(system: System) -> Program:
+    """(u, J, x, h, t, p) → what is left of u = …, and the kick h g×X."""
     tape = Tape()
     u, J, x = (tuple(tape.input() for _ in range(3)) for _ in range(3))
-    h, *q = (tape.input() for _ in range(1 + field.parameters))
+    h, t, *p = (tape.input() for _ in range(2 + system.parameters))
     n = 1.0 / (1.0 + dot(u, u))
     X = tuple(n * a for a in turned(u, n, x))
-    g = tape.run(field.gradient, *X, *q)
-    kick = tuple(h * t for t in cross(g, X))
+    g = system.force(tape, t, X, p)
+    kick = tuple(h * v for v in cross(g, X))
     w = h * dot(g, X)
     pull = (0.5 * (k - w * a + b) for k, a, b in zip(kick, u, cross(u, kick), strict=True))
-    p = (0.25 * h) * n
-    left = tuple(p * (a + b) - c for a, b, c in zip(turned(u, n, J), pull, u, strict=True))
+    r = (0.25 * h) * n
+    left = tuple(r * (a + b) - c for a, b, c in zip(turned(u, n, J), pull, u, strict=True))
     return tape.program((*left, *kick))
 
 
 @cache
-def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
-    """The step in a field; constants: the solver, h, alpha and the parameters. `conserves_J3`: the field keeps J3."""
-    rule, slopes = machine_code(rule_in_field(field)), machine_code(with_slopes(rule_in_field(field), 3))
-    numbers = tuple_loader(1 + field.parameters)
+def kernel_in_field(system: System) -> Any:
+    """The step of |J|²/2 + U(x); constants: the solver, h, t and the parameters."""
+    rule, slopes = machine_code(rule_in_field(system)), machine_code(with_slopes(rule_in_field(system), 3))
+    numbers, conserves_J3 = tuple_loader(2 + system.parameters), 2 in system.constant
 
     @jit
     def step(s, c, counters):
@@ -204,12 +205,12 @@ def kernel_in_field(field: Field, conserves_J3: bool) -> Any:
     return step
 
 
-def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
+def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
     """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
     check_choice(solver, "solver", SOLVERS)
-    check_span("collective_midpoint", abs(h) * top.scales(y0)[0], h)
-    c, step = np.array((SOLVERS.index(solver), h, *top.numbers)), kernel_in_field(top.field, "J3" in top.conserved)
-    return FixedStepper("collective_midpoint", h, c, step, failures=FAILURES)
+    check_span("collective_midpoint", abs(h) * problem.scales(y0)[0], h)
+    c = np.array((SOLVERS.index(solver), h, problem.start, *problem.numbers))
+    return FixedStepper("collective_midpoint", h, c, kernel_in_field(problem.system), failures=FAILURES)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
@@ -235,6 +236,6 @@ METHOD = Method(
     name="collective_midpoint", label="Collective midpoint", family="implicit", order=2,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="McLachlan, Modin and Verdier, Nonlinearity 27 (2014) 1525",
-    prepare=prepare_in_field, needs="force",
+    prepare=prepare_in_field, needs=kinds.top,
     kernels_for={"uniform": prepare},  # the general kernel costs 3.6 times as much there
 )  # fmt: skip

@@ -1,22 +1,26 @@
-"""Gauss collocation of order 4, 6, 8 and 12, the stage equations solved to round-off.
+"""Gauss collocation of order 4, 6, 8 and 12 for any problem, the stage equations solved to round-off.
 
 With Kᵢ = h bᵢ f(Yᵢ) the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ = y + Σ Kⱼ, where μᵢⱼ = aᵢⱼ/bⱼ; all that linear and quadratic
-invariants, here H, J3, C1 and C2, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without error (`gauss_coefficients`). The
-maps are symmetric, not Poisson.
+invariants, such as J3, C1 and C2, and H in a quadratic potential, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without
+error (`gauss_coefficients`). The maps are symmetric, not Poisson.
 
-∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field) all are the midpoint rule, s = 1.
+∇H of a quadratic H is affine, so the discrete gradients (Gonzalez's, the averaged vector field) all are the midpoint rule, s = 1.
 
-Solvers. J of the stages follows from their x, so the unknowns are the K of x1, x2, x3.
-fixed_point: K ← h b J×x, with J from the newest x; contracts like ρ(A) |h| (|J| + √(|alpha||x|)).
-newton: the K of x3 is eliminated too, which leaves 2s equations of 6s; a factorisation serves as long as each iteration
-divides the residual by 2⁸.
-Both start from the collocation polynomial of the last step, extrapolated (in the first step of a call from the state
-itself), and go on until the residual stagnates: what a tolerance leaves has a direction, and drifts. So does what the fixed
-point leaves where it contracts slowly, since a rounded iteration stops on the side it comes from; there Newton takes over.
+Unknowns. Some components have rates that depend on others only, as J of a top in a field, whose torque is a function of x: their
+K follow from the other stages. The unknowns are the K of the rest, and Newton's matrix holds all of them.
 
-For h²|alpha||x| below UNIQUE the stage equations have one solution; beyond, some states have several, and a StepError says so.
+Solvers. The fixed point contracts like ρ(A) |h| (|J| + √(|alpha||x|)) for a top. A factorisation of Newton's matrix serves as
+long as each iteration divides the residual by 2⁸. Both start from the collocation polynomial of the last step, extrapolated (in
+the first step of a call from the state itself), and go on until the residual stagnates: what a tolerance leaves has a direction,
+and drifts. So does what the fixed point leaves where it contracts slowly, since a rounded iteration stops on the side it comes
+from; there Newton takes over.
 
-The step in any field is in `gauss_in_field`.
+Of a top in a uniform field the stage equations have one solution for h²|alpha||x| below UNIQUE, and longer steps are refused. In
+general no bound is known. A step whose iteration does not end is taken again, by Newton from the state itself, and then refused.
+So is a solution with det(1 − h A f') < 0: on the way to it from h = 0 the determinant, 1 there, has passed through 0, a fold of
+the equations.
+
+Vectors over the stages lie one stage after the other, matrices of stages by columns.
 
 Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, II.1.3, IV.2.1, VIII.5, VIII.6.1; Hairer & Wanner, Solving
 Ordinary Differential Equations II, IV.5 (the W-transformation); Antoñana, Makazaga & Murua, Numer. Algorithms 76 (2017) 861 (μ);
@@ -32,246 +36,322 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
+from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import two_sum
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.intrinsics import stack
-from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
-from lagrange_bench.integrators.methods import gauss_in_field as general
-from lagrange_bench.integrators.methods.gauss_coefficients import matrices
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau
+from lagrange_bench.integrators.methods.runge_kutta import two_sums
+from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.system import System, depends
 
-# h²|alpha||x| at the first fold of the stage equations, over all J and x, rounded down: found by minimising it under the
-# equations and det = 0 from some hundred random starts (the same search gives 4 for s = 1, where the cubic proves it)
+# contraction below which the fixed point leaves no bias to be seen in some 10⁷ steps, without and with compensated sums
+WEAK = (1 / 10, 1 / 16)
+LIMIT = 500  # iterations; the fixed point takes 5 to 40, Newton 3 to 9
+# h²|alpha||x| at the first fold of the stage equations in a uniform field, over all J and x, rounded down: found by minimising it
+# under the equations and det = 0 from some hundred random starts (the same search gives 4 for s = 1, where a cubic proves it)
 UNIQUE = {2: 11.8, 3: 18.6, 4: 27.3, 6: 41.7}
-RADIUS = {2: 0.2887, 3: 0.2154, 4: 0.1654, 6: 0.1154}  # spectral radius of A
+LONGEST = 1e6  # of |h|, in time scales of the top: beyond, differences lose as many digits as h has
 
-SMALL, NEWTON, COMPENSATED, BETA = range(4)  # places of the constants; from BETA on: β, αβ, μ, 1/μ, extrapolation
+NOT_CONVERGED, FOLDED = 1, 2
+FAILURES = {
+    NOT_CONVERGED: f"the stage equations are not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
+    FOLDED: "the stage equations have several solutions, and a wrong one was found; take a smaller |h|",
+}
 
-
-# ------------------------------------------------------------------------------------ kernels
-#
-# `n` is a tuple with one place for each stage: its length is part of its type. Vectors over the stages lie one component
-# after the other: K and X of x1, x2, x3, then L (of K, for J1 and J2) and J of J1, J2. Matrices lie by columns.
-
-
-@jit(inline=True)
-def residual(n, s, c, low, K, X, L, J, R):
-    """X, L, J and R = h b J×x − K of the stages that K makes; returns Σ|R|."""
-    S = len(n)
-    G, MU = BETA + S, BETA + 2 * S
-    J1, J2, J3, x1, x2, x3 = s
-    for i in range(S):
-        X[i], X[S + i], X[2 * S + i] = low[2], low[3], low[4]
-        J[i], J[S + i] = low[0], low[1]
-    general.accumulate(S, c, MU, K, X)  # small terms first
-    for i in range(S):
-        X[i] += x1
-        X[S + i] += x2
-        X[2 * S + i] += x3
-        L[i] = -c[G + i] * X[S + i]
-        L[S + i] = c[G + i] * X[i]
-    for j in range(S):
-        for i in range(S):
-            m = c[MU + S * j + i]
-            J[i] += m * L[j]
-            J[S + i] += m * L[S + j]
-    for i in range(S):
-        J[i] += J1
-        J[S + i] += J2
-        y1, y2, y3 = c[BETA + i] * X[i], c[BETA + i] * X[S + i], c[BETA + i] * X[2 * S + i]
-        R[i] = (J[S + i] * y3 - J3 * y2) - K[i]
-        R[S + i] = (J3 * y1 - J[i] * y3) - K[S + i]
-        R[2 * S + i] = (J[i] * y2 - J[S + i] * y1) - K[2 * S + i]
-    size = 0.0
-    for i in range(3 * S):
-        size += abs(R[i])
-    return size
+# Constants of a kernel: the solver, compensation, time at the start, h; then β, nodes, μ, ν = 1/μ, extrapolation, numbers
+SOLVER, COMPENSATED, START, STEP, BETAS = range(5)
+SOLVERS = ("fixed_point", "newton", "auto")
 
 
 @jit(inline=True)
-def solve(n, s, c, low, K, L, counters, by_newton):
-    """K and L of the step. Returns the number of iterations, 0 if there were too many."""
-    X, J, R, A, T, P, pivots = stack(18), stack(12), stack(18), stack(144), stack(72), stack(12), stack(12)
-    last = math.inf
-    for k in range(general.LIMIT):
-        size = residual(n, s, c, low, K, X, L, J, R)
-        # a residual has stopped falling where only round-off is left of it
-        done = size == 0.0 or (size >= last and size <= c[SMALL])
-        if by_newton and not done:
-            if last == math.inf or size > max(2.0**-8 * last, c[SMALL]):
-                eliminate(n, s[2], c, X, J, A, T, P)
-                general.factor(2 * len(n), A, pivots)
-            correct(n, c, A, T, P, pivots, R)
-        for i in range(3 * len(n)):
-            K[i] += R[i]  # in the end to h b J×x itself, which is orthogonal to x
-        if done:
-            return k + 1
-        last = size
-    counters[RESIDUAL] = last
-    return 0
-
-
-@jit
-def newton(n, s, c, low, K, L, counters):
-    return solve(n, s, c, low, K, L, counters, True)
-
-
-@jit(inline=True)
-def eliminate(n, J3, c, X, J, A, T, P):
-    """The matrix A (2s, 2s, by rows) of the linearised equations in δx1, δx2 of the stages.
-
-    They are ν δx − β (J×δx + δJ×x) = r, ν = μ⁻¹, δJ = μ αβ e3×δx. The third gives δx3 = μ r3 − T (δx1, δx2); P = β (J1, J2).
-    """
-    S = len(n)
-    G, MU, NU, m = BETA + S, BETA + 2 * S, BETA + 2 * S + S * S, 2 * S
-    for i in range(S):
-        P[i], P[S + i] = c[BETA + i] * J[i], c[BETA + i] * J[S + i]
-    for i in range(S):
+def at_stage(i, S, count, c, place, K, low, places, s, out):
+    """Components of stage i, at their places in the state s: s + (low + M K), the matrix M (S, S) by columns at c[place]."""
+    for a in range(count):
+        total = low[places[a]]
         for j in range(S):
-            a1 = a2 = 0.0
-            for k in range(S):
-                w = c[MU + S * k + i] * c[BETA + k] * c[MU + S * j + k]
-                a1 += w * X[k]
-                a2 += w * X[S + k]
-            w = c[MU + S * j + i]
-            T[m * i + j] = c[G + j] * a1 + w * P[S + j]
-            T[m * i + S + j] = c[G + j] * a2 - w * P[j]
-    for i in range(S):
-        spin, z = c[BETA + i] * J3, c[BETA + i] * X[2 * S + i]
-        for j in range(S):
-            d = c[NU + S * j + i] - z * c[MU + S * j + i] * c[G + j]
-            A[m * i + j] = d + P[S + i] * T[m * i + j]
-            A[m * i + S + j] = P[S + i] * T[m * i + S + j]
-            A[m * (S + i) + j] = -P[i] * T[m * i + j]
-            A[m * (S + i) + S + j] = d - P[i] * T[m * i + S + j]
-        A[m * i + S + i] += spin
-        A[m * (S + i) + i] -= spin
+            total += c[place + S * j + i] * K[count * j + a]  # small terms first
+        out[count * i + a] = total + s[places[a]]
 
 
 @jit(inline=True)
-def correct(n, c, A, T, P, pivots, R):
-    """From the residual R to the correction δK = ν δx, in its place."""
-    S = len(n)
-    MU, NU, m = BETA + 2 * S, BETA + 2 * S + S * S, 2 * S
-    r, t = stack(12), stack(6)
-    for i in range(S):
-        t[i] = 0.0
-        for j in range(S):
-            t[i] += c[MU + S * j + i] * R[2 * S + j]
-        r[i], r[S + i] = R[i] + P[S + i] * t[i], R[S + i] - P[i] * t[i]
-    general.substitute(m, A, pivots, r)
-    for i in range(S):
+def factor(m, A, pivots):
+    """A (m, m) = LU with partial pivoting, in its place; the diagonal of U inverted."""
+    for k in range(m):
+        p = k
+        for i in range(k + 1, m):
+            if abs(A[m * i + k]) > abs(A[m * p + k]):
+                p = i
+        pivots[k] = p
         for j in range(m):
-            t[i] -= T[m * i + j] * r[j]
-    for i in range(S):
-        R[i] = R[S + i] = R[2 * S + i] = 0.0
-        for j in range(S):
-            R[i] += c[NU + S * j + i] * r[j]
-            R[S + i] += c[NU + S * j + i] * r[S + j]
-            R[2 * S + i] += c[NU + S * j + i] * t[j]
+            A[m * k + j], A[m * p + j] = A[m * p + j], A[m * k + j]
+        A[m * k + k] = 1.0 / A[m * k + k]
+        for i in range(k + 1, m):
+            A[m * i + k] *= A[m * k + k]
+            for j in range(k + 1, m):
+                A[m * i + j] -= A[m * i + k] * A[m * k + j]
 
 
 @jit(inline=True)
-def step(n, s, c, counters):
-    S = len(n)
-    AHEAD, LOW = BETA + 2 * S + 2 * S * S, MEMORY + 3 * S
-    K, L, low = stack(18), stack(12), stack(5)
-    for i in range(3 * S):
-        K[i] = 0.0
-    general.accumulate(S, c, AHEAD, counters[MEMORY:], K)
-    for i in range(5):
-        low[i] = counters[LOW + i]
-    iterations = (
-        newton(n, s, c, low, K, L, counters) if c[NEWTON] != 0.0 else solve(n, s, c, low, K, L, counters, False)
-    )
-    if iterations == 0:
-        counters[FAILURE] = general.NOT_CONVERGED
-    counters[ITERATIONS] += iterations
-    counters[RHS_EVALS] += S * iterations
-    for i in range(3 * S):
-        counters[MEMORY + i] = K[i]
-    for i in range(S):
-        low[0] += L[i]
-        low[1] += L[S + i]
-        low[2] += K[i]
-        low[3] += K[S + i]
-        low[4] += K[2 * S + i]
-    J1, l1 = two_sum(s[0], low[0])
-    J2, l2 = two_sum(s[1], low[1])
-    x1, l3 = two_sum(s[3], low[2])
-    x2, l4 = two_sum(s[4], low[3])
-    x3, l5 = two_sum(s[5], low[4])
-    if c[COMPENSATED] != 0.0:
-        counters[LOW], counters[LOW + 1], counters[LOW + 2], counters[LOW + 3], counters[LOW + 4] = l1, l2, l3, l4, l5
-    return J1, J2, s[2], x1, x2, x3
+def substitute(m, A, pivots, r):
+    """A⁻¹ r in the place of r, of the factors of A."""
+    for k in range(m):
+        p = int(pivots[k])
+        r[k], r[p] = r[p], r[k]
+    for k in range(m):
+        for j in range(k):
+            r[k] -= A[m * k + j] * r[j]
+    for k in range(m - 1, -1, -1):
+        for j in range(k + 1, m):
+            r[k] -= A[m * k + j] * r[j]
+        r[k] *= A[m * k + k]
 
 
 @cache
-def kernel(stages: int) -> Any:
-    """`step` of so many stages."""
-    n = (0,) * stages
+def groups(system: System) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """The unknown components, and those whose rates depend on the unknown ones only."""
+    n, moving = system.size, system.moving
+    eliminated = tuple(i for i in moving if i < 3) if system.space.affine else ()
+    own = Program(system.rhs.inputs, system.rhs.lines, tuple(system.rhs.outputs[i] for i in eliminated))
+    if depends(own, [1 + i for i in eliminated]):
+        eliminated = ()
+    return tuple(i for i in range(n) if i in moving and i not in eliminated), eliminated
+
+
+@cache
+def formulas(system: System) -> tuple[Program, Program, Program, Program]:
+    """Rates of the unknown, rates of the eliminated; derivatives; sizes of the terms in the rates: of (t, y, p)."""
+    unknown, eliminated = groups(system)
+
+    def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        """By rows: unknown by unknown, unknown by eliminated, eliminated by unknown."""
+        rates = system.rates(tape, t, y, p)
+        columns = {k: tape.along(rates, y, np.eye(len(y))[k].tolist()) for k in (*unknown, *eliminated)}
+        blocks = ((unknown, unknown), (unknown, eliminated), (eliminated, unknown))
+        return [columns[k][i] for rows, across in blocks for i in rows for k in across]
+
+    def terms(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        """|∂H/∂v| |v|, summed over the vectors: what is rounded off in a rate is a share of it."""
+        g = system.slopes(tape, t, y, p)
+        total = tape.constant(0.0)
+        for turning, vector in system.space.rotations(g, y):
+            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in vector)).sqrt()
+        return [total]
+
+    def some(places: tuple[int, ...]) -> Program:
+        return system.record(lambda *inputs: [system.rates(*inputs)[i] for i in places])
+
+    return some(unknown), some(eliminated), system.record(slopes), system.record(terms)
+
+
+@cache
+def kernel(stages: int, system: System) -> Any:
+    """The step of any system; numbers of the constants are the parameters."""
+    S, n, (unknown, eliminated) = stages, system.size, groups(system)
+    U, E = len(unknown), len(eliminated)
+    m, timed = S * U, system.timed
+    NODES, MU, NU, AHEAD, NUMBERS = (BETAS + k for k in (S, 2 * S, 2 * S + S * S, 2 * S + 2 * S * S, 2 * S + 3 * S * S))
+    rates_u, rates_e, slopes, terms = map(machine_code, formulas(system))
+    numbers, whole, keep = tuple_loader(system.parameters), tuple_loader(n), tuple_storer(n)
+    keep_u, keep_e, keep_slopes = (tuple_storer(max(count, 1)) for count in (U, E, U * U + 2 * U * E))
+    ROW, LOW = U * U + 2 * U * E, loops.MEMORY + m
+    K_SIZE, L_SIZE, Y_SIZE, M_SIZE, A_SIZE = (max(count, 1) for count in (m, S * E, S * n, S * ROW, m * m))
+    places_u, places_e = np.array(unknown or (0,)), np.array(eliminated or (0,))
+
+    @unrolled
+    def place(s, u, e):
+        """The state with new unknown and eliminated components."""
+        new = dict(zip((*unknown, *eliminated), (*u, *e), strict=True))
+        return tuple(new.get(i, s[i]) for i in range(n))
+
+    get_u, get_e = tuple_loader(U), tuple_loader(E)
 
     @jit
-    def run(s, c, counters):
-        return step(n, s, c, counters)
+    def residual(s, c, counters, low, K, Y, L, R):
+        """Y, L and R = h b f(Y) − K of the stages that K makes; returns Σ|R|."""
+        q = numbers(c, NUMBERS)
+        u, e = stack(K_SIZE), stack(L_SIZE)
+        size = 0.0
+        for i in range(S):
+            at_stage(i, S, U, c, MU, K, low, places_u, s, u)
+            for a in range(E):
+                e[E * i + a] = s[places_e[a]]
+            y = place(s, get_u(u, U * i), get_e(e, E * i))
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + i]) if timed else 0.0
+            if E > 0:
+                keep_e(L, E * i, rates_e((t,) + y, q))  # noqa: RUF005 - compiled code does not unpack
+                for a in range(E):
+                    L[E * i + a] *= c[BETAS + i]
+        for i in range(S):
+            at_stage(i, S, E, c, MU, L, low, places_e, s, e)
+            y = place(s, get_u(u, U * i), get_e(e, E * i))
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + i]) if timed else 0.0
+            keep(Y, n * i, y)
+            keep_u(R, U * i, rates_u((t,) + y, q))  # noqa: RUF005
+            for a in range(U):
+                R[U * i + a] = c[BETAS + i] * R[U * i + a] - K[U * i + a]
+                size += abs(R[U * i + a])
+        return size
 
-    return run
+    @jit
+    def linearise(c, counters, Y, A, pivots):
+        """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
+        q, M = numbers(c, NUMBERS), stack(M_SIZE)
+        for j in range(S):
+            t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + j]) if timed else 0.0
+            keep_slopes(M, ROW * j, slopes((t,) + whole(Y, n * j), q))  # noqa: RUF005
+        for i in range(S):
+            for j in range(S):
+                mu, b = c[MU + S * j + i], c[BETAS + j]
+                for a in range(U):
+                    for k in range(U):
+                        total = 0.0
+                        for e in range(E):
+                            total += M[ROW * i + U * U + E * a + e] * M[ROW * j + U * U + U * E + U * e + k]
+                        total *= mu * b
+                        if i == j:
+                            total += M[ROW * i + U * a + k]
+                        A[m * (U * i + a) + U * j + k] = -c[BETAS + i] * total
+                    A[m * (U * i + a) + U * j + a] += c[NU + S * j + i]
+        factor(m, A, pivots)
+        sign = 1.0
+        for k in range(m):
+            if (A[m * k + k] < 0.0) != (int(pivots[k]) != k):
+                sign = -sign
+        return sign
+
+    @jit
+    def solve(s, c, low, K, L, counters, newton):
+        """K and L of the step. Returns the number of iterations, 0 if there were too many."""
+        Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
+        weak = WEAK[1] if c[COMPENSATED] != 0.0 else WEAK[0]
+        t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
+        small = 2.0**-45 * abs(c[STEP]) * terms((t,) + s, numbers(c, NUMBERS))[0]  # noqa: RUF005
+        last, sign, fresh = math.inf, 1.0, True
+        for k in range(LIMIT):
+            size = residual(s, c, counters, low, K, Y, L, R)
+            if not size < math.inf:
+                break
+            done = size == 0.0 or (size >= last and size <= small)
+            if not done:
+                newton = newton or (c[SOLVER] == 2.0 and size > max(weak * last, small))
+                if newton:
+                    if fresh or size > max(2.0**-8 * last, small):
+                        sign = linearise(c, counters, Y, A, pivots)
+                        fresh = False
+                    for i in range(m):
+                        r[i] = R[i]
+                    substitute(m, A, pivots, r)
+                    for i in range(S):
+                        for a in range(U):
+                            R[U * i + a] = 0.0
+                            for j in range(S):
+                                R[U * i + a] += c[NU + S * j + i] * r[U * j + a]
+            for i in range(m):
+                K[i] += R[i]
+            if done:
+                if sign < 0.0:
+                    counters[loops.FAILURE] = FOLDED
+                return k + 1
+            last = size
+        counters[loops.RESIDUAL] = last
+        return 0
+
+    @unrolled
+    def sums(s, change):
+        return tuple(map(tuple, two_sums(s, change)))
+
+    @jit
+    def step(s, c, counters):
+        K, L, low = stack(K_SIZE), stack(L_SIZE), stack(n)
+        for i in range(S):
+            for a in range(U):
+                K[U * i + a] = 0.0
+                for j in range(S):
+                    K[U * i + a] += c[AHEAD + S * j + i] * counters[loops.MEMORY + U * j + a]
+        for i in range(n):
+            low[i] = counters[LOW + i]
+        iterations = solve(s, c, low, K, L, counters, c[SOLVER] == 1.0)
+        if iterations == 0 and c[SOLVER] != 0.0:  # once more from the state itself
+            for i in range(m):
+                K[i] = 0.0
+            counters[loops.RESIDUAL] = 0.0
+            iterations = solve(s, c, low, K, L, counters, True)
+        if iterations == 0:
+            counters[loops.FAILURE] = NOT_CONVERGED
+        counters[loops.ITERATIONS] += iterations
+        counters[loops.RHS_EVALS] += S * iterations
+        for i in range(m):
+            counters[loops.MEMORY + i] = K[i]
+        for i in range(S):
+            for a in range(U):
+                low[places_u[a]] += K[U * i + a]
+            for a in range(E):
+                low[places_e[a]] += L[E * i + a]
+        new, lost = sums(s, whole(low, 0))
+        if c[COMPENSATED] != 0.0:
+            keep(counters, LOW, lost)
+        return new
+
+    return step
+
+
+def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> None:
+    """StepError if h is far longer than the time scale of the motion, `span` times as long."""
+    if not span <= longest:
+        raise StepError(name, f"|h| is over {longest:g} times the time scale of the top or problem", h=h)
+
+
+def stepper(
+    name: str, stages: int, problem: Any, y0: Array, h: float, solver: str, compensated: bool = False
+) -> loops.FixedStepper:
+    """Collocation in so many Gauss nodes. Options as those of `method`."""
+    check_choice(solver, "solver", SOLVERS)
+    check_flag(compensated, "compensated")
+    system = problem.system
+    if kinds.top(problem):
+        slope = np.linalg.norm(problem.jacobian(y0)[:3, 3:], 2)
+        span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
+    else:
+        span = abs(h) / problem.scales(y0)[2]
+    check_span(name, span, h)
+    b, mu, nu, ahead = matrices(stages)
+    nodes = np.array(tableau(stages)[0], dtype=float)
+    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), problem.numbers)
+    c = np.concatenate(((SOLVERS.index(solver), bool(compensated), problem.start, h), *parts))
+    memory = (stages + 1) * system.size
+    step = kernel(stages, system)
+    return loops.FixedStepper(name, h, c, step, failures=FAILURES, size=system.size, timed=system.timed, memory=memory)
 
 
 def method(stages: int) -> Method:
     name = f"gauss{2 * stages}"
 
     def prepare(
-        top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
-    ) -> FixedStepper:
+        problem: Any, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
+    ) -> loops.FixedStepper:
         """Iterates every step until it stagnates.
 
         Parameters
         ----------
-        solver : "fixed_point"; "newton"; "auto": the fixed point where it contracts by 10 or more (16 if compensated),
-            else Newton.
+        solver : "fixed_point"; "newton"; "auto": Newton from the step on in which the fixed point contracts by less than 10 (16
+            if compensated).
         compensated : carry what the sums of a step round off into the next one.
         """
-        check_choice(solver, "solver", general.SOLVERS)
-        check_flag(compensated, "compensated")
-        span = abs(h) * top.scales(y0)[0]
-        general.check_span(name, span, h)
-        if not h * h * abs(top.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
+        if kinds.uniform(problem) and not h * h * abs(problem.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
-        newton = solver == "newton" or (solver == "auto" and RADIUS[stages] * span > general.WEAK[bool(compensated)])
-        c = constants(stages, top, y0, h, newton, compensated, span <= 1)
-        return FixedStepper(name, h, c, kernel(stages), failures=general.FAILURES)
-
-    def prepare_in_field(
-        top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
-    ) -> FixedStepper:
-        """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
-        return general.stepper_in_field(name, stages, top, y0, h, solver, compensated)
+        return stepper(name, stages, problem, y0, h, solver, compensated)
 
     return Method(
         name=name, label=f"Gauss {2 * stages}", family="implicit", order=2 * stages,
         claims=Claims(symmetric=True, conserves={"J3", "C1", "C2"}, conserves_if_quadratic={"H"}),
         source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.3 and IV.2.1",
-        prepare=prepare_in_field, needs="rhs",
-        # with a bound for unique solutions; the general kernel costs 1.3 to 1.7 times as much
-        kernels_for={"uniform": prepare},
+        prepare=prepare, needs="rhs",
     )  # fmt: skip
-
-
-def constants(
-    stages: int, top: LagrangeTop, y0: Array, h: float, newton: bool, compensated: bool, extrapolate: bool
-) -> Array:
-    """What a kernel needs, in the order of its places."""
-    b, mu, nu, ahead = matrices(stages)
-    J, x = math.hypot(*y0[:3]), math.hypot(*y0[3:])
-    # a residual that has stopped falling is round-off only if it is this small
-    small = 2.0**-45 * stages * (abs(h) * J + abs(h) * abs(h * top.alpha) * x) * x
-    ahead = ahead if extrapolate else 0 * ahead
-    scalars = np.array((small, newton, compensated), dtype=float)
-    return np.concatenate((scalars, h * b, h * top.alpha * b, mu.T.ravel(), nu.T.ravel(), ahead.T.ravel()))
 
 
 GAUSS4, GAUSS6, GAUSS8, GAUSS12 = (method(stages) for stages in (2, 3, 4, 6))

@@ -20,6 +20,7 @@ Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, sections II.1
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +29,9 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
-from lagrange_bench.integrators.methods.gauss_in_field import check_span, stepper_in_field
-from lagrange_bench.integrators.problem.field import cross
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.methods.gauss import check_span, stepper
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.vectors import cross
 
 ALPHA, H, LARGE = range(3)  # places of the constants
 LONGEST = 100.0  # of |h|, in time scales of the top: what solving the equation leaves of the invariants grows like h²
@@ -184,9 +184,9 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
     return FixedStepper("implicit_midpoint", h, c, kernel, failures=FAILURES)
 
 
-def prepare_in_field(top: PerturbedTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
+def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
     """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less than 10."""
-    return stepper_in_field("implicit_midpoint", 1, top, y0, h, solver)
+    return stepper("implicit_midpoint", 1, problem, y0, h, solver)
 
 
 METHOD = Method(

@@ -35,7 +35,7 @@ from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStep
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
-from lagrange_bench.integrators.problem import field
+from lagrange_bench.integrators.problem import vectors
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the generator
@@ -60,7 +60,7 @@ def polynomial(p, z):
     return ((p[0] + p[1] * z) + (p[2] + p[3] * z) * y) + ((p[4] + p[5] * z) + (p[6] + p[7] * z) * y) * (y * y)
 
 
-cross, dot = jit(field.cross), jit(field.dot)
+cross, dot = jit(vectors.cross), jit(vectors.dot)
 
 
 @jit
@@ -195,11 +195,11 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
     @unrolled
     def commutator(k, l):
         if body:
-            return *field.cross(k[:3], l[:3]), *(0.0 * v for v in k[3:])
+            return *vectors.cross(k[:3], l[:3]), *(0.0 * v for v in k[3:])
         if affine:
-            pairs = zip(field.cross(k[:3], l[3:]), field.cross(l[:3], k[3:]), strict=True)
-            return *field.cross(k[:3], l[:3]), *(a - b for a, b in pairs)
-        return tuple(v for i in range(0, size, 3) for v in field.cross(k[i : i + 3], l[i : i + 3]))
+            pairs = zip(vectors.cross(k[:3], l[3:]), vectors.cross(l[:3], k[3:]), strict=True)
+            return *vectors.cross(k[:3], l[:3]), *(a - b for a, b in pairs)
+        return tuple(v for i in range(0, size, 3) for v in vectors.cross(k[i : i + 3], l[i : i + 3]))
 
     @unrolled
     def plus(k, r, l):

@@ -38,11 +38,11 @@ from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
-from lagrange_bench.integrators.problem.field import Field, dot
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_in_field
+from lagrange_bench.integrators.problem.vectors import dot
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 
 PROJECTING = "verner9_projected"
@@ -225,12 +225,14 @@ IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of t
 
 
 @cache
-def projected_in_field(field: Field, conserves_J3: bool) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`projected` for any field, and (s, c) → what it makes up for. J3 of a `conserves_J3` field stays.
+def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """`projected` for any |J|²/2 + U(x), and (s, c) → what it makes up for. J3 stays where the motion keeps it.
 
-    `c`: the places above, then the numbers. The state is the user's; what is projected is the state in units of order one.
+    `c`: the places above, then t and the parameters. The state is the user's; what is projected is the state in units of order
+    one.
     """
-    potential, gradient, numbers = field.potential, field.gradient, tuple_loader(field.parameters)
+    numbers, conserves_J3 = tuple_loader(1 + system.parameters), 2 in system.constant
+    rest = (0.0, 0.0, 0.0)
     moved = adding(6, tuple(range(6)), False)
 
     @unrolled
@@ -238,8 +240,8 @@ def projected_in_field(field: Field, conserves_J3: bool) -> tuple[Callable[..., 
         """J, x, the force, and what H, |x|²/2 and x·J amount to, in units of order one."""
         per_energy = per_rate * per_rate
         J, x = tuple(v * per_rate for v in s[:3]), tuple(v * per_length for v in s[3:])
-        (U,) = potential(*s[3:], *q)
-        g = tuple(v * (per_energy / per_length) for v in gradient(*s[3:], *q))
+        (U,) = system.energy(q[0], *rest, *s[3:], *q[1:])
+        g = tuple(v * (per_energy / per_length) for v in system.gradient(q[0], *rest, *s[3:], *q[1:])[3:])
         return J, x, g, (0.5 * dot(J, J) + U * per_energy, 0.5 * dot(x, x), dot(x, J))
 
     @unrolled
@@ -336,18 +338,18 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     return _on_torus(h, np.array((*first, *c)), step, lacking, units.enter, leave=units.leave)
 
 
-def prepare_projected_in_field(top: PerturbedTop, y0: Array, h: float) -> FixedStepper:
+def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
     """As `prepare_projected`."""
-    units = units_in_field(PROJECTING, top, y0, h)
-    finish, lacking_in = projected_in_field(top.field, "J3" in top.conserved)
-    c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), *top.numbers))
+    units = units_in_field(PROJECTING, problem, y0, h)
+    finish, lacking_in = projected_in_field(problem.system)
+    c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), problem.start, *problem.numbers))
 
     def lacking(y: Array) -> tuple[float, ...]:
         return lacking_in(tuple(y.tolist()), c)[3]  # type: ignore[no-any-return]
 
     c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
-    step = followed_by(VERNER9, top.system, finish)
-    return _on_torus(h, np.array((*constants_of(VERNER9, top, h), *c)), step, lacking, np.array)
+    step = followed_by(VERNER9, problem.system, finish)
+    return _on_torus(h, np.array((*constants_of(VERNER9, problem, h), *c)), step, lacking, np.array)
 
 
 def _on_torus(
@@ -371,6 +373,6 @@ def _on_torus(
 PROJECTED = replace(
     NINTH, name=PROJECTING, label="Verner 9, projected", claims=Claims(conserves={"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected_in_field, needs="force",
+    prepare=prepare_projected_in_field, needs=kinds.top,
     kernels_for={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
 )  # fmt: skip

@@ -27,6 +27,7 @@ from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
 
 
@@ -77,7 +78,7 @@ class Solver:
 
     def on_its_level(self, top: Problem, y: Array, out: Array) -> Array:
         """The states, if none has lost its energy: a pole of the potential may lie within a step."""
-        if "force" in top.offers and "uniform" not in top.offers:  # of other problems H may depend on t
+        if kinds.top(top) and not kinds.uniform(top):
             off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
             if not np.all(off <= top.invariant_scales(y)[0]):
                 reason = "rtol and atol do not hold this state: its energy is off by the size of its terms"

@@ -6,11 +6,12 @@
 Both are Poisson maps that keep J3, |x|² and x·J, and so is whatever is composed of them; H oscillates. A scheme is a
 list of coefficients, first letter … last letter; all are palindromes, and the maps symmetric. Two properties of this H
 are used. It is quadratic in J, so [B,[B,[B,A]]] = 0, and coefficients for Runge-Kutta-Nyström equations apply. And
-[B,[A,B]] and [B,[B,[A,[A,B]]]] depend on x3 only, through |e3×x|²: a kick with force gradients costs a few operations,
+[B,[A,B]] and [B,[B,[A,[A,B]]]] are functions of x: a kick with force gradients is the exact flow of
 
-    kick(b, c, d):  J += h alpha (b + 2c alpha h² x3 − 2d (alpha h²)² (|x|² − 3x3²)) e3×x,
+    hB b + h³c [B,[A,B]] + h⁵d [B,[B,[A,[A,B]]]],
 
-the exact flow of hB b + h³c [B,[A,B]] + h⁵d [B,[B,[A,[A,B]]]].
+its torques are those of `System.commutator_torque` and `System.second_commutator_torque`. Any potential U(x) takes the place of
+alpha x3.
 
 Taken n times, a scheme ends every step with the flow that begins the next. So the loop runs over a conjugate map, in which
 the two are one, and `enter` and `leave` of the stepper apply the first flow and its inverse. The processor of Takahashi
@@ -35,7 +36,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache, partial
 from itertools import accumulate, chain, zip_longest
 from typing import Any, NamedTuple
@@ -49,9 +49,9 @@ from lagrange_bench.integrators.compiling.expression import machine_code, tuple_
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
-from lagrange_bench.integrators.problem.field import Field
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.parts import Part
-from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.system import System
 
 FARTHEST = 4.0  # g |x| of `process`, which loses a factor of 1 + 2(g|x|)², squared, of the digits of |x|
 
@@ -151,7 +151,6 @@ SCHEMES = {
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
 LARGE = 1e154  # what has a square
-NOTHING = np.empty(0)
 MOST = 128.0**2  # z beyond which no turn is made: an angle of 256
 TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
@@ -217,25 +216,9 @@ def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
 
 
 @cache
-def push_of(gradients: int) -> Any:
-    """(x, c, i) → the kick of group i of the constants in a uniform field, with so many of its gradients."""
-
-    @jit(inline=True)
-    def push(x, c, i):
-        kick = c[i + B]
-        if gradients > 0:
-            kick += c[i + C] * x[2]
-        if gradients > 1:
-            kick += c[i + D] * ((x[0] * x[0] + x[1] * x[1]) - 2.0 * (x[2] * x[2]))
-        return -(kick * x[1]), kick * x[0], 0.0
-
-    return push
-
-
-@cache
-def torques(field: Field, gradients: int) -> Any:
-    """(x, q, weights) → the sum of the torque of a field and of so many of its gradients, each times its weight."""
-    programs = (field.torque, field.commutator_torque, field.second_commutator_torque)[: gradients + 1]
+def torques(system: System, gradients: int) -> Any:
+    """(x, q, weights) → the sum of the torque of U(t, x) and of so many of its gradients, each times its weight; q = (t, *p)."""
+    programs = (system.torque, system.commutator_torque, system.second_commutator_torque)[: gradients + 1]
 
     @unrolled
     def total(x, q, weights):
@@ -248,9 +231,9 @@ def torques(field: Field, gradients: int) -> Any:
 
 
 @cache
-def push_in_field(field: Field, gradients: int) -> Any:
-    """As `push_of`; alpha and the parameters of the potential follow the four constants of each group."""
-    total, numbers = torques(field, gradients), tuple_loader(field.parameters)
+def push_by(system: System, gradients: int) -> Any:
+    """(x, c, i) → the kick of group i, with so many of its gradients; t and the parameters follow the four constants there."""
+    total, numbers = torques(system, gradients), tuple_loader(1 + system.parameters)
 
     @jit(inline=True)
     def push(x, c, i):
@@ -260,8 +243,9 @@ def push_in_field(field: Field, gradients: int) -> Any:
 
 
 @cache
-def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: bool) -> Any:
-    """One step: rotation and kick for each group of `stride` constants. `conserves_J3`: the field keeps J3."""
+def kernel(system: System, gradients: int, compensated: bool) -> Any:
+    """One step of |J|²/2 + U(x): rotation and kick for each group of constants."""
+    push, stride, conserves_J3 = push_by(system, gradients), STRIDE + 1 + system.parameters, 2 in system.constant
     load, store = tuple_loader(5), tuple_storer(5)
 
     @jit(inline=True)
@@ -289,13 +273,6 @@ def kernel(push: Any, name: str, stride: int, conserves_J3: bool, compensated: b
         return J1, J2, J3, x1, x2, x3
 
     return step
-
-
-# in a uniform field, by `compensated`, then by the number of gradients
-KERNELS = tuple(
-    tuple(kernel(push_of(count), f"uniform {count}", STRIDE, True, compensated) for count in range(3))
-    for compensated in (False, True)
-)
 
 
 @jit(inline=True)
@@ -332,9 +309,6 @@ def map_over(step: Any, processed: bool) -> Any:
             write(row, 0, s)
 
     return run
-
-
-MAP = map_over(KERNELS[False][2], True)
 
 
 @cache
@@ -374,48 +348,31 @@ def square(number: float) -> float:
     return number**2 if abs(number) < LARGE else math.inf
 
 
-def prepare(name: str, top: LagrangeTop, y0: Array, h: float, *, compensated: bool = False) -> ConjugateStepper:
-    """Over the conjugate of a scheme; states enter and leave through its first flow and its processor.
+def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
+    """Of |J|²/2 + U(x) over the conjugate of a scheme: states enter and leave through its first flow and its processor.
 
     `compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call.
     """
-    scheme, carried = SCHEMES[name], check_flag(compensated, "compensated")
-    force = top.require_single() * h  # the size of a kick; its gradients come with factors alpha h²
-    scales = np.array((0.5 * h, force, 2.0 * force * (force * h), -2.0 * force * square(force * h)))
-    step, processor = KERNELS[carried][bool(scheme.c) + bool(scheme.d)], 0.5 * scheme.processor * force * h
-    if FARTHEST < abs(processor) * math.hypot(*y0[3:]) < math.inf:
-        raise StepError(
-            name, "h is so long that its processor turns every axis into the vertical, but for round-off", h=h
-        )
-    return _conjugate(name, h, scales, NOTHING, step, MAP, processor)
-
-
-def prepare_in_field(name: str, top: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-    """As `prepare`, kicks and their gradients being those of the whole potential; there is no processor."""
-    if "force" not in top.offers:
+    carried = check_flag(compensated, "compensated")
+    if not kinds.top(problem):
         if compensated:
-            raise ValueError(f"compensated: {name} carries no sums for a Problem")
-        return prepare_parts(name, top, h)
-    scheme, carried, field = SCHEMES[name], check_flag(compensated, "compensated"), top.field
+            raise ValueError(f"compensated: {name} carries no sums for a Problem that is no top in a fixed potential")
+        return prepare_parts(name, problem, h)
+    scheme, system, numbers = SCHEMES[name], problem.system, np.array((problem.start, *problem.numbers))
     gradients = bool(scheme.c) + bool(scheme.d)
-    push, about = push_in_field(field, gradients), f"{field.digest} {gradients}"
-    form = push, about, STRIDE + field.parameters, "J3" in top.conserved
-    scales, numbers = np.array((0.5 * h, h, -h * (h * h), h * square(h * h))), np.array(top.numbers)
-    return _conjugate(name, h, scales, numbers, kernel(*form, carried), map_over(kernel(*form, False), False))
-
-
-def _conjugate(
-    name: str, h: float, scales: Array, numbers: Array, step: Any, rows: Any, processor: float = 0.0
-) -> ConjugateStepper:
-    """The stepper of a scheme; its constants are the coefficients times `scales`, and the numbers of the field."""
-    steps, first = groups(SCHEMES[name])
-    constants, begin = scaled(steps, scales, numbers), scaled(first, scales, numbers)
+    scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
+    steps, first = groups(scheme)
+    constants, begin, end = (scaled(*part, numbers) for part in ((steps, scales), (first, scales), (first, -scales)))
+    processor = 0.5 * scheme.processor * (problem.numbers[0] * h) * h if scheme.processor else 0.0
     if not (finite(constants) and finite(begin) and math.isfinite(processor)):
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-    end = scaled(first, -scales, numbers) if len(numbers) else -begin
+    if FARTHEST < abs(processor) * math.hypot(*y0[3:]) < math.inf:
+        reason = "h is so long that its processor turns every axis into the vertical, but for round-off"
+        raise StepError(name, reason, h=h)
     return ConjugateStepper(
-        name, h, constants, step, map_rows=rows, preprocess=(processor, begin, 0.0), postprocess=(0.0, end, -processor),
-        rhs_per_step=len(steps), failures=FAILURES,
+        name, h, constants, kernel(system, gradients, carried),
+        map_rows=map_over(kernel(system, gradients, False), scheme.processor != 0.0),
+        preprocess=(processor, begin, 0.0), postprocess=(0.0, end, -processor), rhs_per_step=len(steps), failures=FAILURES,
     )  # fmt: skip
 
 
@@ -515,19 +472,13 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
 
 def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
-    needs = "force" if scheme.c or scheme.d else "kinetic" if scheme.nystrom else "parts"
-    # conjugate to the step by the last flow; the general kernels cost 1.05 to 1.1 times as much in a uniform field
-    kernels_for = {"uniform": partial(prepare, name)}
-    general = Method(
+    needs: Any = kinds.top if scheme.c else "kinetic" if scheme.nystrom else "parts"
+    return Method(
         name=name, label=label, family="splitting", order=scheme.order,
         claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
-        source=scheme.source, prepare=partial(prepare_in_field, name),
-        needs=needs, kernels_for=kernels_for,
+        source=scheme.source, prepare=partial(prepare, name),
+        needs="uniform" if scheme.processor else needs,  # the processor is known in closed form there only
     )  # fmt: skip
-    if not scheme.processor:
-        return general
-    # the processor is known in closed form in a uniform field only
-    return replace(general, prepare=kernels_for["uniform"], needs="uniform", kernels_for={})
 
 
 STRANG = _record("strang", "Strang")

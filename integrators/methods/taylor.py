@@ -31,6 +31,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag, check_real
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
@@ -112,10 +113,9 @@ def check_tolerance(tol: Any, least: float = EPS) -> float:
 
 def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     """The units in which a state is to be followed; None for the user's, as of every problem that is not a top."""
-    if "force" not in top.offers:
+    if not kinds.top(top):
         return None
-    size = math.hypot(*y[3:].tolist())
-    rate = math.hypot(*y[:3].tolist()) + math.sqrt(abs(top.alpha) * size)
+    rate, size, _ = top.scales(y)
     if 2.0**-FAR < size < 2.0**FAR and 2.0**-FAR < rate < 2.0**FAR:
         return None
     units = units_of(name, top, y, end)
@@ -139,7 +139,7 @@ def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, hig
         return follow(y, grid, work, key, numbers)
 
     def in_units(units: Units) -> tuple[Any, Any]:
-        if "uniform" in top.offers:
+        if kinds.uniform(top):
             return key, (units.alpha,)
         own = Equations(top.system, units=True)
         return (*key[:3], own), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)

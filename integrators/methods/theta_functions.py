@@ -42,6 +42,7 @@ from lagrange_bench.integrators.interface import Array, Claims, Method, StepErro
 from lagrange_bench.integrators.methods import free_body, symmetric_body
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
 from lagrange_bench.integrators.methods.lie_group import cross, times
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -574,9 +575,9 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, one evaluation each."""
-    if "free" in top.offers:
+    if kinds.free_body(top):
         return free_body.evaluate(top, y0, times)  # type: ignore[arg-type]
-    if "symmetric" in top.offers:
+    if kinds.symmetric_body(top):
         return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
     states = units.leave(first_positions(scaled, c))
@@ -607,5 +608,5 @@ METHOD = Method(
     name=NAME, label="Theta functions", family="closed-form", order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    evaluate=evaluate, kernels_for={"symmetric": prepare_body, "free": free_body.prepare},
+    evaluate=evaluate, kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: free_body.prepare},
 )  # fmt: skip

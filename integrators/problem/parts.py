@@ -23,8 +23,8 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program, cos, sin, sqrt
 from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
-from lagrange_bench.integrators.problem.field import cross, cross_in, dot
-from lagrange_bench.integrators.problem.system import BODY, Space, System, depends
+from lagrange_bench.integrators.problem.system import BODY, E3, Space, System, depends
+from lagrange_bench.integrators.problem.vectors import cross, cross_in, dot
 
 TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
 Key = tuple[Any, ...]  # of a part: "kick"; "axis" and which; "square" and the vector; "pair" and both vectors
@@ -258,3 +258,35 @@ def _product(tape: Tape, core: Term, y: Sequence[Term]) -> tuple[int, int] | Non
         return None
     i, k = sorted(component[place] for place in arguments)
     return (i // 3, k // 3) if i % 3 == k % 3 else None
+
+
+# ------------------------------------------------------------------------------------ |J|²/2 + U(t, x)
+
+
+def is_top(parts: tuple[Part, ...], numbers: tuple[float, ...]) -> bool:
+    """Whether these parts of H are |J|²/2 and a function of t and x, in the frame of the world."""
+    squares = [part for part in parts if part.kind == "square"]
+    if len(squares) != 1 or any(part.kind not in ("square", "kick") for part in parts):
+        return False
+    (square,) = squares
+    plain = square.space == E3 and not (square.body or square.timed)
+    return plain and bool(square.energy(0.0, 1.0, *(0.0,) * 5, *numbers)[0] == 0.5)
+
+
+def weight_and_rest(parts: Sequence[Part], count: int) -> tuple[Program, Program]:
+    """alpha and V of U = alpha x3 + V, programs of t, y and so many parameters; alpha depends on the parameters alone."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(7 + count)]
+    t, x3, one = inputs[0], inputs[6], tape.constant(1.0)
+    alpha = rest = tape.constant(0.0)
+    for kick in (part for part in parts if part.kind == "kick"):
+        for weight, core in addends(tape, one, tape.run(kick.energy, *inputs)[0], inputs[1:7]):
+            if core.place != x3.place:
+                rest = rest + weight * core
+                continue
+            for factor, change in addends(tape, one, weight, [t]):
+                if depends_on(tape, change, {t.place}):
+                    rest = rest + factor * change * x3
+                else:
+                    alpha = alpha + factor * change
+    return tape.program((alpha,)), tape.program((rest,))

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import sqrt
-from lagrange_bench.integrators.problem.field import Potential, dot
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem.potential import Potential
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
+from lagrange_bench.integrators.problem.vectors import dot
 
 
 def _quadratic(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
@@ -104,24 +105,6 @@ TIDE = Potential(
     "tide", _tide, _tide_gradient, parameters=("k", "n1", "n2", "n3"),
     note="k (n·x)²/2: the tide of a distant mass in direction n; k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
 )  # fmt: skip
-
-NOTHING = Potential("nothing", lambda x1, x2, x3, p: 0.0, note="0: the top alone")
-
-
-def in_any_field(top: LagrangeTop | PerturbedTop) -> PerturbedTop:
-    """A `PerturbedTop` as it is, a `LagrangeTop` as one with the potential 0, so that one kernel serves both.
-
-    Parameters
-    ----------
-    top : LagrangeTop or PerturbedTop
-        Any top.
-
-    Returns
-    -------
-    PerturbedTop
-        The same top.
-    """
-    return top if isinstance(top, PerturbedTop) else PerturbedTop(top, NOTHING)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -22,10 +24,17 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, record_own
-from lagrange_bench.integrators.problem.as_top import as_top, is_top
-from lagrange_bench.integrators.problem.parts import Part, closed_flows, taken_apart
-from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, remainder
-from lagrange_bench.integrators.problem.system import HasSystem, System, find_space, invariants_of, make_system
+from lagrange_bench.integrators.problem.parts import Part, closed_flows, is_top, taken_apart, weight_and_rest
+from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, generic, remainder
+from lagrange_bench.integrators.problem.system import (
+    Space,
+    System,
+    find_space,
+    invariants_of,
+    make_system,
+    slopes_of,
+)  # fmt: skip
+from lagrange_bench.integrators.problem.vectors import cross_in
 
 COLUMNS = frozenset(  # of tables that have a column for each invariant, too
     ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
@@ -34,7 +43,7 @@ COLUMNS = frozenset(  # of tables that have a column for each invariant, too
 Formula = Callable[..., Any]
 
 
-class Problem(HasSystem):
+class Problem:
     """A Hamiltonian system on "e3", "so3", n spins, or of a whole "body". Picklable, hashable.
 
     Parameters
@@ -65,7 +74,14 @@ class Problem(HasSystem):
         the message names the argument.
     """
 
+    # what is evaluated: H and its bracket as formulas, and the values of their parameters
+    name: str
+    space: Space
     system: System
+    numbers: tuple[float, ...]
+    start = 0.0  # time at the initial state
+    given: Mapping[str, Program] = MappingProxyType({})  # invariants with a formula of their own
+    posed: tuple[Program, ...] = ()  # parts of H, if they were named
 
     def __init__(
         self,
@@ -87,7 +103,6 @@ class Problem(HasSystem):
         self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
         energy = self._record("hamiltonian", hamiltonian)
         self.given = {word: self._record(f"invariants[{word!r}]", given) for word, given in (invariants or {}).items()}
-        self.extra = tuple(self.given.items())
         self._check_names()
         self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
@@ -127,28 +142,42 @@ class Problem(HasSystem):
     def __repr__(self) -> str:
         return f"Problem({self.name!r})"
 
-    def __hash__(self) -> int:
-        return hash((self.system, self.numbers))
-
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Problem) and self._identity == other._identity
+        return type(other) is type(self) and self.identity == other.identity
+
+    def __hash__(self) -> int:
+        return hash((self.system, self.identity[1]))
+
+    @property
+    def identity(self) -> tuple[Any, ...]:
+        """What makes two problems equal: formulas and numbers."""
+        numbers = tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
+        return self.system, numbers, self.start, self.extra, self.posed
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """The parameters of `system`; of many tops arrays."""
+        return self.numbers
 
     @property
     def parameters(self) -> tuple[float, ...]:
         """The numbers p."""
         return self.numbers
 
-    arguments = parameters
+    @property
+    def extra(self) -> tuple[tuple[str, Program], ...]:
+        """The invariants that were given."""
+        return tuple(self.given.items())
 
     @property
-    def _identity(self) -> tuple[Any, ...]:
-        return self.system, self.numbers, self.start, self.extra, self.posed
+    def described(self) -> str:
+        """What messages call it."""
+        return f"the problem {self.name}"
 
     def starting_at(self, t: float) -> Problem:
         """The same problem with another time at the initial state; times of a trajectory are counted from there."""
-        other = object.__new__(Problem)
+        other = object.__new__(type(self))
         other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
-        other.__dict__.pop("as_top", None)  # it has the time at the start
         return other
 
     # ------------------------------------------------------------------ what methods ask for
@@ -165,27 +194,32 @@ class Problem(HasSystem):
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "rhs", always; "parts" with closed flows; "kinetic", c |J|² + U(t, x); "top"; "smooth".
-
-        "top" is |J|²/2 + U(t, x), see `as_top`.
-        """
+        """What methods may rely on, words of `interface.NEEDS`."""
         kinds = [part.kind for part in self.parts]
         kinetic = kinds in (["square", "kick"], ["free", "kick"]) and not self.parts[0].timed
-        top = is_top(self.parts, self.numbers)
-        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic, "top": top}
+        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
         return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
 
     @cached_property
-    def as_top(self) -> Any:
-        """A problem that offers "top" as a top in a potential; if H depends on t, the time is the last parameter."""
-        if "top" not in self.offers:
-            return None
-        return as_top(self.name, self.parts, self.numbers, self.start if self.timed else None)
+    def is_top(self) -> bool:
+        """Whether H is |J|²/2 + U(t, x)."""
+        return is_top(self.parts, self.numbers)
 
-    @property
-    def conserves_J3(self) -> bool:
-        """Of a problem that offers "top": whether it keeps J3, at all times."""
-        return 2 in self.system.constant if self.timed else self.as_top.conserves_J3
+    @cached_property
+    def quadratic(self) -> bool:
+        """Whether H is of degree 2 at most, in t and y together."""
+        return all(are_polynomials(self.system.gradient, 1, generic(self.numbers)))
+
+    @cached_property
+    def alpha_and_rest(self) -> tuple[float, System]:
+        """Of |J|²/2 + U(t, x): alpha and the system of V, U = alpha x3 + V. alpha is the sum of all constant factors of x3."""
+        weight, rest = weight_and_rest(self.parts, len(self.numbers))
+        V = make_system(self.space, rest, constant=self.system.constant)
+        return float(weight(*(0.0,) * 7, *self.numbers)[0]), V
+
+    def parted(self, y: Any) -> tuple[Any, Array | None]:
+        """A state, and of a flying body its position and velocity (6,)."""
+        return y, None
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
@@ -194,7 +228,66 @@ class Problem(HasSystem):
             raise ValueError(f"{name}: the problem {self.name} is not finite at {state.tolist()}")
         return state
 
-    # ------------------------------------------------------------------ its functions
+    # ------------------------------------------------------------------ functions of states (..., n) and times from the start
+
+    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Time derivative of states (..., n)."""
+        return self._values(self.system.rhs, y, t)
+
+    def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Derivative of `rhs`, shape (n, n), at one state (n,)."""
+        self.require_single()
+        n = self.system.size
+        return self._values(self.system.jacobian, y, t).reshape(n, n).T
+
+    def poisson(self, y: ArrayLike) -> Array:
+        """The tensor P (n, n) with {f, g} = ∇f·P∇g and y' = P(y) ∇H at one state (n,)."""
+        product, space, numbers = cross_in(self.system.body), self.space, np.asarray(y).tolist()
+        return np.array([space.flow(e, numbers, product) for e in np.eye(space.size).tolist()], dtype=float).T
+
+    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """Values of `names` at states (..., n) and times (...), whether they are conserved or not; shape (..., len(names))."""
+        return self._values(invariants_of(self.system, self.names, self.extra), y, t)
+
+    def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
+        """Gradients of `names` as rows, at one state (n,)."""
+        self.require_single()
+        slopes = slopes_of(self.system, self.names, self.extra)
+        return self._values(slopes, y, t).reshape(len(self.names), self.system.size)
+
+    def force(self, y: ArrayLike, t: Any = 0.0) -> Array:
+        """∂H/∂x at states (..., 6) of e3, shape (..., 3)."""
+        return self._values(self.system.gradient, y, t)[..., 3:]
+
+    def require_single(self) -> Any:
+        """ValueError if a parameter is an array with a number for each of many motions."""
+
+    def motion(self, place: int) -> Problem:
+        """The problem of one of many motions, with its own numbers."""
+        return self
+
+    @property
+    def vectors(self) -> tuple[int, ...]:
+        """How many numbers each vector of a state has."""
+        zeros = [0.0] * self.system.size
+        return tuple(len(vector) for _, vector in self.space.rotations(zeros, zeros))
+
+    def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
+        states, n = np.asarray(y, dtype=float), self.space.size
+        if states.shape[-1:] != (n,):
+            raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
+        arguments = self.arguments
+        if states.ndim == 1 and isinstance(t, float) and all(isinstance(v, float) for v in arguments):
+            with suppress(ZeroDivisionError):  # arrays have infinities there
+                # of one state plain numbers are several times as quick
+                return np.array(program(self.start + t, *states.tolist(), *arguments), dtype=float)
+        with np.errstate(all="ignore"):
+            components = [states[..., i] for i in range(n)]
+            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, arguments))
+        out = np.empty((*states.shape[:-1], len(values)))
+        for i, value in enumerate(values):
+            out[..., i] = value
+        return out
 
     def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
         """H of states (..., n), at the time t from the start."""
@@ -218,8 +311,7 @@ class Problem(HasSystem):
         vectors = [vector for _, vector in self.space.rotations(np.zeros(self.space.size), np.asarray(y, dtype=float))]
         lengths = np.array([np.linalg.norm(vector[None], axis=1)[0] for vector in vectors])
         if self.space.affine:
-            force = self._values(self.system.gradient, y, 0.0)[3:]
-            lengths[0] += math.sqrt(float(np.linalg.norm(force)) * lengths[1])
+            lengths[0] += math.sqrt(float(np.linalg.norm(self.force(y))) * lengths[1])
         elif self.space.momenta.start:
             at_rest = np.concatenate((vectors[0], np.zeros(3)))
             torque, lightness = self.rhs(at_rest)[4:], np.linalg.norm(self.jacobian(at_rest)[:4, 4:], 2)
@@ -255,7 +347,7 @@ class Problem(HasSystem):
         kept = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
         kept |= casimirs if {"C1", "C2"} <= conserves else frozenset()
         if "J3" in conserves:
-            splits = method.needs in ("parts", "kinetic", "top")
+            splits = method.needs in ("parts", "kinetic") and (self.timed or not self.is_top)
             flows = [part.flow.moving.outputs for part in self.parts] if splits else []
             for name, program in self.given.items():
                 (place,) = program.outputs

@@ -145,9 +145,13 @@ class RigidBody(Problem):
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """As any problem's, and "body"; "symmetric" where a Lagrange top is inside; "free" without a torque."""
-        more = {"symmetric": self.symmetry is not None, "free": not np.any(self.weight)}
-        return super().offers | {"body", *(word for word, offered in more.items() if offered)}
+        """As any problem's, and "body"."""
+        return super().offers | {"body"}
+
+    @property
+    def is_free(self) -> bool:
+        """Whether there is no torque."""
+        return not np.any(self.weight)
 
     def period(self, y: ArrayLike) -> float:
         """Of a free body: the time after which ω comes back in the body's frame, s.
@@ -159,7 +163,7 @@ class RigidBody(Problem):
         ValueError
             A weight acts on the body.
         """
-        if "free" not in self.offers:
+        if not self.is_free:
             raise ValueError("period: only the motion of a free body has one; of a heavy top see exact.nutation_period")
         return free_motion.period(self.inertia, self.check_state(self.parted(y)[0])[4:])
 

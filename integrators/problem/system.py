@@ -22,15 +22,13 @@ import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
-from lagrange_bench.integrators.problem.field import cross, cross_in, dot
+from lagrange_bench.integrators.problem.vectors import Vector, cross, cross_in, dot
 
 
 @dataclass(frozen=True)
@@ -217,6 +215,47 @@ class System:
         """The components that change."""
         return tuple(i for i, rate in enumerate(self.rhs.known) if rate != 0.0)
 
+    # ------------------------------------------------------------------ of |J|²/2 + U(t, x), g = ∂U/∂x: inputs are x, t and p
+
+    def _of_force(self, formula: Callable[[Tape, Any, Any], Iterable[Any]]) -> Program:
+        """The program of `formula(tape, x, g)`."""
+        tape = Tape()
+        x, t = tuple(tape.input() for _ in range(3)), tape.input()
+        p = [tape.input() for _ in range(self.parameters)]
+        return tape.program(formula(tape, x, self.force(tape, t, x, p)))
+
+    def force(self, tape: Tape, t: Any, x: Sequence[Any], p: Sequence[Any]) -> tuple[Term, ...]:
+        """g on a tape."""
+        return self.slopes(tape, t, (*(0.0,) * 3, *x), p)[3:]
+
+    @cached_property
+    def potential(self) -> Program:
+        """U."""
+        tape = Tape()
+        x, t = [tape.input() for _ in range(3)], tape.input()
+        p = [tape.input() for _ in range(self.parameters)]
+        return tape.program(tape.run(self.energy, t, *(0.0,) * 3, *x, *p))
+
+    @cached_property
+    def torque(self) -> Program:
+        """g × x, by which J changes."""
+        return self._of_force(lambda tape, x, g: cross(g, x))
+
+    @cached_property
+    def commutator_torque(self) -> Program:
+        """The torque of W = |x × g|², which the commutator [B,[A,B]] of kick and rotation amounts to."""
+        return self._of_force(lambda tape, x, g: cross(_twist(tape, x, g)[1], x))
+
+    @cached_property
+    def second_commutator_torque(self) -> Program:
+        """The torque of ∇W·(N × x), N = x × g, which [B,[B,[A,[A,B]]]] amounts to."""
+
+        def torque(tape: Tape, x: Vector, g: Vector) -> Vector:
+            N, slope = _twist(tape, x, g)
+            return cross(tape.gradient(dot(slope, cross(N, x)), x), x)
+
+        return self._of_force(torque)
+
     @cached_property
     def timed(self) -> bool:
         """Whether H depends on t."""
@@ -228,79 +267,11 @@ class System:
         return not self.energy.corners(1 + self.size)
 
 
-class HasSystem:
-    """What every kind of problem says of itself by its formulas; states are arrays (..., n), times count from the start.
-
-    A kind has a `system`, its parameters as `arguments`, and `names` of its invariants, of which `extra` are formulas.
-    """
-
-    start = 0.0  # time at the initial state
-    extra: tuple[tuple[str, Program], ...] = ()  # invariants with a formula of their own
-
-    if TYPE_CHECKING:  # attributes or properties of each kind
-
-        @property
-        def arguments(self) -> tuple[Any, ...]: ...
-        @property
-        def names(self) -> tuple[str, ...]: ...
-        @property
-        def system(self) -> System: ...
-        @property
-        def offers(self) -> frozenset[str]: ...
-        @property
-        def conserved(self) -> frozenset[str]: ...
-
-    @property
-    def formulas(self) -> System:
-        """What is evaluated."""
-        return self.system
-
-    def require_single(self) -> Any:
-        """ValueError if a parameter is an array with a number for each of many motions."""
-
-    def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        """Time derivative of states (..., n)."""
-        return self._values(self.formulas.rhs, y, t)
-
-    def jacobian(self, y: ArrayLike, t: float = 0.0) -> Array:
-        """Derivative of `rhs`, shape (n, n), at one state (n,)."""
-        self.require_single()
-        n = self.formulas.size
-        return self._values(self.formulas.jacobian, y, t).reshape(n, n).T
-
-    def poisson(self, y: ArrayLike) -> Array:
-        """The tensor P (n, n) with {f, g} = ∇f·P∇g and y' = P(y) ∇H at one state (n,)."""
-        product, space, numbers = cross_in(self.formulas.body), self.formulas.space, np.asarray(y).tolist()
-        return np.array([space.flow(e, numbers, product) for e in np.eye(space.size).tolist()], dtype=float).T
-
-    def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
-        """Values of `names` at states (..., n) and times (...), whether they are conserved or not; shape (..., len(names))."""
-        return self._values(invariants_of(self.formulas, self.names, self.extra), y, t)
-
-    def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
-        """Gradients of `names` as rows, at one state (n,)."""
-        self.require_single()
-        slopes = slopes_of(self.formulas, self.names, self.extra)
-        return self._values(slopes, y, t).reshape(len(self.names), self.formulas.size)
-
-    @property
-    def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has."""
-        zeros = [0.0] * self.formulas.size
-        return tuple(len(vector) for _, vector in self.formulas.space.rotations(zeros, zeros))
-
-    def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
-        states, n = np.asarray(y, dtype=float), self.formulas.size
-        if states.shape[-1:] != (n,):
-            raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
-        with np.errstate(all="ignore"):
-            # components of one state are plain numbers, several times as quick as arrays
-            components = [states[..., i] for i in range(n)]
-            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
-        out = np.empty((*states.shape[:-1], len(values)))
-        for i, value in enumerate(values):
-            out[..., i] = value
-        return out
+def _twist(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
+    """N = x × g and ∇|N|² = 2 (g × N + U'' (N × x))."""
+    N = cross(x, g)
+    bend = tape.along(g, x, cross(N, x))
+    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), bend, strict=True))  # type: ignore[return-value]
 
 
 @lru_cache(maxsize=256)
@@ -344,20 +315,31 @@ def make_system(space: Space, energy: Program, *, body: bool = False, constant: 
 
 
 @lru_cache(maxsize=256)
-def top_system(potential: Program, gradient: Program, conserves_J3: bool) -> System:
-    """|J|²/2 + U(x) on e3, of programs U and ∇U of (x, p); `conserves_J3`: the motion keeps J3."""
+def top_system(V: Program, slopes: Program, constant: frozenset[int] = frozenset()) -> System:
+    """|J|²/2 + alpha x3 + V(x) on e3, of programs V and ∇V of (x, *p); the parameters are alpha and p."""
     tape = Tape()
-    tape.input()
-    J, x = (tuple(tape.input() for _ in range(3)) for _ in range(2))
-    p = [tape.input() for _ in range(potential.inputs - 3)]
-    energy = tape.program((dot(J, J) / 2.0 + tape.run(potential, *x, *p)[0],))
-    slopes = tape.program((*J, *tape.run(gradient, *x, *p)))
-    return System(E3, energy, slopes, constant=frozenset({2} if conserves_J3 else ()))
+    _, *J = (tape.input() for _ in range(4))
+    x, alpha = [tape.input() for _ in range(3)], tape.input()
+    p = [tape.input() for _ in range(V.inputs - 3)]
+    kinetic = dot(J, J) / 2.0
+    (value,) = tape.run(V, *x, *p)
+    energy = kinetic + (alpha * x[2] + value)
+    g1, g2, g3 = tape.run(slopes, *x, *p)
+    return System(E3, tape.program((energy,)), tape.program((*J, g1, g2, g3 + alpha)), constant=constant)
+
+
+@lru_cache(maxsize=256)
+def potential_system(V: Program, slopes: Program, constant: frozenset[int] = frozenset()) -> System:
+    """V(x) alone, with the inputs of `top_system`."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(8 + V.inputs - 3)]
+    x, p = inputs[4:7], inputs[8:]
+    return System(
+        E3, tape.program(tape.run(V, *x, *p)), tape.program((*(0.0,) * 3, *tape.run(slopes, *x, *p))), constant=constant
+    )
 
 
 @cache
 def uniform_system() -> System:
     """|J|²/2 + alpha x3, the Lagrange top."""
-    tape = Tape()
-    x, alpha = [tape.input() for _ in range(3)], tape.input()
-    return top_system(tape.program((alpha * x[2],)), tape.program((0.0, 0.0, alpha)), conserves_J3=True)
+    return top_system(Program(3, (), (("=", 0.0),)), Program(3, (), (("=", 0.0),) * 3), frozenset({2}))

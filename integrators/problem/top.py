@@ -21,44 +21,36 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_one_or_many, check_state
-from lagrange_bench.integrators.problem.system import E3, HasSystem, System, uniform_system
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.system import E3, uniform_system
 from lagrange_bench.support.words import suggestion
 
 
-class Top(HasSystem):
-    """A top in a field: H = |J|²/2 + U(x) on e3."""
+class Top(Problem):
+    """A top in a potential, H = |J|²/2 + alpha x3 + V(x) on e3; or many tops, with arrays of alpha and of parameters."""
 
     space = E3
     timed = False
-    names = ("H", "J3", "C1", "C2")  # J3 need not be conserved
-
-    @property
-    def identity(self) -> tuple[Any, ...]:
-        """What makes two tops equal: their parameters, of many the bytes."""
-        return tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, type(self)) and self.identity == other.identity
-
-    def __hash__(self) -> int:
-        return hash(self.identity)
-
-    @property
-    def as_top(self) -> Any:
-        """Itself, as of a `Problem`."""
-        return self
+    is_top = True
+    names = INVARIANTS  # J3 need not be conserved
+    alpha: Any
 
     def require_single(self) -> float:
         """alpha; ValueError if there are many tops."""
         return float(self.numbers[0])
 
     @cached_property
-    def numbers(self) -> tuple[float, ...]:
+    def numbers(self) -> tuple[float, ...]:  # type: ignore[override]
         """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
         for value in self.arguments:
             if isinstance(value, np.ndarray):
                 raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
         return self.arguments
+
+    def numbers_of(self, place: int) -> list[float]:
+        """The parameters of one of many tops."""
+        return [float(value[place] if np.ndim(value) else value) for value in self.arguments]
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none."""
@@ -66,16 +58,28 @@ class Top(HasSystem):
 
     def conserved_by(self, method: Any) -> frozenset[str]:
         """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
-        quadratic = method.claims.conserves_if_quadratic if "quadratic" in self.offers else frozenset()
-        return (method.claims.conserves | quadratic) & self.conserved
+        quadratic = method.claims.conserves_if_quadratic if self.quadratic else frozenset()
+        return frozenset((method.claims.conserves | quadratic) & self.conserved)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by, at one state (6,)."""
-        raise NotImplementedError
+        """Scales of J, of x and of time that errors are judged by, at one state (6,).
+
+        (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
+        """
+        numbers = np.asarray(y, dtype=float).tolist()
+        size = math.hypot(*numbers[3:])
+        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size)
+        return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def sizes(self, y: ArrayLike) -> Array:
         """Of each component of one state (6,) the scale that its error is judged by."""
         return np.repeat(self.scales(y)[:2], 3)
+
+    def invariant_scales(self, y: ArrayLike) -> Array:
+        """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
+        rate, size, _ = self.scales(y)
+        J = math.hypot(*np.asarray(y, dtype=float)[:3])
+        return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +101,12 @@ class LagrangeTop(Top):
     """
 
     alpha: float = 1.0
-    conserved: ClassVar[frozenset[str]] = frozenset(Top.names)
-    # what methods may rely on, of `interface.NEEDS`: it is every kind of top
-    offers: ClassVar[frozenset[str]] = frozenset(
-        {"uniform", "quadratic", "force", "top", "kinetic", "parts", "smooth", "rhs"}
-    )
+    system = uniform_system()
+    parameters = ()  # of a potential
+    conserved: ClassVar[frozenset[str]] = frozenset(INVARIANTS)
+    offers: ClassVar[frozenset[str]] = frozenset({"uniform", "kinetic", "parts", "smooth", "rhs"})
+    quadratic: ClassVar[bool] = True
+    described: ClassVar[str] = "a LagrangeTop"
 
     if TYPE_CHECKING:
 
@@ -111,30 +116,13 @@ class LagrangeTop(Top):
         object.__setattr__(self, "alpha", check_one_or_many(self.alpha, "alpha"))
 
     @property
-    def system(self) -> System:
-        """H and its bracket as formulas."""
-        return uniform_system()
-
-    @property
     def arguments(self) -> tuple[Any, ...]:
         """The parameters of `system`, of many tops an array."""
         return (self.alpha,)
 
-    def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by, at one state (6,).
-
-        (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
-        """
-        numbers = np.asarray(y, dtype=float).tolist()
-        size = math.hypot(*numbers[3:])
-        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size)
-        return rate, size, (1.0 / rate if rate > 0 else math.inf)
-
-    def invariant_scales(self, y: ArrayLike) -> Array:
-        """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
-        rate, size, _ = self.scales(y)
-        J = math.hypot(*np.asarray(y, dtype=float)[:3])
-        return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
+    def motion(self, place: int) -> LagrangeTop:
+        """One of many tops."""
+        return LagrangeTop(*self.numbers_of(place))
 
 
 @dataclass(frozen=True)

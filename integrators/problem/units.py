@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
@@ -127,18 +128,17 @@ class Units:
 
 def units_of(method: str, problem: Any, y0: Array, h: float) -> Units:
     """The units of a top in a uniform field or in any."""
-    return Units(problem, y0, h) if "uniform" in problem.offers else units_in_field(method, problem, y0, h)
+    return Units(problem, y0, h) if kinds.uniform(problem) else units_in_field(method, problem, y0, h)
 
 
-def units_in_field(method: str, problem: PerturbedTop, y0: Array, h: float) -> Units:
+def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
     """The same for a top in any field: its force at y0 counts where it is larger than the weight.
 
     `alpha` of these units is of no use: a potential is evaluated in the user's.
     """
-    with np.errstate(all="ignore"):
-        force = float(np.max(np.abs((problem.alpha, *problem.gradient(*y0[3:])))))
+    force = float(np.max(np.abs((problem.alpha_and_rest[0], *problem.force(y0)))))
     if not math.isfinite(force):
-        raise StepError(method, f"the potential {problem.potential.name} is not finite at x = {y0[3:].tolist()}", h=h)
+        raise StepError(method, f"{problem.described} is not finite at x = {y0[3:].tolist()}", h=h)
     return Units(LagrangeTop(force), y0, h)
 
 
@@ -159,7 +159,7 @@ def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
 def scaled_distance(problem: Any, y0: ArrayLike, y: Array, other: Array) -> Array:
     """`scaled_size` of the differences of states (..., n). Of a body q and −q are the same: the nearer one counts."""
     difference = y - other
-    if "body" in problem.offers:
+    if kinds.rigid_body(problem):
         opposite = np.sum(y[..., :4] * other[..., :4], axis=-1, keepdims=True) < 0
         difference[..., :4] = np.where(opposite, y[..., :4] + other[..., :4], difference[..., :4])
     return scaled_size(problem, y0, difference)

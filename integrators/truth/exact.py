@@ -21,6 +21,8 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import check_count, check_state
+from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth import orbit as uniform
 from lagrange_bench.integrators.truth import tide
@@ -78,12 +80,14 @@ def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
     The formula is evaluated in rational numbers at five places. Four give these coefficients; the fifth has random integers, and
     shows whether the two rational functions are the same.
     """
-    if isinstance(problem, LagrangeTop):
-        return Fraction(problem.require_single()), Fraction(0)
-    top = None if getattr(problem, "timed", True) else getattr(problem, "as_top", None)
-    if top is None or not {operation for operation, *_ in top.field.potential.lines} <= RATIONAL:
+    if not kinds.top(problem):
         return None
-    energy, numbers = top.field.potential.python(Fraction), [Fraction(v) for v in top.numbers]
+    if kinds.uniform(problem):
+        return Fraction(problem.require_single()), Fraction(0)
+    U = problem.system.potential
+    if not {operation for operation, *_ in U.lines} <= RATIONAL:
+        return None
+    energy, numbers = U.python(Fraction), [Fraction(v) for v in (problem.start, *problem.numbers)]
     draw = random.Random("a place")
     places = (0, 0, 0), (0, 0, 1), (0, 0, -1), (1, 0, 0), [draw.getrandbits(64) for _ in range(3)]
     try:
@@ -98,7 +102,7 @@ def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
 
 def _key(top: Any, y0: ArrayLike) -> tuple[Fraction, Fraction, tuple[float, ...]]:
     """alpha, k and the state, by which orbits are cached. ValueError if there is no closed form."""
-    known = vertical_field(top) if hasattr(top, "scales") else None
+    known = vertical_field(top) if isinstance(top, Problem) else None
     if known is None:
         raise _refusal("a LagrangeTop, in a uniform field, or a top in alpha x3 + k x3²/2", top)
     return *known, tuple(check_state(y0).tolist())
@@ -112,7 +116,7 @@ def _refusal(wanted: str, top: Any) -> ValueError:
 
 def _alpha_of(top: LagrangeTop) -> float:
     """The alpha of a single LagrangeTop; else ValueError."""
-    if not isinstance(top, LagrangeTop):
+    if not kinds.uniform(top):
         raise _refusal("a LagrangeTop, in a uniform field", top)
     return top.require_single()
 

@@ -35,6 +35,7 @@ from mpmath import mp, mpf
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rotation import product
 from lagrange_bench.integrators.truth.exact import (
     DIGITS,
@@ -99,7 +100,7 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
     ------
     ValueError : a torque acts on the body, an argument is malformed, or, without `digits`, |t| exceeds 2^45 periods.
     """
-    if "free" not in getattr(body, "offers", ()):
+    if not kinds.free_body(body):
         raise ValueError(f"body must be a free RigidBody; got {body!r}")
     start = tuple(Fraction(v) for v in body.check_state(y0).tolist())
     inertia = tuple(Fraction(v) for v in body.inertia.tolist())

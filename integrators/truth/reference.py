@@ -23,7 +23,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
@@ -36,11 +36,11 @@ from lagrange_bench.integrators.checks import Array, check_choice, check_real, c
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.interface import StepError
-from lagrange_bench.integrators.problem.field import cross
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
+from lagrange_bench.integrators.problem.vectors import cross
 from lagrange_bench.integrators.truth.orbit import horner
 from lagrange_bench.support.files import cache_folder, write_file
 from lagrange_bench.support.precision import ONE_AT_A_TIME, workdps
@@ -68,7 +68,7 @@ class Reference:
     engine: str  # "heyoka" or "mpmath"
 
 
-def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
+def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
     """States at times t of the motion that is at y0 at t = 0.
 
     Parameters
@@ -93,7 +93,7 @@ def solution(problem: PerturbedTop | Problem, y0: ArrayLike, t: ArrayLike, engin
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
-def horizon(problem: PerturbedTop, y0: ArrayLike, tolerance: float, longest: float = 1e4) -> float:
+def horizon(problem: Problem, y0: ArrayLike, tolerance: float, longest: float = 1e4) -> float:
     """The time until an error of one ulp in y0 has grown to `tolerance`, both relative to the scales of J and x.
 
     Up to this time an integrator in doubles can be judged by its errors, and later only by its invariants. The ulp grows like the
@@ -129,10 +129,9 @@ class Orbit:
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
         self.problem, self.y0, self.tangent = problem, problem.check_state(y0), tangent
-        self.in_field = "force" in problem.offers
+        self.in_field = kinds.top(problem)
         if "smooth" not in problem.offers:
-            what = f"the potential {problem.potential.name}" if self.in_field else f"H of the problem {problem.name}"
-            reason = f"{what} has corners, roots of squares, and no series goes on there"
+            reason = f"{problem.described} has corners, roots of squares, and no series goes on there"
             raise StepError("reference", f"there is no reference solution: {reason}")
         self.clock, self.exponents = 0, np.zeros(len(self.y0), dtype=int)
         if self.in_field:
@@ -142,11 +141,11 @@ class Orbit:
     def key(self, kind: str, *more: str) -> bytes:
         problem = self.problem
         numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
-        words = (_version(), kind, self.engine, problem.formulas.digest, *numbers, *more)
+        words = (_version(), kind, self.engine, _formulas(problem.system).digest, *numbers, *more)
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:
-        program, parameters = clocked(self.problem.formulas), self.problem.numbers
+        program, parameters = clocked(self.problem.system), self.problem.numbers
         if self.in_field:
             size = int(self.exponents[3])
             units = ldexp(1.0, size), ldexp(1.0, size - 2 * self.clock)
@@ -154,7 +153,7 @@ class Orbit:
                 raise ValueError(
                     "y0 and the potential are too large or too small: choose less extreme units of time and length"
                 )
-            program, parameters = equations(self.problem.field.gradient, self.tangent), (*units, *parameters)
+            program, parameters = equations(_formulas(self.problem.system), self.tangent), (*units, *parameters)
         return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array) -> Array:
@@ -217,6 +216,11 @@ class Orbit:
             total += exponent * math.log(2)
 
 
+def _formulas(system: System) -> System:
+    """The same whatever the motion keeps."""
+    return replace(system, constant=frozenset())
+
+
 @lru_cache(maxsize=64)
 def clocked(system: System) -> Program:
     """A program of the rates of a state and of the time, as functions of the state, the time and the parameters."""
@@ -227,16 +231,16 @@ def clocked(system: System) -> Program:
 
 
 @lru_cache(maxsize=64)
-def equations(gradient: Program, tangent: bool) -> Program:
-    """A program of the rates of J and x, as functions of J, x, two units and the parameters of the gradient.
+def equations(system: System, tangent: bool) -> Program:
+    """A program of the rates of J and x, as functions of J, x, two units and the parameters, of |J|²/2 + U(x).
 
     In the orbit's units x is size·x and U is weight·U. With `tangent`, a tangent vector comes after x, and its rates at the end.
     """
     tape = Tape()
     y = [tape.input() for _ in range(12 if tangent else 6)]
-    size, weight, *parameters = (tape.input() for _ in range(gradient.inputs - 1))
+    size, weight, *parameters = (tape.input() for _ in range(2 + system.parameters))
     J, x = y[:3], y[3:6]
-    g = tape.run(gradient, *(size * v for v in x), *parameters)
+    g = system.force(tape, 0.0, [size * v for v in x], parameters)
     rates = (*cross([weight * part for part in g], x), *cross(J, x))
     return tape.program((*rates, *tape.along(rates, y[:6], y[6:])) if tangent else rates)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import warn_caller
 from lagrange_bench.integrators.interface import Array, StepError
-from lagrange_bench.integrators.problem.rigid_body import RigidBody
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import exact, free_body, symmetric_body
 
 LONGEST = 2000.0  # time scales: a reference of this length takes about ten seconds
@@ -52,10 +52,8 @@ def name(problem: Any) -> str:
 
 def _of_body(problem: Any) -> Any:
     """The function that computes the closed form of a rigid body; None if there is no closed form."""
-    if not isinstance(problem, RigidBody):
-        return None
-    forms = {"free": free_body.solution, "symmetric": symmetric_body.solution}
-    return next((form for word, form in forms.items() if word in problem.offers), None)
+    forms = {kinds.free_body: free_body.solution, kinds.symmetric_body: symmetric_body.solution}
+    return next((form for of_kind, form in forms.items() if of_kind(problem)), None)
 
 
 def _solution(
@@ -70,7 +68,7 @@ def _solution(
     if end > most:
         possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # rounded down
         reason = f"t = {end:g} is longer than {longest:g} time scales of the motion: take times up to {possible:.4g}"
-        if not isinstance(problem, RigidBody):
+        if not kinds.rigid_body(problem):
             raise ValueError(reason)
         warn_caller(f"{reason}; later states are not compared", RuntimeWarning)
         states, near = np.full((len(times), len(y0)), math.nan), np.abs(times) <= most

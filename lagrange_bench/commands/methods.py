@@ -25,7 +25,7 @@ from lagrange_bench.output import Answer, table
 def run(options: argparse.Namespace) -> Answer:
     """List every method, in the order of legends. A method that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
-    from lagrange_bench.integrators.interface import NEEDS
+    from lagrange_bench.integrators.interface import needed
     from lagrange_bench.integrators.registry import ARCHIVE, find_top
 
     problem = in_potential(find_top(options.top or "generic").top, options)
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> Answer:
         if options.top or options.potential:
             more["refuses"] = refuses
         elif refuses:
-            more["takes"] = NEEDS[method.needs]
+            more["takes"] = needed(method.needs)
         data.append({"name": name, **claims, **more, "archived": name in ARCHIVE})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
     every = options.archive or options.top or options.potential

@@ -19,13 +19,13 @@ examples:
 import argparse
 from typing import Any
 
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
     """List the named tops of both kinds. A top that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS
-    from lagrange_bench.integrators.problem.potentials import NamedPerturbedTop
     from lagrange_bench.integrators.registry import NAMED_TOPS
     from lagrange_bench.integrators.truth import exact
 
@@ -33,12 +33,12 @@ def run(options: argparse.Namespace) -> Answer:
     broken = [{"name": name, "error": error} for name, _, error in each if error]
     tops: list[Any] = [named for _, named, error in each if not error]
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
-    for named in (top for top in tops if not isinstance(top, NamedPerturbedTop)):
+    for named in (named for named in tops if kinds.uniform(named.top)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
         rows.append((*_start(named), kind, f"{period:.4g}"))
         data.append({**_facts(named), "regime": kind, "nutation_period": period})
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
-    for named in (top for top in tops if isinstance(top, NamedPerturbedTop)):
+    for named in (named for named in tops if not kinds.uniform(named.top)):
         conserved = [name for name in INVARIANTS if name in named.top.conserved]
         numbers = ",".join(f"{value:.10g}" for value in named.parameters)
         inside.append((*_start(named), named.potential.name, numbers, " ".join(conserved)))

@@ -13,6 +13,7 @@ from lagrange_bench.experiments.measuring import check, first_step
 from lagrange_bench.integrators import METHODS, TOPS, Claims, LagrangeTop, Problem, StepError
 from lagrange_bench.integrators.interface import Stepper
 from lagrange_bench.integrators.methods import implicit_midpoint, splitting
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
 from tests.installed import in_uniform_fields
@@ -265,7 +266,7 @@ def in_fields(bend=lambda y, h: y, order=2, **more):
     """Strang's splitting, right in a uniform field, bent in others."""
     claims = Claims(symmetric=True, poisson=True, conserves={*CLAIMED}, **more)
     prepare = partial(Bent, "strang", bend)
-    return replace(METHODS["strang"], needs="force", claims=claims, kernels_for={}, order=order, prepare=prepare)
+    return replace(METHODS["strang"], needs=kinds.top, claims=claims, kernels_for={}, order=order, prepare=prepare)
 
 
 FIRST_ORDER = in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]])
@@ -289,7 +290,7 @@ def test_claims_in_a_potential_are_judged(short, name):
 def test_methods_are_judged_where_they_go(short):
     (verdict,) = check.in_field(METHODS["theta_functions"], quick=True)
     assert (verdict.claim, verdict.passed) == ("in a field", None)
-    verdicts = by_claim(check.in_field(replace(in_fields(), needs="quadratic"), quick=True))
+    verdicts = by_claim(check.in_field(replace(in_fields(), needs=kinds.quadratic_top), quick=True))
     assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
 
@@ -402,7 +403,8 @@ RECORDS = [
         "Method has no field 'conserves': write it as claims=Claims(conserves=…)",
     ),
     ("order=1", 'order="1"', "order must be a whole number from 1 on, or None; got '1'"),
-    ('needs="uniform"', 'needs="field"', "needs must be one of uniform, rhs, "),
+    ('needs="uniform"', 'needs="force"', "needs must be one of uniform, rhs, "),
+    ("order=1", "special={}", "write it as kernels_for="),
     ("order=1", "oder=1", "unexpected keyword argument 'oder'; did you mean 'order'?"),
 ]
 

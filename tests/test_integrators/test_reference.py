@@ -101,7 +101,7 @@ def test_the_closed_form_of_the_top(engine, name):
 
 def invariants(problem, found):
     """H, C1, C2 to 40 digits."""
-    values = invariants_of(problem.formulas, ("H", "C1", "C2"), ())
+    values = invariants_of(problem.system, ("H", "C1", "C2"), ())
     with mp.workdps(40):
         return [values(0.0, *y, *map(mpf, problem.numbers)) for y in digits(found)]
 
