@@ -37,6 +37,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.experiments import adapters, heavy_top
 from lagrange_bench.experiments.adapters import CONTROLLED, DISCRETE, DOUBLES, EXPLICIT
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, RigidBody
 from lagrange_bench.integrators.cases import Case
@@ -279,6 +280,7 @@ def runs(rows: pd.DataFrame, sweep: bool = True) -> pd.DataFrame:
 
 
 FOLLOWED = ("position", "rotation", "spin", "energy", "until", "precision", "turns_over")  # of rows without times
+ORDERS_APART = 1e3  # engines at the same step: worth a headline
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
 KNOWN = ("MuJoCo", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)")  # one of each family of results
 
@@ -413,6 +415,11 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
         "Black: methods of this bench; in colour: the most accurate integrator, or the best settings, of each engine",
         "The rest. Dashed: default settings; thin: other integrators, in their engine's colour",
     )
+    same = rows[rows.engine.ne(OURS) & rows.status.eq("done")].groupby(["case", "h"]).position.agg(["min", "max"])
+    if not rest and (apart := (same["max"] / same["min"]).max()) > ORDERS_APART:
+        fig.headline = (
+            f"At the same step the errors of engines differ by factors of up to {show(10.0 ** int(np.log10(apart)))}"
+        )
     fig.caption = (
         "Error of the centre of mass at the end against the step, and against the wall time of the whole run on one core; down "
         f"and left is better. {which[rest]}. Crosses: steps at which an engine gave up."

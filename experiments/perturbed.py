@@ -272,12 +272,12 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
     if good.empty:
         return None
 
-    def named(here: pd.DataFrame) -> set[str]:
+    def named(here: pd.DataFrame) -> list[str]:
         best = work_precision.best(here, 1e-8, "total").method
-        return {OURS, *best[best != OURS][:2]}
+        return [OURS, *best[best != OURS][:2]]
 
     titles = {state: numbers_in(states.label(state)) for state in dict.fromkeys(good.state)}
-    size, shared = (min(len(titles), 3), 2.1), {"sharex": True, "sharey": True}
+    size, shared = (2, 2.6), {"sharex": True, "sharey": True}
     fig = work_precision.draw_panels(good, titles, "state", size, style, named, **shared)
     fig.caption = (
         f"Error at t = {show(span)} against wall time, set-up included, for tops in a potential; down and left is better. "

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from html import escape
 from typing import Any
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 
 from lagrange_bench.experiments.drawing import style
 
+LEAST_POINTS = 3  # of what is worth a figure of the page
 WIDE = 360  # points: a figure wider than a column gets a row of the page to itself
 DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
 
@@ -49,6 +51,22 @@ def png(figure: Figure) -> bytes:
     """The figure as PNG."""
     width = "page" if wide(figure) else "column"
     return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
+
+
+def worth_a_look(figure: Figure) -> bool:
+    """Whether it has a line of three points, or as many dots or bars, or a picture of two columns."""
+    lines = [np.asarray(line.get_xydata(), dtype=float) for ax in figure.axes for line in ax.lines]
+    sizes = [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
+    sizes += [np.asarray(dots.get_offsets()).shape[0] for ax in figure.axes for dots in ax.collections]
+    pictures = (
+        np.asarray(picture.get_array()).shape for ax in figure.axes for picture in (*ax.images, *ax.collections)
+    )
+    bars = max((len(ax.patches) for ax in figure.axes), default=0)
+    return (
+        max(sizes, default=0) >= LEAST_POINTS
+        or any(len(shape) > 1 and shape[1] > 1 for shape in pictures)
+        or bars >= LEAST_POINTS
+    )
 
 
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
