@@ -171,6 +171,7 @@ def story() -> list[str]:
     racket, default = finest[finest.case == "racket"], rows[rows.setting == engines.DEFAULT]
     never = racket[racket.turns_over.isna()]
     lost, without = (sorted(set(never[never.setting == word].engine)) for word in (engines.DEFAULT, engines.BEST))
+    without = sorted(set(without) & set(lost))
     without += sorted(set(lost) & {name for name, engine in engines.ENGINES.items() if len(engine.integrators) == 1})
     games = default[(default.case == "slow") & (default.h == 1 / 60)]
     near = sorted(set(games[games.until >= engines.UNTIL].engine))
