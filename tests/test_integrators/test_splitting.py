@@ -9,6 +9,7 @@ from scipy.linalg import expm
 
 from lagrange_bench import metrics, prepare, states
 from lagrange_bench.integrators.methods import splitting as sp
+from lagrange_bench.integrators.problem.system import uniform_system
 from tests.reference import flows, largest
 from tests.test_integrators.test_integrable_maps import hat
 
@@ -29,8 +30,8 @@ def test_rotation_to_round_off(angle, compensated):
     for _ in range(8):
         x, J = draw.normal(size=3), draw.normal(size=3)
         v = J * (0.5 * angle / np.linalg.norm(J))
-        kernel = sp.KERNELS[compensated][0]
-        y = np.array(kernel((*v, *x), np.array((1.0, 0.0, 0.0, 0.0)), np.zeros(24)))
+        kernel = sp.kernel(uniform_system(), 0, compensated)
+        y = np.array(kernel((*v, *x), np.array((1.0, *(0.0,) * 5)), np.zeros(24)))
         assert np.array_equal(y[:3], v)
         error = largest([float(a - b) for a, b in zip(rotated(x, v), y[3:], strict=True)])
         assert error <= (2 + angle) * EPS * np.linalg.norm(x)
