@@ -34,10 +34,13 @@ from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
+from lagrange_bench.integrators.methods.gauss import check_span
 from lagrange_bench.integrators.methods.lie_group import dot, turn
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
+
+LONGEST = 100.0  # of |h|, in time scales of the top: the turn by the Cayley transform loses digits of |x| like h²
 
 
 @cache
@@ -66,7 +69,8 @@ def kernel(system: System) -> Any:
 
 
 def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """Any h. Only in a uniform field an energy of its own is known."""
+    """Any h up to LONGEST. Only in a uniform field an energy of its own is known."""
+    check_span("bobenko_suris", abs(h) / problem.scales(y0)[2], h, LONGEST)
     return FixedStepper("bobenko_suris", h, np.array((h, problem.start, *problem.numbers)), kernel(problem.system))
 
 
