@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import integrate, prepare
 from lagrange_bench.integrators.cases import Case
@@ -485,39 +484,6 @@ def sapien(sapien: Any, top: Body, kind: str, h: float) -> Run:
         return (pose * sapien.Pose(top.com)).p.copy(), np.roll(pose.q, -1), body.angular_velocity.copy()
 
     return stepping(loop(system.step), read)
-
-
-def newton(newton: Any, top: Body, kind: str, h: float) -> Run:
-    warp = importlib.import_module("warp")
-    warp.config.quiet = True
-    build = newton.ModelBuilder(gravity=warp.vec3(*top.gravity))
-    inertia = warp.mat33(*np.diag(top.moments).ravel().tolist())
-    link = build.add_link(mass=top.mass, com=warp.vec3(*top.com), inertia=inertia, lock_inertia=True)
-    ball = {"damping": 0.0, "friction": 0.0, "armature": 0.0}
-    joint = build.add_joint_free(link) if top.free else build.add_joint_ball(-1, link, **ball)
-    build.add_articulation([joint])
-    model = build.finalize(device="cpu")
-    name, *options = kind.split(", ")
-    more = {"integrator": "rk4", "update_data_interval": 0, "disable_contacts": True} if "RK4" in options else {}
-    more |= {"angular_damping": 0.0} if "undamped" in options else {}
-    solver = getattr(newton.solvers, f"Solver{name}")(model, **more)
-    states, control = [model.state(), model.state()], model.control()
-    speeds = states[0].joint_qd.numpy()
-    speeds[-3:] = top.omega
-    states[0].joint_qd.assign(speeds)
-    newton.eval_fk(model, states[0].joint_q, states[0].joint_qd, states[0])
-
-    def step() -> None:
-        states[0].clear_forces()
-        solver.step(*states, control, None, h)
-        states.reverse()
-
-    def read() -> State:
-        pose = states[0].body_q.numpy()[0]
-        place = pose[:3] + Rotation.from_quat(pose[3:]).apply(top.com)
-        return place, pose[3:], states[0].body_qd.numpy()[0, 3:]
-
-    return stepping(loop(step), read)
 
 
 def node(name: str, _: Any, top: Body, kind: str, h: float) -> Run:

@@ -183,7 +183,7 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
     StepError
         The image is beyond the range of doubles.
     """
-    check_problem(top).single()
+    check_problem(top).require_single()
     if not kinds.uniform(top):
         raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
     return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)

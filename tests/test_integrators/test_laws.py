@@ -61,6 +61,8 @@ def test_rows_do_not_depend_on_how_many_are_asked_for(name, field, y, h, every):
 @given(y=STATES, h=STEPS, length=st.integers(-200, 200), rate=st.integers(-200, 200))
 def test_units_that_are_powers_of_two_change_no_bit(name, y, h, length, rate):
     """J in units of 2^rate, x in units of 2^length: alpha and h to match."""
+    if name == "force_gradient6":  # it has alpha³, which must be a double
+        length, rate = length // 4, rate // 4
     scale = np.ldexp(1.0, [rate] * 3 + [length] * 3)
     here = prepare(UNIFORM, y, h, name).advance(y, 4)
     top = LagrangeTop(np.ldexp(1.0, 2 * rate - length))
