@@ -94,7 +94,11 @@ def test_a_residual_that_rises_once_is_not_yet_round_off():
     assert metrics.scaled_error(LagrangeTop(1.0), y, slow, newton) < 64 * EPS
 
 
-@pytest.mark.parametrize("name", [*STAGES, "collective_midpoint"])
+# 500 iterations of many stages take half a minute without compiler
+FEW_STAGES = [pytest.param(name, marks=[pytest.mark.slow] * (s > 2)) for name, s in STAGES.items()]
+
+
+@pytest.mark.parametrize("name", [*FEW_STAGES, "collective_midpoint"])
 def test_no_step_is_an_error(name):
     """A fast top turns ten times in a step: the fixed point diverges or goes on for ever, Newton solves it, if it is unique."""
     message = rf"{name} at h = 3 \(own unit\), step 0: .*500 iterations.*residual"
