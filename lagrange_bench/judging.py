@@ -14,21 +14,9 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import reading
 from lagrange_bench.arguments import own
 from lagrange_bench.consistency import Rows, rate_note
-from lagrange_bench.conventions import (
-    ATTITUDES,
-    GROUPS,
-    HEAD,
-    SINGLE,
-    START,
-    UNITS,
-    Convention,
-    Exact,
-    Frames,
-    Hints,
-    find_hints,
-    own_hints,
-)
+from lagrange_bench.conventions import ATTITUDES, GROUPS, UNITS, Convention, Exact, Frames
 from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.hints import HEAD, SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
 

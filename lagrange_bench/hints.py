@@ -1,0 +1,398 @@
+"""What may be wrong with the rows of a trajectory: another convention, unit or time, or another body.
+
+A hint is a convention under which the rows are much nearer to the exact motion, or agree much better with themselves.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from math import tau
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.consistency import Rows
+from lagrange_bench.conventions import ATTITUDES, AXES, GROUPS, Array, Convention, Exact, Frames
+from lagrange_bench.integrators import CASES
+from lagrange_bench.integrators.problem import kinds
+
+# units that numbers may have: what to say to --units, and the factor that leads to SI units
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}
+SPEEDS = {"degrees per second": ("deg/s", tau / 360), "revolutions per minute": ("rpm", tau / 60)}
+SPEEDS |= {"revolutions per second": ("rev/s", tau)}
+CLOCKS = {
+    "milliseconds": ("ms", 1e-3),
+    "microseconds": ("us", 1e-6),
+    "nanoseconds": ("ns", 1e-9),
+    "minutes": ("min", 60.0),
+}
+LATE = {
+    "second": "ω is half a step late: it is what turned the row before into its own, as in leapfrog and semi-implicit Euler.",
+    "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
+}
+WITHOUT = "the program leaves out the gyroscopic torque ω × I ω: an option of many engines."
+HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
+BETTER = 10  # times less is the error with another convention than with this one, and with any other, for a hint
+# rows from the first on, where the whole run gives no hint: a poor one is right there only
+PREFIXES = (3, 5, 9, 17, 33, 65)
+ENOUGH = 5  # rows that tell another body
+RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
+TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
+START = 1e-9  # relative to the size of a quantity: more than that is another start
+SINGLE = 2e-7  # likewise, of a start in single precision
+
+
+class Hints:
+    """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
+
+    exact : the motion at the times t. good : the rows without NaN. Some of them, from all over the run, are looked at.
+    way : the option that takes quaternions in another order, if --quat does not.
+    """
+
+    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = ""):
+        self.frames, self.sizes, self.way = frames, frames.sizes, way
+        self.first = _rows(given, slice(1)) if len(good) and good[0] == 0 else {}
+        self.head = _rows(given, good[:HEAD]), _at(exact, good[:HEAD])
+        some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
+        self.given, self.t, self.exact = _rows(given, some), t[some], _at(exact, some)
+        self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
+
+    def written(self) -> list[str]:
+        """Frames, orders, units; a convention is tried only where something is wrong."""
+        hints = list(self._conventions()) or list(self._axes()) or list(self._mirrored())
+        for each in (self._speeds, self._times, self._starts):
+            hints += each()
+        return hints or [*self._late(), *self.bodies()]
+
+    def turned(self) -> list[str]:
+        """Other axes; positions of the fixed point."""
+        return [*self._fixed_point(), *self._turns()]
+
+    def _fixed_point(self) -> Iterator[str]:
+        if "position" not in self.given or not self.frames.length:
+            return
+        if np.linalg.norm(self.given["position"], axis=1).max() < RIGHT * self.sizes["position"]:
+            yield "the positions are those of the fixed point, not of the centre of mass."
+
+    def _wrong(self, judged: str) -> bool:
+        return bool(self.now.get(judged, 0.0) > START)
+
+    def _limit(self, judged: str) -> float:
+        return float(self.now[judged] / BETTER)
+
+    def _best(self, judged: str, errors: Mapping[str, float]) -> list[str]:
+        """What makes rows right, if it does so clearly better than all else."""
+        least, *others = sorted(errors.values()) or [math.inf]
+        right = least < min(self._limit(judged), RIGHT * self.sizes[judged])
+        clear = all(least * BETTER < error for error in others)
+        return [min(errors, key=errors.__getitem__)] if right and clear else []
+
+    def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
+        """The largest error of some `rows`, at other times (`exact`) or in another convention."""
+        frames = self.frames.changed(**changes) if changes else self.frames
+        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
+
+    def _conventions(self) -> Iterator[str]:
+        how = self.frames.convention
+        quat, frame = _others(how)
+        words = _words(how, self.way)
+        best: dict[str, list[tuple[float, str]]] = {}
+        axes = how.angles.swapcase()
+        moving = f"the angles are about axes that {'move' if axes.isupper() else 'do not move'} with the body: --angles {axes}"
+        degrees = "--units angle=deg."
+        for judged, group, changes, said in (
+            ("rotation", "", {"transposed": True}, words["transposed"]),
+            ("rotation", "quaternion", {"quat": quat}, words["quat"]),
+            ("rotation", "quaternion", {"quat": quat, "transposed": True}, words["both"]),
+            ("rotation", "angles", {"degrees": True}, f"the angles are in degrees: {degrees}"),
+            ("rotation", "angles", {"angles": axes}, f"{moving}."),
+            ("rotation", "angles", {"degrees": True, "angles": axes}, f"{moving}; and in degrees: {degrees}"),
+            ("rotation", "rotation vector", {"degrees": True}, f"the rotation vectors are in degrees: {degrees}"),
+            ("omega", "", {"omega_frame": frame}, words["frame"]),
+            ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
+        ):
+            if self._wrong(judged) and (not group or group in self.given):
+                best.setdefault(judged, []).append((self._error(judged, **changes), said))
+        for judged, found in best.items():
+            (least, said), *others = sorted(found)
+            if least < self._limit(judged) and all(least * BETTER < error for error, _ in others):
+                yield said
+        if "rotation vector" in self.given and self._wrong("rotation"):
+            rows = {**self.given, "angles": self.given["rotation vector"]}
+            del rows["rotation vector"]
+            for in_degrees, axes in itertools.product((True, False), ("XYZ", "xyz")):
+                if self._error("rotation", rows=rows, degrees=in_degrees, angles=axes) < self._limit("rotation"):
+                    kind, unit = "moving" if axes == "XYZ" else "fixed", "degrees" if in_degrees else "rad"
+                    way = f"--angles {axes}{' --units angle=deg' * in_degrees}"
+                    yield (
+                        f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}: "
+                        f"--columns angle1=…,angle2=…,angle3=… {way}."
+                    )
+
+    def _axes(self) -> Iterator[str]:
+        """Another unit of positions, another axis upwards, another axis of symmetry."""
+        how, up = self.frames.convention, None
+        group = next((name for name in GROUPS["position"] if name in self.given), "")
+        if group and self._wrong("position"):
+            units = {"": 1.0, **LENGTHS}
+            tried = {
+                (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
+                for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
+            }
+            found, what = min(tried, key=lambda pair: tried[pair])
+            if tried[found, what] < min(self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf):
+                up = found if found != how.up else None
+                yield from [f"{group} is in {what}: --units {group}={what}."] * bool(what)
+        axis = None
+        if self._wrong("rotation"):
+            ups = [up or how.up] if group else [how.up, *AXES]
+            turned = {
+                pair: self._error("rotation", up=pair[0], axis=pair[1])
+                for pair in itertools.product(ups, (how.axis, *AXES) if self.frames.axis is not None else (None,))
+            }
+            best = min(turned, key=lambda pair: turned[pair])
+            if turned[best] < self._limit("rotation"):
+                up, axis = (
+                    each if each != before else None for each, before in zip(best, (how.up, how.axis), strict=True)
+                )
+        if up is not None:
+            yield f"the axis {up} points up: --up={up}."
+        if axis is not None:
+            yield f"the axis of symmetry is {axis}: --axis={axis}."
+
+    def _mirrored(self) -> Iterator[str]:
+        """A world and a body with axes of the other hand."""
+        judged = next((name for name in ("rotation", "position") if name in self.now), None)
+        if judged is None or not self._wrong(judged):
+            return
+        signs = itertools.product(("", "-"), repeat=3)
+        names = [
+            tuple(map("".join, zip(*each, strict=True)))
+            for each in itertools.product(signs, itertools.permutations("xyz"))
+        ]
+        mirrors = [each for each in names if np.linalg.det([AXES[name] for name in each]) < 0]
+        for each in self._best(judged, {", ".join(each): self._error(judged, mirror=each) for each in mirrors}):
+            vector = f"the vector part of quaternions, rotation vectors and ω −({each})"
+            yield f"the world is left-handed: write ({each}) for positions (x, y, z), and for {vector}."
+
+    def _speeds(self) -> Iterator[str]:
+        """Another unit of angular velocities, perhaps in the other frame, too."""
+        if self._wrong("omega"):
+            omega, now = self.given["omega"], self.frames.convention.omega_frame
+            other = _others(self.frames.convention)[1]
+            units = {f"in {name}: --units omega={unit}": factor for name, (unit, factor) in SPEEDS.items()}
+            scaled = {
+                (what, frame): self._error("omega", {**self.given, "omega": factor * omega}, omega_frame=frame)
+                for (what, factor), frame in itertools.product(
+                    {**units, "of the other sign": -1.0}.items(), (now, other)
+                )
+            }
+            best = min(scaled, key=lambda pair: scaled[pair])
+            if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
+                what, frame = best
+                yield f"omega is {what}." + f" It is in the {other} frame, too: --omega {other}." * (frame == other)
+
+    def _times(self) -> Iterator[str]:
+        judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
+        if not self._wrong(judged):
+            return
+        still = self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER
+        least = min(self._limit(judged), RIGHT * self.sizes[judged], still)
+        scaled = {
+            f"the times are in {name}: --units t={unit}.": self._error(judged, exact=self.frames.exact(factor * self.t))
+            for name, (unit, factor) in CLOCKS.items()
+        }
+        for hint in self._best(judged, scaled):
+            yield from [hint] * (scaled[hint] < still)
+        (given, exact), late = self.head, {0: math.inf}
+        n = len(exact[0])
+        for k in SHIFTS if n > BETTER else ():
+            here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
+            on_time, late[k] = (self._error(judged, _rows(given, here), _at(exact, at)) for at in (here, there))
+            late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[judged]) else math.inf
+        if k := min(late, key=lambda k: late[k]):
+            way = "later" if k > 0 else "earlier"
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
+        elif self.first and self.t[0] and self._error(judged, exact=self.frames.exact(self.t - self.t[0])) < least:
+            yield f"the first row is the start of the case: subtract {self.t[0]:.9g} s from the times."
+
+    def _late(self) -> Iterator[str]:
+        """ω in the middle of a step, with rotations at its ends."""
+        t = self.head[0]["time"][:, 0]
+        if self._wrong("omega") and len(t) >= ENOUGH:
+            step, later = float(np.median(np.diff(t))), _rows(self.given, slice(1, None))
+            ends = {"second": -step / 2, "first": step / 2}
+            errors = {
+                LATE[part]: self._error("omega", later, self.frames.exact(self.t[1:] + by)) for part, by in ends.items()
+            }
+            yield from self._best("omega", errors)
+
+    def bodies(self) -> list[str]:
+        """Another body: gravity the other way, moments about another point, no gyroscopic torque."""
+        judged = next((name for name in ("rotation", "position", "omega") if self._wrong(name)), None)
+        if judged is None or len(self.t) < ENOUGH:
+            return []
+        errors = {words: self._error(judged, exact=each.exact(self.t)) for words, each in self.frames.others.items()}
+        if kinds.free_body(self.frames.moving):
+            _, R, omega = self.frames.exact([0.0])
+            turned = R[0] @ Rotation.from_rotvec(self.t[:, None] * omega).as_matrix()
+            errors[WITHOUT] = self._error(judged, exact=(self.exact[0], turned, np.repeat(omega, len(turned), axis=0)))
+        return self._best(judged, errors)
+
+    def _starts(self) -> Iterator[str]:
+        """The start of another case."""
+        if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
+            how = replace(self.frames.convention, axis=None) if self.frames.axis is None else self.frames.convention
+            for case in CASES.values():
+                if case.body.axis is None and how.axis is not None:
+                    continue
+                if self._starts_as(Frames(case.body, how, case=case)):
+                    yield f"this is the start of the case {case.name}."
+
+    def first_row(self) -> list[str]:
+        """The one convention in which the first row is the start of the case, if it is not so as it stands."""
+
+        def right(changes: dict[str, Any]) -> bool:
+            frames = self.frames.changed(**changes)
+            found = frames.errors(self.first, _at(self.exact, slice(1)))
+            return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
+
+        if not self.first or self.t[0] or right({}):
+            return []
+        words, names = _words(self.frames.convention, self.way), list(AXES)
+        ups = {f"the axis {up} points up: --up={up}.": {"up": up} for up in names}
+        axes = {f"the axis of symmetry is {axis}: --axis={axis}.": {"axis": axis} for axis in names}
+        axes = {} if self.frames.axis is None else axes
+        order = {words["quat"]: {"quat": _others(self.frames.convention)[0]}} if "quaternion" in self.given else {}
+        single: dict[str, dict[str, Any]] = {**order, words["transposed"]: {"transposed": True}, **ups, **axes}
+        fits = [[said] for said, changes in single.items() if right(changes)]
+        fits = fits or [[up, axis] for up, axis in itertools.product(ups, axes) if right({**ups[up], **axes[axis]})]
+        return fits[0] if len(fits) == 1 else []
+
+    def _starts_as(self, frames: Frames) -> bool:
+        found = frames.errors(self.first, frames.exact(self.t[:1]))
+        return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
+
+    def points(self) -> Iterator[str]:
+        """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
+        if "position" not in self.given or not self._wrong("position") or not self.frames.moving.fixed:
+            return
+        group = next((name for name in ATTITUDES if name in self.given), None)
+        R = self.exact[1] if group is None else self.frames.attitude(group, self.given[group])[0]
+        x, there = R @ self.frames.moving.com, self.given["position"] @ self.frames.world.T
+        least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
+        for points, back, words in (
+            (there - x, self.frames.world.T, "are off by {}: another origin."),
+            (
+                (there[:, None] @ R)[:, 0],
+                self.frames.body,
+                "are those of the point {} of the body, not of the centre of mass.",
+            ),
+        ):
+            mean = points.mean(0)
+            scatter = float(np.abs(points - mean).max())
+            off = np.linalg.norm(there - x, axis=1).max()
+            if scatter < least and off > max(BETTER * scatter, START * self.sizes["position"]):
+                digits = max(0, -math.floor(math.log10(scatter))) if scatter > 0 else 9
+                fits.append(f"the positions {words.format(_vector((back @ mean).round(min(digits, 9)), 'm'))}")
+        yield from fits if len(fits) == 1 else []
+
+    def _turns(self) -> Iterator[str]:
+        """One turn that leads from all rotations to the right ones, if it is clear of what."""
+        group = next((name for name in ATTITUDES if name in self.given), None)
+        if group is None or not self._wrong("rotation"):
+            return
+        R, right = self.frames.attitude(group, self.given[group])[0], self.exact[1]
+        least, fits = min(self._limit("rotation"), RIGHT), []
+        for turns, back, where in (
+            (right @ R.transpose(0, 2, 1), self.frames.world.T, "world"),
+            (R.transpose(0, 2, 1) @ right, self.frames.body, "body"),
+        ):
+            if np.linalg.det(turns).min() > 0.5:
+                each = Rotation.from_matrix(turns)
+                mean = each.mean()
+                if mean.magnitude() > TURN and (each * mean.inv()).magnitude().max() < least:
+                    turn = _vector(back @ mean.as_rotvec(), "rad")
+                    fits.append(
+                        f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
+                    )
+        yield from fits if len(fits) == 1 else []
+
+
+def find_hints(
+    frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, rows: Rows | None, way: str = ""
+) -> list[str]:
+    """Hints of the whole run; else of its first rows. `rows` themselves tell the frame of ω, and missing torques."""
+    whole = Hints(frames, given, t, exact, good, way)
+    hints = whole.written() or whole.turned()
+    if not hints and len(good) and good[0] == 0:
+        prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
+        hints = next(filter(None, (each.written() for each in prefixes)), [])
+    others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
+    hints = (
+        hints or [hint for hint in own_hints(frames, given, rows, way) if hint not in others] or list(whole.points())
+    )
+    if rows is not None:
+        if rows.other_frame() and not any("--omega" in hint for hint in hints):
+            hints.append(_words(frames.convention)["frame"])
+        elif rows.without_gyroscopic_torque(frames.moving) and WITHOUT not in hints:
+            hints.append(WITHOUT)
+    return hints
+
+
+def own_hints(frames: Frames, given: Mapping[str, Array], rows: Rows | None, way: str = "") -> list[str]:
+    """The convention in which the rows agree with themselves, q' = q ω/2, if that is clearly another one."""
+    if rows is None or rows.omega is None:
+        return []
+    how, words, some = frames.convention, _words(frames.convention, way), _rows(given, slice(HEAD))
+    quat, frame = _others(how)
+    attitudes: list[tuple[dict[str, Any], str]] = [({}, ""), ({"transposed": True}, words["transposed"])]
+    if "quaternion" in given:
+        attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
+    off: dict[tuple[str, str, str], float] = {}
+    for (changes, said), (also, other) in itertools.product(
+        attitudes, (("", how.omega_frame), (words["frame"], frame))
+    ):
+        tried = frames.changed(**changes, omega_frame=other).rows(some)
+        assert tried is not None
+        off |= {(said, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
+    hints, left = [], dict(off)
+    for place in range(3):  # the attitude, then the frame, then the time of ω
+        best = min(left, key=left.__getitem__)[place]
+        if all(min(left.values()) * BETTER < error for key, error in left.items() if key[place] != best):
+            hints += [best] * bool(best)
+        left = {key: error for key, error in left.items() if key[place] == best}
+    return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.moving)
+
+
+def _others(how: Convention) -> tuple[str, str]:
+    """The other order of quaternions, the other frame of ω."""
+    return "xyzw" if how.quat == "wxyz" else "wxyz", "world" if how.omega_frame == "body" else "body"
+
+
+def _words(how: Convention, way: str = "") -> dict[str, str]:
+    """What is said of another convention; `way` to have quaternions in another order, if not by --quat."""
+    quat, frame = _others(how)
+    return {
+        "transposed": "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate.",
+        "quat": f"the quaternions are in the order {quat}: {way or f'--quat {quat}, or other names'}.",
+        "both": f"the order is {quat}, and they are conjugate.",
+        "frame": f"ω is in the {frame} frame: --omega {frame}, from Python omega_frame.",
+    }
+
+
+def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:
+    return {name: array[at] for name, array in given.items()}
+
+
+def _at(exact: Exact, at: Any) -> Exact:
+    x, R, omega = exact
+    return x[at], R[at], omega[at]
+
+
+def _vector(numbers: Array, unit: str) -> str:
+    return f"({', '.join(f'{number + 0.0:.4g}' for number in numbers.round(9))}) {unit}"
