@@ -20,6 +20,16 @@ FEWEST = 3  # rows
 LITTLE = 1e-3  # relative: a gyroscopic torque below this share of the change of ω is not seen
 
 
+def into_body(R: Array, v: Array) -> Array:
+    """Vectors of the world (N, 3) in the frame of the body, by attitudes (N, 3, 3)."""
+    return (v[:, None, :] @ R)[:, 0]  # type: ignore[no-any-return]
+
+
+def tensor(body: RigidBody) -> Array:
+    """The moments of inertia (3, 3) in the body's frame: about the fixed point, of a flying body about the centre of mass."""
+    return body.momentum_of(np.eye(3), np.eye(3))
+
+
 class Rows:
     """Attitudes (N, 3, 3), body to world, and angular velocities (N, 3) in one of the frames, at times t (N,)."""
 
@@ -33,9 +43,9 @@ class Rows:
         self.turn = Rotation.from_matrix(turns).as_rotvec() if len(turns) else np.empty((0, 3))
         self.clear = np.linalg.norm(self.turn, axis=1) < ANOTHER_TURN
 
-    def _in_body(self, frame: str) -> Array:
+    def _in_body(self) -> Array:
         assert self.omega is not None
-        return self.omega if frame == "body" else np.einsum("nji,nj->ni", self.R, self.omega)
+        return self.omega if self.frame == "body" else into_body(self.R, self.omega)
 
     def kinematics(self, frame: str | None = None, part: str = "mean") -> Array:
         """|Θ/dt − ω| between neighbouring rows, rad/s, (N − 1,), if ω is in this frame; q' = q ω/2 makes it vanish.
@@ -81,13 +91,10 @@ class Rows:
         """Whether ω changes clearly more like that of a body without ω × I_c ω."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
             return False
-        omega, mass = self._in_body(self.frame), body.mass
-        lever = body.com if body.fixed else np.zeros(3)
-        inertia = body.inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-        down = np.einsum("nji,j->ni", self.R, body.gravity)
-        torque = mass * np.cross(lever, down)
-        coupling, own = np.cross(omega, omega @ inertia.T), np.cross(omega, omega @ body.inertia_com.T)
-        inverse = np.linalg.inv(inertia).T
+        omega, inertia = self._in_body(), tensor(body)
+        torque = np.cross(body.up @ self.R, body.weight @ body.axes)
+        coupling, own = np.cross(omega, omega @ inertia), np.cross(omega, omega @ body.inertia_com)
+        inverse = np.linalg.inv(inertia)
         change = np.diff(omega, axis=0) / self.dt
         right, other = ((part[:-1] + part[1:]) / 2 @ inverse for part in (torque - coupling, torque - coupling + own))
         clear = self.clear
@@ -101,7 +108,7 @@ class Rows:
 
     def spin_rate(self, axis: Array) -> Array:
         """The angular velocity about an axis of the body, (N,)."""
-        return self._in_body(self.frame) @ axis
+        return self._in_body() @ axis
 
     def notes(self) -> list[str]:
         """Rows that are equal to the one before, and an angular velocity that is lost after the start."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.consistency import Rows
+from lagrange_bench.consistency import Rows, into_body, tensor
 from lagrange_bench.integrators import Case, RigidBody
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
@@ -90,32 +90,32 @@ class Frames:
         self.body = mirror.T @ (np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T)
 
     def changed(self, **changes: Any) -> Frames:
-        """The same in another convention."""
+        """A copy in another convention."""
         other = copy(self)
         other._convert(replace(self.convention, **changes))
         return other
 
     @cached_property
     def others(self) -> dict[str, Frames]:
-        """Of bodies that one may have posed in place of this one, and in which words."""
-        body, arm = self.moving, self.moving.com
+        """The frames of bodies that a user may have simulated in place of this one, by the mistake in words."""
+        body = self.moving
         changes: dict[str, dict[str, Any]] = {}
         if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
             changes["gravity is reversed: it points up."] = {"gravity": -body.gravity}
         if self.length:
-            steiner = body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+            steiner = tensor(body) - body.inertia_com
             about = "were taken for those about the"
             for one, two, sign in (("fixed point", "centre of mass", 1), ("centre of mass", "fixed point", -1)):
                 words = f"the moments of inertia about the {one} {about} {two}."
                 changes[words] = {"inertia_com": body.inertia_com + sign * steiner}
-        found = {}
+        others = {}
         for words, change in changes.items():
-            facts = {name: getattr(body, name) for name in ("mass", "com", "inertia_com", "gravity", "fixed")}
-            found[words] = other = copy(self)
+            other = copy(self)
             with warnings.catch_warnings(), suppress(ValueError):
                 warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no body has
-                other.case = replace(self.case, body=RigidBody(**{**facts, **change}), exact={})  # type: ignore[type-var]
-        return found
+                other.case = replace(self.case, body=RigidBody(**{**body.facts, **change}), exact={})  # type: ignore[type-var]
+                others[words] = other
+        return others
 
     def _refer(self, R: Array, omega: Array) -> None:
         """Take what the motion keeps from one attitude and angular velocity in the body."""
@@ -165,18 +165,20 @@ class Frames:
                 yield x + self.start if self.convention.displaced or group == "displacement" else x
 
     def attitudes(self, given: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
-        """Of each group that has them, as `attitude` gives them."""
+        """`attitude` of each group of columns that holds attitudes."""
         return [self.attitude(group, given[group]) for group in ATTITUDES if group in given]
 
+    def matrices(self, given: Mapping[str, Array]) -> Array | None:
+        """The attitudes (n, 3, 3) of the first group of columns that holds attitudes; None without one."""
+        return next((self.attitude(name, given[name])[0] for name in ATTITUDES if name in given), None)
+
     def motion(self, given: Mapping[str, Array]) -> tuple[Array, Array | None]:
-        """Attitudes, the identity without any, and ω in the body, if it can be told."""
-        group = next((name for name in ATTITUDES if name in given), None)
-        n, body = len(given["time"]), self.convention.omega_frame == "body"
-        R = np.broadcast_to(np.eye(3), (n, 3, 3)) if group is None else self.attitude(group, given[group])[0]
-        if "omega" not in given or (group is None and not body):
-            return R, None
-        omega = self.omega(given)
-        return R, omega if body else (omega[:, None, :] @ R)[:, 0]
+        """Attitudes, the identity without any, and ω in the body; None where its frame is not known."""
+        R, body = self.matrices(given), self.convention.omega_frame == "body"
+        omega = self.omega(given) if "omega" in given else None
+        if R is None:
+            return np.broadcast_to(np.eye(3), (len(given["time"]), 3, 3)), omega if body else None
+        return R, omega if body or omega is None else into_body(R, omega)
 
     def omega(self, given: Mapping[str, Array]) -> Array:
         """The angular velocity in the frame that it is in."""
@@ -184,9 +186,9 @@ class Frames:
         return self.hand * given["omega"] @ turn
 
     def errors(self, given: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
-        """What the rows are off by, (n,) for each quantity; of several groups that say the same thing, the larger error.
+        """The error of each quantity in each row, (n,); where several groups hold one quantity, the larger error counts.
 
-        Without an exact motion: what the motion keeps is off the first row, and positions are off where the rotations put them.
+        Without an exact motion, constants of the motion are compared with the first row, and positions with the rotations.
         """
         largest: dict[str, Array] = {}
 
@@ -216,7 +218,7 @@ class Frames:
             if body and self.axis is not None:
                 add(spin_rate=np.abs(omega @ self.axis - self.spin_rate))
             for R, _ in attitudes:
-                in_body = omega if body else (omega[:, None, :] @ R)[:, 0]
+                in_body = omega if body else into_body(R, omega)
                 if self.axis is not None:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
@@ -232,14 +234,11 @@ class Frames:
 
     def rows(self, given: Mapping[str, Array]) -> Rows | None:
         """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
-        group = next((name for name in ATTITUDES if name in given), None)
-        if group is None:
-            return None
-        omega = self.omega(given) if "omega" in given else None
-        return Rows(given["time"][:, 0], self.attitude(group, given[group])[0], omega, self.convention.omega_frame)
+        R, omega = self.matrices(given), self.omega(given) if "omega" in given else None
+        return None if R is None else Rows(given["time"][:, 0], R, omega, self.convention.omega_frame)
 
     def momentum_error(self, momentum: Array) -> Array:
-        """Of a body without torque that of the vector, else of its part about the vertical, (n,)."""
+        """The error of the vector for a body without torque, else that of its part about the vertical, (n,)."""
         off = momentum - self.momentum
         return np.linalg.norm(off, axis=1) if self.moving.is_free else np.abs(off @ self.moving.up)
 
@@ -277,7 +276,7 @@ class Frames:
         return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
 
     def _turned(self, E: Array) -> dict[str, Array]:
-        """Of the rotations in the body from the right attitude: their angle, its part about the axis, and the axis's own.
+        """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and that of the axis.
 
         The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
         """
@@ -305,5 +304,5 @@ def _turn(name: str | None, to: Array) -> Array:
 
 
 def _angle(a: Array, b: Array) -> Array:
-    """Between vectors, right for small angles too."""
+    """The angle between vectors (..., 3); it keeps its digits where it is small."""
     return np.arctan2(np.linalg.norm(np.cross(a, b), axis=-1), (a * b).sum(-1))

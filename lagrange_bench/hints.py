@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.consistency import Rows
-from lagrange_bench.conventions import ATTITUDES, AXES, GROUPS, Array, Convention, Exact, Frames
+from lagrange_bench.consistency import Rows, into_body
+from lagrange_bench.conventions import AXES, GROUPS, Array, Convention, Exact, Frames
 from lagrange_bench.integrators import CASES
 from lagrange_bench.integrators.problem import kinds
 
@@ -35,11 +35,12 @@ LATE = {
     "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
 }
 WITHOUT = "the program leaves out the gyroscopic torque ω × I ω: an option of many engines."
-HEAD, SHIFTS = 2000, (1, -1, 2, -2, 3, -3)  # rows that hints are taken from; rows that they may be late
-BETTER = 10  # times less is the error with another convention than with this one, and with any other, for a hint
-# rows from the first on, where the whole run gives no hint: a poor one is right there only
+HEAD = 2000  # rows that hints are taken from
+SHIFTS, SHIFTED = (1, -1, 2, -2, 3, -3), 10  # rows that times may be late; more rows than these show it
+BETTER = 10  # a hint makes errors so many times smaller than the rows as they are, and than any other hint
+# where the whole run gives no hint, so many rows from the first on: a poor run is right there only
 PREFIXES = (3, 5, 9, 17, 33, 65)
-ENOUGH = 5  # rows that tell another body
+ENOUGH = 5  # rows that show another body
 RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
 TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
 START = 1e-9  # relative to the size of a quantity: more than that is another start
@@ -86,10 +87,9 @@ class Hints:
 
     def _best(self, judged: str, errors: Mapping[str, float]) -> list[str]:
         """What makes rows right, if it does so clearly better than all else."""
-        least, *others = sorted(errors.values()) or [math.inf]
-        right = least < min(self._limit(judged), RIGHT * self.sizes[judged])
-        clear = all(least * BETTER < error for error in others)
-        return [min(errors, key=errors.__getitem__)] if right and clear else []
+        hint = _clearest(errors)
+        right = hint is not None and errors[hint] < min(self._limit(judged), RIGHT * self.sizes[judged])
+        return [hint] if hint is not None and right else []
 
     def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
@@ -100,7 +100,7 @@ class Hints:
         how = self.frames.convention
         quat, frame = _others(how)
         words = _words(how, self.way)
-        best: dict[str, list[tuple[float, str]]] = {}
+        errors: dict[str, dict[str, float]] = {}
         axes = how.angles.swapcase()
         moving = f"the angles are about axes that {'move' if axes.isupper() else 'do not move'} with the body: --angles {axes}"
         degrees = "--units angle=deg."
@@ -116,11 +116,11 @@ class Hints:
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
             if self._wrong(judged) and (not group or group in self.given):
-                best.setdefault(judged, []).append((self._error(judged, **changes), said))
-        for judged, found in best.items():
-            (least, said), *others = sorted(found)
-            if least < self._limit(judged) and all(least * BETTER < error for error, _ in others):
-                yield said
+                errors.setdefault(judged, {})[said] = self._error(judged, **changes)
+        for judged, tried in errors.items():
+            hint = _clearest(tried)
+            if hint is not None and tried[hint] < self._limit(judged):
+                yield hint
         if "rotation vector" in self.given and self._wrong("rotation"):
             rows = {**self.given, "angles": self.given["rotation vector"]}
             del rows["rotation vector"]
@@ -143,9 +143,11 @@ class Hints:
                 (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
                 for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
             }
-            found, what = min(tried, key=lambda pair: tried[pair])
-            if tried[found, what] < min(self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf):
-                up = found if found != how.up else None
+            vertical, what = min(tried, key=lambda pair: tried[pair])
+            if tried[vertical, what] < min(
+                self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf
+            ):
+                up = vertical if vertical != how.up else None
                 yield from [f"{group} is in {what}: --units {group}={what}."] * bool(what)
         axis = None
         if self._wrong("rotation"):
@@ -210,7 +212,7 @@ class Hints:
             yield from [hint] * (scaled[hint] < still)
         (given, exact), late = self.head, {0: math.inf}
         n = len(exact[0])
-        for k in SHIFTS if n > BETTER else ():
+        for k in SHIFTS if n > SHIFTED else ():
             here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
             on_time, late[k] = (self._error(judged, _rows(given, here), _at(exact, at)) for at in (here, there))
             late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[judged]) else math.inf
@@ -257,9 +259,7 @@ class Hints:
         """The one convention in which the first row is the start of the case, if it is not so as it stands."""
 
         def right(changes: dict[str, Any]) -> bool:
-            frames = self.frames.changed(**changes)
-            found = frames.errors(self.first, _at(self.exact, slice(1)))
-            return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
+            return self._starts_as(self.frames.changed(**changes), _at(self.exact, slice(1)))
 
         if not self.first or self.t[0] or right({}):
             return []
@@ -273,22 +273,22 @@ class Hints:
         fits = fits or [[up, axis] for up, axis in itertools.product(ups, axes) if right({**ups[up], **axes[axis]})]
         return fits[0] if len(fits) == 1 else []
 
-    def _starts_as(self, frames: Frames) -> bool:
-        found = frames.errors(self.first, frames.exact(self.t[:1]))
-        return frames.starts({name: float(found[name][0]) for name in self.sizes if name in found}, SINGLE)
+    def _starts_as(self, frames: Frames, exact: Exact | None = None) -> bool:
+        errors = frames.errors(self.first, exact or frames.exact(self.t[:1]))
+        return frames.starts({name: float(errors[name][0]) for name in self.sizes if name in errors}, SINGLE)
 
     def points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
         if "position" not in self.given or not self._wrong("position") or not self.frames.moving.fixed:
             return
-        group = next((name for name in ATTITUDES if name in self.given), None)
-        R = self.exact[1] if group is None else self.frames.attitude(group, self.given[group])[0]
+        attitudes = self.frames.matrices(self.given)
+        R = self.exact[1] if attitudes is None else attitudes
         x, there = R @ self.frames.moving.com, self.given["position"] @ self.frames.world.T
         least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
         for points, back, words in (
             (there - x, self.frames.world.T, "are off by {}: another origin."),
             (
-                (there[:, None] @ R)[:, 0],
+                into_body(R, there),
                 self.frames.body,
                 "are those of the point {} of the body, not of the centre of mass.",
             ),
@@ -303,10 +303,9 @@ class Hints:
 
     def _turns(self) -> Iterator[str]:
         """One turn that leads from all rotations to the right ones, if it is clear of what."""
-        group = next((name for name in ATTITUDES if name in self.given), None)
-        if group is None or not self._wrong("rotation"):
+        R, right = self.frames.matrices(self.given), self.exact[1]
+        if R is None or not self._wrong("rotation"):
             return
-        R, right = self.frames.attitude(group, self.given[group])[0], self.exact[1]
         least, fits = min(self._limit("rotation"), RIGHT), []
         for turns, back, where in (
             (right @ R.transpose(0, 2, 1), self.frames.world.T, "world"),
@@ -369,13 +368,19 @@ def own_hints(frames: Frames, given: Mapping[str, Array], rows: Rows | None, way
     return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.moving)
 
 
+def _clearest(errors: Mapping[str, float]) -> str | None:
+    """The hint whose error is clearly smaller than that of any other."""
+    least, *others = sorted(errors.values()) or [math.nan]
+    return min(errors, key=errors.__getitem__) if all(least * BETTER < error for error in others) and errors else None
+
+
 def _others(how: Convention) -> tuple[str, str]:
     """The other order of quaternions, the other frame of ω."""
     return "xyzw" if how.quat == "wxyz" else "wxyz", "world" if how.omega_frame == "body" else "body"
 
 
 def _words(how: Convention, way: str = "") -> dict[str, str]:
-    """What is said of another convention; `way` to have quaternions in another order, if not by --quat."""
+    """The hints at other conventions; `way` is the option that takes quaternions in another order, if --quat does not."""
     quat, frame = _others(how)
     return {
         "transposed": "the rotations are transposed: they take the world to the body. Write R transposed, or the conjugate.",

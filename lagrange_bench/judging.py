@@ -337,7 +337,7 @@ def _judged(
 
     def floors_of(known: Mapping[str, float]) -> dict[str, float]:
         worst = {
-            name: 2 * max(known.get(each, 0.0) for each in those) for name, those in GROUPS.items() if name in found
+            name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items() if name in found
         }
         return {name: value for name, value in worst.items() if value > 0}
 
@@ -360,16 +360,7 @@ def _judged(
         start = {"t": float(t[0]), **first}
         for word, least in (("right", START), ("single", SINGLE)):
             start[word] = frames.starts(first, least, floors_of(first_floor)) if t[0] == 0 else None
-    omega = seen.get("omega") if exact is None else exact[2]
-    speed = (
-        rows.speed()
-        if omega is None and rows is not None
-        else np.linalg.norm(omega, axis=1)
-        if omega is not None
-        else None
-    )
-    at = rows.t[1:] if omega is None and rows is not None else seen["time"][:, 0]
-    turns = math.nan if speed is None else float(np.trapezoid(speed, at)) / math.tau
+    turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], rows)
     span = (float(t[0]), float(t[-1]))
     judged = Judgement(
         case.name, len(t), span, found, start, floors, hints, notes, measured.curves, turns=turns, sizes=frames.sizes
@@ -385,8 +376,19 @@ def _judged(
     return judged
 
 
+def _turns(t: Array, omega: Array | None, rows: Rows | None) -> float:
+    """How often the body turns, ∫|ω| dt/2π; without ω by the attitudes, NaN without either."""
+    if omega is not None:
+        speed = np.linalg.norm(omega, axis=1)
+    elif rows is not None:
+        t, speed = rows.t[1:], rows.speed()
+    else:
+        return math.nan
+    return float(np.trapezoid(speed, t)) / math.tau
+
+
 class _Measured(NamedTuple):
-    """The errors of all rows, those of the first one, their curves; rows whose errors are known, rows with a NaN."""
+    """The errors of all rows and of the first one, their curves; whether each row has known errors, or a NaN."""
 
     errors: dict[str, Error]
     first: dict[str, float]
@@ -464,7 +466,7 @@ def _notes(t: Array, bad: Array, errors: Mapping[str, Error]) -> Iterator[str]:
 
 
 def _own_notes(frames: Frames, rows: Rows | None, hints: Sequence[str]) -> Iterator[str]:
-    """What the rows say of themselves."""
+    """Notes on the rows that need no exact motion."""
     if rows is None:
         return
     yield from rows.notes()
