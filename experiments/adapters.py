@@ -54,7 +54,7 @@ def words(values: Any) -> str:
 
 
 def stepping(advance: Callable[[int], Any], read: Callable[[], State]) -> Run:
-    """Of what takes n steps, and of what can be read then."""
+    """The run of a program that takes n steps in one call, and of which a row can be read then."""
 
     def run(steps: int, every: int) -> Iterable[State]:
         for _ in range(steps // every):
@@ -104,12 +104,18 @@ def mjcf(top: Body, kind: str, h: float, rail: bool = False) -> str:
         </body></worldbody></mujoco>"""
 
 
-def mujoco(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
+def at_start(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> tuple[Any, Any]:
+    """A model of MuJoCo, and its data at the start."""
     model = mj.MjModel.from_xml_string(mjcf(top, kind, h, rail))
     data = mj.MjData(model)
-    mj.set_mju_user_warning(lambda text: None)  # it would write a file; the counters are read below
     if not rail:
         data.qvel[-3:] = top.omega
+    return model, data
+
+
+def mujoco(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
+    model, data = at_start(mj, top, kind, h, rail)
+    mj.set_mju_user_warning(lambda text: None)  # it would write a file; the counters are read below
 
     def read() -> State:
         if any(warning.number for warning in data.warning):
@@ -121,7 +127,7 @@ def mujoco(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
 
 
 def placed(mj: Any, model: Any, data: Any, q: Any, v: Any) -> State:
-    """What the coordinates of a joint are, in the model of MuJoCo."""
+    """The row at coordinates q and speeds v of the joint, by the model of MuJoCo."""
     data.qpos[:], data.qvel[:] = q, v
     mj.mj_forward(model, data)
     return data.xipos[1].copy(), np.roll(q[-4:], -1), data.cvel[1][:3].copy()
@@ -130,9 +136,7 @@ def placed(mj: Any, model: Any, data: Any, q: Any, v: Any) -> State:
 def mujoco_warp(warp: Any, top: Body, kind: str, h: float) -> Run:
     mj = importlib.import_module("mujoco")
     importlib.import_module("warp").config.quiet = True
-    model = mj.MjModel.from_xml_string(mjcf(top, kind, h))
-    data = mj.MjData(model)
-    data.qvel[-3:] = top.omega
+    model, data = at_start(mj, top, kind, h)
     mj.mj_forward(model, data)
     device_model, state = warp.put_model(model), warp.put_data(model, data)
     step = loop(lambda: warp.step(device_model, state))
@@ -146,9 +150,7 @@ def mjx(mjx: Any, top: Body, kind: str, h: float) -> Run:
     mj, jax = importlib.import_module("mujoco"), importlib.import_module("jax")
     jax.config.update("jax_enable_x64", kind.endswith(DOUBLES))
     jax.clear_caches()  # of what was compiled in the other precision
-    model = mj.MjModel.from_xml_string(mjcf(top, kind.removesuffix(DOUBLES), h))
-    data = mj.MjData(model)
-    data.qvel[-3:] = top.omega
+    model, data = at_start(mj, top, kind.removesuffix(DOUBLES), h)
     device_model, state, once = mjx.put_model(model), [mjx.put_data(model, data)], jax.jit(mjx.step)
 
     def step() -> None:
@@ -266,10 +268,11 @@ def pinocchio(pin: Any, top: Body, kind: str, h: float, rail: bool = False) -> R
 
     def rkmk4(q: Array, v: Array) -> list[Any]:
         def slope(u: Array, v: Array) -> Array:  # of the logarithm, with the first terms of dexp⁻¹, and of v
+            rate = v
             if not rail:
                 turn = pin.skew(u)
                 w = turn @ v
-            rate = v if rail else v + w / 2.0 + turn @ w / 12.0
+                rate = v + w / 2.0 + turn @ w / 12.0
             return np.array((rate, pin.aba(model, data, pin.integrate(model, q, u), v, torque)))
 
         y = np.array((np.zeros_like(v), v))
@@ -345,7 +348,7 @@ def dart(dartpy: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run
 
 
 def simbody(osim: Any, top: Body, kind: str, h: float) -> Run:
-    """By OpenSim, whose ball and free joints have three angles. It takes steps of its own, at most h."""
+    """Simbody inside OpenSim, whose ball and free joints have three angles. It takes steps of its own, at most h."""
     osim.Logger.setLevelString("error")
     model = osim.Model()
     model.setGravity(osim.Vec3(*top.gravity))
@@ -487,7 +490,7 @@ def sapien(sapien: Any, top: Body, kind: str, h: float) -> Run:
 
 
 def node(name: str, _: Any, top: Body, kind: str, h: float) -> Run:
-    """Of `experiments/web`: a process of node follows the body and prints the rows."""
+    """A program of `experiments/web`: a process of node follows the body and prints the rows."""
 
     def run(steps: int, every: int) -> Iterable[State]:
         facts = {key: value for key, value in top._asdict().items() if key != "case"}
