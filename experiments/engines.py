@@ -91,7 +91,7 @@ class Engine:
 
     @property
     def version(self) -> str | None:
-        """Of what is installed here; None if that is not what is meant."""
+        """The version that is installed here; None if another release is meant."""
         found = self.installed()
         return found if found and found.startswith(self.release) else None
 
@@ -214,11 +214,11 @@ def timed(engine: Engine, case: Case, kind: str, h: float, steps: int, rail: boo
 
 
 def errors(case: Case, t: Array, rows: list[Any]) -> dict[str, Any]:
-    """Of rows at times t (N,): errors at the end, how long they are NEAR, and the precision of the numbers.
+    """The errors at the end of rows at times t (N,), how long they are NEAR, and the precision of the numbers.
 
-    `position` (m; of a body with a fixed point) and `rotation` (rad); `spin`: of the angular velocity about AXIS, rad/s;
-    `energy`: change from the start, over what is there. NaN: the numbers are not finite. `until`, s. Of a free body `turns_over`:
-    when its angular velocity about AXIS changes its sign, s; NaN: never.
+    position : m, of a top only. rotation : rad. spin : rad/s, error of the angular velocity about AXIS. energy : its change,
+    relative to the start. Errors are NaN where the numbers at the end are not finite. until : s, how long the rows are NEAR.
+    turns_over : s, of a free body, when its angular velocity about AXIS changes its sign; NaN if it never does.
     """
     place, turns, omega = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
     finite = np.isfinite(np.hstack((place, turns.reshape(len(t), -1), omega))).all(axis=1)
@@ -317,6 +317,11 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
+LOST_SPIN = 0.05  # rad/s, of `slow`: damping takes more
+FALLS = 1.5  # errors fall if the smallest step makes them so many times smaller than the next one
+TINY = 1e-6  # m: smaller errors need not fall
+
+
 def limit(group: pd.DataFrame) -> str:
     """What motion the runs of one integrator tend to, as the steps get smaller.
 
@@ -329,11 +334,12 @@ def limit(group: pd.DataFrame) -> str:
         return ""
     never = len(racket) > 0 and racket.turns_over.isna().all()
     lost, error = -slow.spin.to_numpy(), slow.position.to_numpy()
-    damped = lost[0] > 0.05 and lost[0] > lost[1] / 2
-    found = {"no gyroscopic torque": never, "damping": damped}
+    damped = lost[0] > LOST_SPIN and lost[0] > lost[1] / 2
+    causes = {"no gyroscopic torque": never, "damping": damped}
     if never or damped:
-        return f"another motion: {', '.join(word for word, is_so in found.items() if is_so)}"
-    return "the exact motion" if error[0] < error[1] / 1.5 or error[0] < 1e-6 else "the exact motion, to round-off"
+        return f"another motion: {', '.join(cause for cause, is_so in causes.items() if is_so)}"
+    falls = error[0] < error[1] / FALLS or error[0] < TINY
+    return "the exact motion" if falls else "the exact motion, to round-off"
 
 
 CAPTION = (
@@ -343,9 +349,10 @@ CAPTION = (
 )
 
 
-TOLD = (
-    "The top of `slow` in engines, default and best settings: errors (m) of the centre of mass after 2 s with two steps, how "
-    "long it is within 10 cm with steps of 1/60 s (s), and what smaller steps lead to"
+OVERVIEW_CAPTION = (
+    "The top of `slow` in engines, with default and best settings. The errors (m) are those of the centre of mass after 2 s, "
+    "with two steps. `until` (s) is how long they stay below 10 cm with steps of 1/60 s. `limit` is the motion that smaller "
+    "steps lead to"
 )
 
 
@@ -359,11 +366,11 @@ def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
 
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    made, told = tabulated(orders)(runs(rows)), overview(rows)
-    if len(told):
-        told.attrs["caption"] = TOLD
-        made["overview"] = told
-    return made
+    named, engines = tabulated(orders)(runs(rows)), overview(rows)
+    if len(engines):
+        engines.attrs["caption"] = OVERVIEW_CAPTION
+        named["overview"] = engines
+    return named
 
 
 COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
@@ -372,8 +379,8 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
-    """Of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
-    found, colours = {}, dict(zip(ENGINES, COLOURS, strict=False))
+    """The look of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
+    looks, colours = {}, dict(zip(ENGINES, COLOURS, strict=False))
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
         setting, ours = group.setting.iloc[0], name == OURS
         text = style.label(kind) if ours else f"{name}, {kind}"
@@ -381,10 +388,10 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
         if ours or setting:
             kinds = METHODS if ours else tuple(getattr(ENGINES.get(name), "integrators", ()))
             marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
-            found[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
+            looks[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
         else:
-            found[name, kind] = {**look, "label": "_thin", "gid": style.title(text), "linewidth": 0.6, "alpha": 0.7}
-    return found
+            looks[name, kind] = {**look, "label": "_thin", "gid": style.title(text), "linewidth": 0.6, "alpha": 0.7}
+    return looks
 
 
 @of_part(failed=True)

@@ -69,5 +69,5 @@ def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[
                 continue
             time, first = own.total.iloc[0], best.iloc[0]
             place = f"{1 + int((best.total < time).sum())} of {1 + len(best)}"
-            fastest = f"{style.label(first.method)}, {tables.show(float(f'{1e3 * first.total:.2g}'))} ms"
-            yield {**line, "place": place, "time, ms": float(f"{1e3 * time:.2g}"), "fastest published": fastest}
+            fastest = f"{style.label(first.method)}, {tables.show(states.rounded(1e3 * first.total, 2))} ms"
+            yield {**line, "place": place, "time, ms": states.rounded(1e3 * time, 2), "fastest published": fastest}
