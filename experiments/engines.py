@@ -380,7 +380,7 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
     """The look of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
-    looks, colours = {}, dict(zip(ENGINES, COLOURS, strict=False))
+    looks, colours = {}, dict(zip((name for name, engine in ENGINES.items() if engine.timed), COLOURS, strict=False))
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
         setting, ours = group.setting.iloc[0], name == OURS
         text = style.label(kind) if ours else f"{name}, {kind}"
