@@ -1,4 +1,4 @@
-"""What the page of one's own methods begins with: what each claims, what was found, and its place among the published ones."""
+"""The first part of a page with a user's own methods: their claims and findings, and their places among the published ones."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -25,11 +25,11 @@ class OwnMethod(NamedTuple):
 
 
 def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
-    """Those of somebody's own in the rows of all experiments, by name."""
+    """The user's own methods in the rows of all experiments."""
     names = [name for name in _names(rows) if name not in BUILT_IN]
     if not names:
         return []
-    findings, published = panels.findings(rows), Store(REFERENCE).rows("work_precision")
+    findings, published = panels.findings(rows), work_precision.useful(Store(REFERENCE).rows("work_precision"))
     return [
         OwnMethod(
             name,
@@ -42,9 +42,8 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
 
 
 def title(rows: Mapping[str, pd.DataFrame], own: list[OwnMethod]) -> str:
-    """One's own methods, and those beside them."""
-    mine = [method.name for method in own]
-    others = [style.label(name) for name in style.ordered(set(_names(rows)) - set(mine))]
+    """The title of the page: the user's own methods, and the others in the rows."""
+    others = [style.label(name) for name in style.ordered(set(_names(rows)) - {method.name for method in own})]
     beside = ", ".join(others) if len(others) <= BESIDE else f"{len(others)} others"
     return ", ".join(method.label for method in own) + (f" beside {beside}" if others else "")
 
@@ -58,11 +57,10 @@ def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[
     """A line for each top, length and error: the time, and how many of the published methods are faster."""
     if rows.empty:
         return
-    mine, theirs = rows[rows.method == name], work_precision.useful(published)
-    for (span, state), run in mine.groupby(work_precision.APART, sort=False):
-        others = theirs[(theirs.span == span) & (theirs.state == state)]
+    for (span, state), run in rows[rows.method == name].groupby(work_precision.APART, sort=False):
+        good, others = work_precision.useful(run), published[(published.span == span) & (published.state == state)]
         for target in work_precision.TARGETS if len(others) else ():
-            own, best = (work_precision.best(good, target, "total") for good in (work_precision.useful(run), others))
+            own, best = (work_precision.best(runs, target, "total") for runs in (good, others))
             line = {"top": states.label(state), "length": span, "error at most": target}
             if own.empty:
                 yield {**line, "place": f"not reached; {len(best)} methods reach it"}
