@@ -124,15 +124,15 @@ class Frames:
         kinetic = float(omega @ self.moving.momentum_of(np.eye(3), omega)) / 2
         self.sizes |= {"energy": kinetic, "momentum": float(np.linalg.norm(self.momentum))}
 
-    def refer(self, given: Mapping[str, Array]) -> None:
+    def refer(self, trajectory: Mapping[str, Array]) -> None:
         """Take what the motion keeps from the first row that has it, and the flight that fits all positions best."""
-        R, omega = self.motion(given)
+        R, omega = self.motion(trajectory)
         if omega is not None and len(good := np.flatnonzero(np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1))):
             self._refer(R[good[0]], omega[good[0]])
         self.start = R[0] @ self.moving.com if self.moving.fixed else np.zeros(3)
-        for x in [] if self.moving.fixed else self._positions(given):
+        for x in [] if self.moving.fixed else self._positions(trajectory):
             some = np.isfinite(x).all(1)
-            t, span = given["time"][some], np.ptp(given["time"]) or 1.0
+            t, span = trajectory["time"][some], np.ptp(trajectory["time"]) or 1.0
             terms = np.column_stack((np.ones_like(t), t / span))
             place, way = np.linalg.lstsq(terms, x[some] - self._fall(t), rcond=None)[0]
             self.flown = place, way / span
@@ -158,34 +158,34 @@ class Frames:
             part[known] = values
         return whole[0], whole[1], whole[2]
 
-    def _positions(self, given: Mapping[str, Array]) -> Iterator[Array]:
+    def _positions(self, trajectory: Mapping[str, Array]) -> Iterator[Array]:
         for group in ("position", "displacement"):
-            if group in given:
-                x = given[group] @ self.world.T
+            if group in trajectory:
+                x = trajectory[group] @ self.world.T
                 yield x + self.start if self.convention.displaced or group == "displacement" else x
 
-    def attitudes(self, given: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
+    def attitudes(self, trajectory: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
         """`attitude` of each group of columns that holds attitudes."""
-        return [self.attitude(group, given[group]) for group in ATTITUDES if group in given]
+        return [self.attitude(group, trajectory[group]) for group in ATTITUDES if group in trajectory]
 
-    def matrices(self, given: Mapping[str, Array]) -> Array | None:
+    def matrices(self, trajectory: Mapping[str, Array]) -> Array | None:
         """The attitudes (n, 3, 3) of the first group of columns that holds attitudes; None without one."""
-        return next((self.attitude(name, given[name])[0] for name in ATTITUDES if name in given), None)
+        return next((self.attitude(name, trajectory[name])[0] for name in ATTITUDES if name in trajectory), None)
 
-    def motion(self, given: Mapping[str, Array]) -> tuple[Array, Array | None]:
+    def motion(self, trajectory: Mapping[str, Array]) -> tuple[Array, Array | None]:
         """Attitudes, the identity without any, and ω in the body; None where its frame is not known."""
-        R, body = self.matrices(given), self.convention.omega_frame == "body"
-        omega = self.omega(given) if "omega" in given else None
+        R, body = self.matrices(trajectory), self.convention.omega_frame == "body"
+        omega = self.omega(trajectory) if "omega" in trajectory else None
         if R is None:
-            return np.broadcast_to(np.eye(3), (len(given["time"]), 3, 3)), omega if body else None
+            return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)), omega if body else None
         return R, omega if body or omega is None else into_body(R, omega)
 
-    def omega(self, given: Mapping[str, Array]) -> Array:
+    def omega(self, trajectory: Mapping[str, Array]) -> Array:
         """The angular velocity in the frame that it is in."""
         turn = self.body if self.convention.omega_frame == "body" else self.world.T
-        return self.hand * given["omega"] @ turn
+        return self.hand * trajectory["omega"] @ turn
 
-    def errors(self, given: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
+    def errors(self, trajectory: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
         """The error of each quantity in each row, (n,); where several groups hold one quantity, the larger error counts.
 
         Without an exact motion, constants of the motion are compared with the first row, and positions with the rotations.
@@ -195,23 +195,23 @@ class Frames:
         def add(**errors: Array) -> None:
             largest.update({name: np.maximum(error, largest.get(name, 0.0)) for name, error in errors.items()})
 
-        attitudes = self.attitudes(given)
+        attitudes = self.attitudes(trajectory)
         for R, defect in attitudes:
             add(**({} if exact is None else self._turned(exact[1].transpose(0, 2, 1) @ R)), **defect)
-        for x in self._positions(given):
+        for x in self._positions(trajectory):
             length = np.linalg.norm(x, axis=1)
             if exact is not None:
                 add(position=np.linalg.norm(x - exact[0], axis=1))
             elif self.moving.fixed and attitudes:
                 add(position=np.linalg.norm(x - attitudes[0][0] @ self.moving.com, axis=1))
             elif not self.moving.fixed:
-                add(position=np.linalg.norm(x - self.flight(given["time"]), axis=1))
+                add(position=np.linalg.norm(x - self.flight(trajectory["time"]), axis=1))
             if self.length:
                 add(length=np.abs(length - self.length))
             if self.length and self.axis is not None and not attitudes and exact is not None:
                 add(axis=_angle(x / length[:, None], exact[0]))
-        if "omega" in given:
-            body, omega = self.convention.omega_frame == "body", self.omega(given)
+        if "omega" in trajectory:
+            body, omega = self.convention.omega_frame == "body", self.omega(trajectory)
             if exact is not None:
                 right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
                 add(omega=np.linalg.norm(omega - right, axis=1))
@@ -227,15 +227,15 @@ class Frames:
                 length = np.linalg.norm(self.moving.momentum_of(np.eye(3), omega), axis=1)
                 add(energy=np.abs(self.moving.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
-            rows = self.rows(given) if exact is None else None
+            rows = self.rows(trajectory) if exact is None else None
             if rows is not None and (off := rows.errors()) is not None:
                 add(kinematics=off)
         return {name: largest[name] for name in UNITS if name in largest}
 
-    def rows(self, given: Mapping[str, Array]) -> Rows | None:
+    def rows(self, trajectory: Mapping[str, Array]) -> Rows | None:
         """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
-        R, omega = self.matrices(given), self.omega(given) if "omega" in given else None
-        return None if R is None else Rows(given["time"][:, 0], R, omega, self.convention.omega_frame)
+        R, omega = self.matrices(trajectory), self.omega(trajectory) if "omega" in trajectory else None
+        return None if R is None else Rows(trajectory["time"][:, 0], R, omega, self.convention.omega_frame)
 
     def momentum_error(self, momentum: Array) -> Array:
         """The error of the vector for a body without torque, else that of its part about the vertical, (n,)."""

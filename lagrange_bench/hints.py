@@ -54,13 +54,15 @@ class Hints:
     way : the option that takes quaternions in another order, if --quat does not.
     """
 
-    def __init__(self, frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = ""):
+    def __init__(
+        self, frames: Frames, trajectory: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = ""
+    ):
         self.frames, self.sizes, self.way = frames, frames.sizes, way
-        self.first = _rows(given, slice(1)) if len(good) and good[0] == 0 else {}
-        self.head = _rows(given, good[:HEAD]), _at(exact, good[:HEAD])
+        self.first = _rows(trajectory, slice(1)) if len(good) and good[0] == 0 else {}
+        self.head = _rows(trajectory, good[:HEAD]), _at(exact, good[:HEAD])
         some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
-        self.given, self.t, self.exact = _rows(given, some), t[some], _at(exact, some)
-        self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.given, self.exact).items()}
+        self.trajectory, self.t, self.exact = _rows(trajectory, some), t[some], _at(exact, some)
+        self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.trajectory, self.exact).items()}
 
     def written(self) -> list[str]:
         """Frames, orders, units; a convention is tried only where something is wrong."""
@@ -74,9 +76,9 @@ class Hints:
         return [*self._fixed_point(), *self._turns()]
 
     def _fixed_point(self) -> Iterator[str]:
-        if "position" not in self.given or not self.frames.length:
+        if "position" not in self.trajectory or not self.frames.length:
             return
-        if np.linalg.norm(self.given["position"], axis=1).max() < RIGHT * self.sizes["position"]:
+        if np.linalg.norm(self.trajectory["position"], axis=1).max() < RIGHT * self.sizes["position"]:
             yield "the positions are those of the fixed point, not of the centre of mass."
 
     def _wrong(self, judged: str) -> bool:
@@ -94,7 +96,7 @@ class Hints:
     def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
         frames = self.frames.changed(**changes) if changes else self.frames
-        return float(frames.errors(rows or self.given, exact or self.exact)[judged].max(initial=0.0))
+        return float(frames.errors(rows or self.trajectory, exact or self.exact)[judged].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:
         how = self.frames.convention
@@ -104,7 +106,7 @@ class Hints:
         axes = how.angles.swapcase()
         moving = f"the angles are about axes that {'move' if axes.isupper() else 'do not move'} with the body: --angles {axes}"
         degrees = "--units angle=deg."
-        for judged, group, changes, said in (
+        for judged, group, changes, text in (
             ("rotation", "", {"transposed": True}, words["transposed"]),
             ("rotation", "quaternion", {"quat": quat}, words["quat"]),
             ("rotation", "quaternion", {"quat": quat, "transposed": True}, words["both"]),
@@ -115,14 +117,14 @@ class Hints:
             ("omega", "", {"omega_frame": frame}, words["frame"]),
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
-            if self._wrong(judged) and (not group or group in self.given):
-                errors.setdefault(judged, {})[said] = self._error(judged, **changes)
+            if self._wrong(judged) and (not group or group in self.trajectory):
+                errors.setdefault(judged, {})[text] = self._error(judged, **changes)
         for judged, tried in errors.items():
             hint = _clearest(tried)
             if hint is not None and tried[hint] < self._limit(judged):
                 yield hint
-        if "rotation vector" in self.given and self._wrong("rotation"):
-            rows = {**self.given, "angles": self.given["rotation vector"]}
+        if "rotation vector" in self.trajectory and self._wrong("rotation"):
+            rows = {**self.trajectory, "angles": self.trajectory["rotation vector"]}
             del rows["rotation vector"]
             for in_degrees, axes in itertools.product((True, False), ("XYZ", "xyz")):
                 if self._error("rotation", rows=rows, degrees=in_degrees, angles=axes) < self._limit("rotation"):
@@ -136,11 +138,13 @@ class Hints:
     def _axes(self) -> Iterator[str]:
         """Another unit of positions, another axis upwards, another axis of symmetry."""
         how, up = self.frames.convention, None
-        group = next((name for name in GROUPS["position"] if name in self.given), "")
+        group = next((name for name in GROUPS["position"] if name in self.trajectory), "")
         if group and self._wrong("position"):
             units = {"": 1.0, **LENGTHS}
             tried = {
-                (other, what): self._error("position", {**self.given, group: factor * self.given[group]}, up=other)
+                (other, what): self._error(
+                    "position", {**self.trajectory, group: factor * self.trajectory[group]}, up=other
+                )
                 for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
             }
             vertical, what = min(tried, key=lambda pair: tried[pair])
@@ -184,11 +188,11 @@ class Hints:
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""
         if self._wrong("omega"):
-            omega, now = self.given["omega"], self.frames.convention.omega_frame
+            omega, now = self.trajectory["omega"], self.frames.convention.omega_frame
             other = _others(self.frames.convention)[1]
             units = {f"in {name}: --units omega={unit}": factor for name, (unit, factor) in SPEEDS.items()}
             scaled = {
-                (what, frame): self._error("omega", {**self.given, "omega": factor * omega}, omega_frame=frame)
+                (what, frame): self._error("omega", {**self.trajectory, "omega": factor * omega}, omega_frame=frame)
                 for (what, factor), frame in itertools.product(
                     {**units, "of the other sign": -1.0}.items(), (now, other)
                 )
@@ -210,11 +214,11 @@ class Hints:
         }
         for hint in self._best(judged, scaled):
             yield from [hint] * (scaled[hint] < still)
-        (given, exact), late = self.head, {0: math.inf}
+        (trajectory, exact), late = self.head, {0: math.inf}
         n = len(exact[0])
         for k in SHIFTS if n > SHIFTED else ():
             here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
-            on_time, late[k] = (self._error(judged, _rows(given, here), _at(exact, at)) for at in (here, there))
+            on_time, late[k] = (self._error(judged, _rows(trajectory, here), _at(exact, at)) for at in (here, there))
             late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[judged]) else math.inf
         if k := min(late, key=lambda k: late[k]):
             way = "later" if k > 0 else "earlier"
@@ -226,7 +230,7 @@ class Hints:
         """ω in the middle of a step, with rotations at its ends."""
         t = self.head[0]["time"][:, 0]
         if self._wrong("omega") and len(t) >= ENOUGH:
-            step, later = float(np.median(np.diff(t))), _rows(self.given, slice(1, None))
+            step, later = float(np.median(np.diff(t))), _rows(self.trajectory, slice(1, None))
             ends = {"second": -step / 2, "first": step / 2}
             errors = {
                 LATE[part]: self._error("omega", later, self.frames.exact(self.t[1:] + by)) for part, by in ends.items()
@@ -267,9 +271,9 @@ class Hints:
         ups = {f"the axis {up} points up: --up={up}.": {"up": up} for up in names}
         axes = {f"the axis of symmetry is {axis}: --axis={axis}.": {"axis": axis} for axis in names}
         axes = {} if self.frames.axis is None else axes
-        order = {words["quat"]: {"quat": _others(self.frames.convention)[0]}} if "quaternion" in self.given else {}
+        order = {words["quat"]: {"quat": _others(self.frames.convention)[0]}} if "quaternion" in self.trajectory else {}
         single: dict[str, dict[str, Any]] = {**order, words["transposed"]: {"transposed": True}, **ups, **axes}
-        fits = [[said] for said, changes in single.items() if right(changes)]
+        fits = [[text] for text, changes in single.items() if right(changes)]
         fits = fits or [[up, axis] for up, axis in itertools.product(ups, axes) if right({**ups[up], **axes[axis]})]
         return fits[0] if len(fits) == 1 else []
 
@@ -279,11 +283,11 @@ class Hints:
 
     def points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
-        if "position" not in self.given or not self._wrong("position") or not self.frames.moving.fixed:
+        if "position" not in self.trajectory or not self._wrong("position") or not self.frames.moving.fixed:
             return
-        attitudes = self.frames.matrices(self.given)
+        attitudes = self.frames.matrices(self.trajectory)
         R = self.exact[1] if attitudes is None else attitudes
-        x, there = R @ self.frames.moving.com, self.given["position"] @ self.frames.world.T
+        x, there = R @ self.frames.moving.com, self.trajectory["position"] @ self.frames.world.T
         least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
         for points, back, words in (
             (there - x, self.frames.world.T, "are off by {}: another origin."),
@@ -303,7 +307,7 @@ class Hints:
 
     def _turns(self) -> Iterator[str]:
         """One turn that leads from all rotations to the right ones, if it is clear of what."""
-        R, right = self.frames.matrices(self.given), self.exact[1]
+        R, right = self.frames.matrices(self.trajectory), self.exact[1]
         if R is None or not self._wrong("rotation"):
             return
         least, fits = min(self._limit("rotation"), RIGHT), []
@@ -323,17 +327,25 @@ class Hints:
 
 
 def find_hints(
-    frames: Frames, given: Mapping[str, Array], t: Array, exact: Exact, good: Array, rows: Rows | None, way: str = ""
+    frames: Frames,
+    trajectory: Mapping[str, Array],
+    t: Array,
+    exact: Exact,
+    good: Array,
+    rows: Rows | None,
+    way: str = "",
 ) -> list[str]:
     """Hints of the whole run; else of its first rows. `rows` themselves tell the frame of ω, and missing torques."""
-    whole = Hints(frames, given, t, exact, good, way)
+    whole = Hints(frames, trajectory, t, exact, good, way)
     hints = whole.written() or whole.turned()
     if not hints and len(good) and good[0] == 0:
-        prefixes = (Hints(frames, given, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
+        prefixes = (Hints(frames, trajectory, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
     others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
     hints = (
-        hints or [hint for hint in own_hints(frames, given, rows, way) if hint not in others] or list(whole.points())
+        hints
+        or [hint for hint in own_hints(frames, trajectory, rows, way) if hint not in others]
+        or list(whole.points())
     )
     if rows is not None:
         if rows.other_frame() and not any("--omega" in hint for hint in hints):
@@ -343,22 +355,22 @@ def find_hints(
     return hints
 
 
-def own_hints(frames: Frames, given: Mapping[str, Array], rows: Rows | None, way: str = "") -> list[str]:
+def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None, way: str = "") -> list[str]:
     """The convention in which the rows agree with themselves, q' = q ω/2, if that is clearly another one."""
     if rows is None or rows.omega is None:
         return []
-    how, words, some = frames.convention, _words(frames.convention, way), _rows(given, slice(HEAD))
+    how, words, some = frames.convention, _words(frames.convention, way), _rows(trajectory, slice(HEAD))
     quat, frame = _others(how)
     attitudes: list[tuple[dict[str, Any], str]] = [({}, ""), ({"transposed": True}, words["transposed"])]
-    if "quaternion" in given:
+    if "quaternion" in trajectory:
         attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
     off: dict[tuple[str, str, str], float] = {}
-    for (changes, said), (also, other) in itertools.product(
+    for (changes, text), (also, other) in itertools.product(
         attitudes, (("", how.omega_frame), (words["frame"], frame))
     ):
         tried = frames.changed(**changes, omega_frame=other).rows(some)
         assert tried is not None
-        off |= {(said, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
+        off |= {(text, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
     hints, left = [], dict(off)
     for place in range(3):  # the attitude, then the frame, then the time of ω
         best = min(left, key=left.__getitem__)[place]
@@ -390,8 +402,8 @@ def _words(how: Convention, way: str = "") -> dict[str, str]:
     }
 
 
-def _rows(given: Mapping[str, Array], at: Any) -> dict[str, Array]:
-    return {name: array[at] for name, array in given.items()}
+def _rows(trajectory: Mapping[str, Array], at: Any) -> dict[str, Array]:
+    return {name: array[at] for name, array in trajectory.items()}
 
 
 def _at(exact: Exact, at: Any) -> Exact:

@@ -26,7 +26,7 @@ Array = np.ndarray
 DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
 BLOCK = 100_000  # rows that are compared at once
-SOME_ROWS = 8  # from which the growth of an error is told
+SOME_ROWS = 8  # fewer do not show how an error grows
 KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
 ROUNDING = 1e-10  # relative: larger errors are not of rounding
 ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not grow
@@ -126,9 +126,9 @@ class Judgement:
         raise AttributeError(f"{name} is not judged: there are no columns for it" if name in UNITS else name)
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{name} {error.max:.1e}" for name, error in self.errors.items())
+        errors = ", ".join(f"{name} {error.max:.1e}" for name, error in self.errors.items())
         hint = f"; perhaps {self.hints[0]}" if self.hints else ""
-        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {found}{hint}>"
+        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {errors}{hint}>"
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
@@ -198,8 +198,8 @@ def judge(
     ValueError
         Other shapes, times that do not increase, a name that is not known.
     """
-    given: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
-    n = len(given["time"])
+    trajectory: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
+    n = len(trajectory["time"])
     if n == 0 or (position is None and rotation is None and omega is None):
         raise ValueError("give times and at least one of position, rotation and omega")
     if isinstance(rotation, Rotation):
@@ -214,25 +214,28 @@ def judge(
             if values.shape not in shapes:
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
-            given[kind] = values.reshape(n, -1)
-    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), given, {}, {})
+            trajectory[kind] = values.reshape(n, -1)
+    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), trajectory, {}, {})
 
 
 def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
     """As `judge`, what a file holds; `how` it is written."""
     layout = reading.survey(path, how)
-    given, way = reading.read(layout), ""
+    trajectory, way = reading.read(layout), ""
     convention = replace(convention, angles=how.angles or convention.angles)
     if layout.guessed:
-        convention, given["quaternion"] = replace(convention, quat="xyzw"), np.roll(given["quaternion"], -1, axis=1)
+        convention, trajectory["quaternion"] = (
+            replace(convention, quat="xyzw"),
+            np.roll(trajectory["quaternion"], -1, axis=1),
+        )
     elif layout.named:  # --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
         convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
     try:
-        found = _judged(what, convention, given, layout.floor, layout.first_floor, way)
+        judgement = _judged(what, convention, trajectory, layout.floor, layout.first_floor, way)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return replace(found, file=str(path), notes=[*layout.notes, *found.notes], columns=layout.columns)
+    return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
@@ -241,14 +244,14 @@ def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, lis
     NaN where an error says nothing; none of a quantity that not all files have columns for.
     """
     pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
-    made: dict[str, list[float]] = {"position": [], "rotation": []}
-    for name, found in made.items():
+    observed: dict[str, list[float]] = {"position": [], "rotation": []}
+    for name, values in observed.items():
         known = all(name in each.errors for each in judged)
         for (h, coarse), (k, fine) in itertools.pairwise(pairs) if known else ():
             large, small = coarse.errors[name].max, fine.errors[name].max
             says = h > k and large > 0 and small > fine.floor.get(name, 0.0)
-            found.append(math.log(large / small) / math.log(h / k) if says else math.nan)
-    return made
+            values.append(math.log(large / small) / math.log(h / k) if says else math.nan)
+    return observed
 
 
 def converges_elsewhere(orders: Sequence[float]) -> bool:
@@ -285,9 +288,9 @@ def find(case: str | Case, start: bool = True) -> Case:
         raise ValueError(error.args[0]) from None
 
 
-def _from_first_row(case: Case, frames: Frames, given: Mapping[str, Array]) -> Case:
+def _from_first_row(case: Case, frames: Frames, trajectory: Mapping[str, Array]) -> Case:
     """The case with the start that the first row has; a flying body gets the velocity that fits all positions best."""
-    first = {name: rows[:1] for name, rows in given.items()}
+    first = {name: rows[:1] for name, rows in trajectory.items()}
     R, omega = frames.motion(first)
     if omega is None or not frames.attitudes(first) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
         raise ValueError("--start first-row: the first row needs a rotation and an angular velocity")
@@ -298,33 +301,33 @@ def _from_first_row(case: Case, frames: Frames, given: Mapping[str, Array]) -> C
 def _judged(
     what: Asked,
     convention: Convention,
-    given: Mapping[str, Array],
+    trajectory: Mapping[str, Array],
     floor: Mapping[str, float],
     first_floor: Mapping[str, float],
     way: str = "",
 ) -> Judgement:
-    """All that is found in rows.
+    """The judgement of a trajectory.
 
     floor, first_floor : of each group of columns, what the digits of the file and those of its first row hide. way : to have
     quaternions in another order.
     """
     case, own_start = what.case, what.start != "case"
-    t = _times(given["time"][:, 0])
-    given = {**given, "time": (t - t[0] if own_start else t)[:, None]}
+    t = _times(trajectory["time"][:, 0])
+    trajectory = {**trajectory, "time": (t - t[0] if own_start else t)[:, None]}
     # rows that hints are taken from: the first ones, and some of all others
     some = np.union1d(np.arange(min(HEAD, len(t))), np.linspace(0, len(t) - 1, HEAD).astype(int))
-    seen, digit = {name: rows[some] for name, rows in given.items()}, floor.get("matrix", 0.0)
+    seen, digit = {name: rows[some] for name, rows in trajectory.items()}, floor.get("matrix", 0.0)
     with np.errstate(all="ignore"):
         frames = Frames(case.body, convention, digit, None if own_start else case)
         if own_start:
             frames.refer(seen)
         if what.start == "first-row":
-            case = _from_first_row(case, frames, given)
+            case = _from_first_row(case, frames, trajectory)
             frames = Frames(case.body, convention, digit, case)
-        measured = _measured(frames, given)
-        found, good = measured.errors, measured.good[some].nonzero()[0]
+        measured = _measured(frames, trajectory)
+        errors, good = measured.errors, measured.good[some].nonzero()[0]
         exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
-        rows = frames.rows({name: part[:BLOCK] for name, part in given.items()})
+        rows = frames.rows({name: part[:BLOCK] for name, part in trajectory.items()})
         if own_start:
             hints = own_hints(frames, seen, rows, way)
             if exact is not None and len(good) and not hints:
@@ -337,12 +340,12 @@ def _judged(
 
     def floors_of(known: Mapping[str, float]) -> dict[str, float]:
         worst = {
-            name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items() if name in found
+            name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items() if name in errors
         }
         return {name: value for name, value in worst.items() if value > 0}
 
-    floors, known = floors_of(floor), np.abs(given["time"][:, 0]) <= frames.known
-    notes = [*_notes(t, measured.bad & known, found), *_own_notes(frames, rows, hints)]
+    floors, known = floors_of(floor), np.abs(trajectory["time"][:, 0]) <= frames.known
+    notes = [*_notes(t, measured.bad & known, errors), *_own_notes(frames, rows, hints)]
     if not known.all():
         beyond = f"t = {t[known][-1]:.6g} s" if known.any() else "the start"
         notes.append(f"No closed form is known of this motion: rows after {beyond} are not compared.")
@@ -350,20 +353,20 @@ def _judged(
         notes.append(f"The motion starts as the first row does, at t = {t[0]:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
         for name, value in _blurred(frames, seen["time"][:, 0], exact, blur).items():
-            if name in found and value > floors.get(name, 0.0):
+            if name in errors and value > floors.get(name, 0.0):
                 floors[name] = value
                 hidden = f"this hides errors of {name} below {value:.1e} {UNITS[name]}."
                 notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
     start: dict[str, Any] = {}
     if not own_start:
-        first = {name: measured.first[name] for name in GROUPS if name in found}
+        first = {name: measured.first[name] for name in GROUPS if name in errors}
         start = {"t": float(t[0]), **first}
         for word, least in (("right", START), ("single", SINGLE)):
             start[word] = frames.starts(first, least, floors_of(first_floor)) if t[0] == 0 else None
     turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], rows)
     span = (float(t[0]), float(t[-1]))
     judged = Judgement(
-        case.name, len(t), span, found, start, floors, hints, notes, measured.curves, turns=turns, sizes=frames.sizes
+        case.name, len(t), span, errors, start, floors, hints, notes, measured.curves, turns=turns, sizes=frames.sizes
     )
     if own_start:
         return judged
@@ -398,9 +401,9 @@ class _Measured(NamedTuple):
     mirrored: bool
 
 
-def _measured(frames: Frames, given: Mapping[str, Array]) -> _Measured:
+def _measured(frames: Frames, trajectory: Mapping[str, Array]) -> _Measured:
     """In blocks of rows, so that a long file needs little memory; each block begins with the row before it."""
-    t = given["time"][:, 0]
+    t = trajectory["time"][:, 0]
     marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)
     edges = [*marks[: -1 : max(1, BLOCK * (len(marks) - 1) // len(t))], len(t)]
     highest: dict[str, list[Array]] = {}
@@ -409,10 +412,10 @@ def _measured(frames: Frames, given: Mapping[str, Array]) -> _Measured:
     good, bad, mirrored = np.ones(len(t), dtype=bool), np.zeros(len(t), dtype=bool), False
     for a, b in itertools.pairwise(edges):
         before = int(a > 0)
-        block = {name: rows[a - before : b] for name, rows in given.items()}
-        found = frames.errors(block, None if frames.case is None else frames.exact(block["time"][:, 0]))
+        block = {name: rows[a - before : b] for name, rows in trajectory.items()}
+        block_errors = frames.errors(block, None if frames.case is None else frames.exact(block["time"][:, 0]))
         here = marks[(marks >= a) & (marks < b)] - a
-        for name, whole in found.items():
+        for name, whole in block_errors.items():
             error = whole[before:]
             highest.setdefault(name, []).append(np.maximum.reduceat(error, here))
             first.setdefault(name, float(error[0]))
