@@ -227,9 +227,10 @@ class Frames:
                 length = np.linalg.norm(self.moving.momentum_of(np.eye(3), omega), axis=1)
                 add(energy=np.abs(self.moving.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
-            rows = self.rows(trajectory) if exact is None else None
-            if rows is not None and (off := rows.errors()) is not None:
-                add(kinematics=off)
+            if exact is None and attitudes:
+                rows = Rows(trajectory["time"][:, 0], attitudes[0][0], omega, self.convention.omega_frame)
+                if (off := rows.errors()) is not None:
+                    add(kinematics=off)
         return {name: largest[name] for name in UNITS if name in largest}
 
     def rows(self, trajectory: Mapping[str, Array]) -> Rows | None:

@@ -219,7 +219,7 @@ def judge(
 
 
 def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
-    """As `judge`, what a file holds; `how` it is written."""
+    """The judgement of a file. what : it is compared with this. how : the file is written like this."""
     layout = reading.survey(path, how)
     trajectory, way = reading.read(layout), ""
     convention = replace(convention, angles=how.angles or convention.angles)
@@ -451,7 +451,7 @@ def _times(t: Array) -> Array:
 
 
 def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
-    """By how much the motion changes while the times change by `blur`, at most."""
+    """The largest changes of the motion while the times change by `blur`."""
     if not blur:
         return {}
     x, _, omega = frames.exact(t + blur)
