@@ -415,8 +415,9 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
         line[0].set_ylabel("error of position, m")
         style.failure_marks(line[0], rows[(rows.case == case) & (rows.status == "failed")].h.unique())
     style.legend_below(fig)
+    best = "Black: methods of this bench; in colour: the most accurate integrator, or the best settings, of each engine"
     which = (
-        "Black: methods of this bench; in colour: the most accurate integrator, or the best settings, of each engine",
+        "Methods of this bench; no engine ran here" if rows.engine.eq(OURS).all() else best,
         "The rest. Dashed: default settings; thin: other integrators, in their engine's colour",
     )
     same = rows[rows.engine.ne(OURS) & rows.status.eq("done")].groupby(["case", "h"]).position.agg(["min", "max"])

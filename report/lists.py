@@ -61,9 +61,9 @@ def built_in_potentials() -> pd.DataFrame:
 
 def programs(rows: pd.DataFrame) -> pd.DataFrame:
     """How far engines are off on a slow top, as `engines.overview` has it: columns without a number are left out."""
-    if rows.empty:
-        return rows
-    table = engines.overview(rows)
+    table = pd.DataFrame() if rows.empty else engines.overview(rows)
+    if table.empty:
+        return table
     ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
     if len(ours):
         errors = dict.fromkeys(engines.OVERVIEW, ours.position.max())
