@@ -110,7 +110,7 @@ class PerturbedTop(Top):
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
         state = super().check_state(y, name)
-        if not np.isfinite((self._V(state), *self.force(state))).all():
+        if not all(map(math.isfinite, (self._V(state), *self.force(state).tolist()))):
             raise ValueError(f"{name}: {self.described} is not finite at x = {state[3:].tolist()}")
         return state
 

@@ -272,18 +272,22 @@ class Problem:
         zeros = [0.0] * self.system.size
         return tuple(len(vector) for _, vector in self.space.rotations(zeros, zeros))
 
+    @cached_property
+    def _single(self) -> bool:
+        """Whether each parameter is one number."""
+        return all(isinstance(v, float) for v in self.arguments)
+
     def _values(self, program: Program, y: ArrayLike, t: Any) -> Array:
         states, n = np.asarray(y, dtype=float), self.space.size
         if states.shape[-1:] != (n,):
             raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
-        arguments = self.arguments
-        if states.ndim == 1 and isinstance(t, float) and all(isinstance(v, float) for v in arguments):
+        if states.ndim == 1 and isinstance(t, float) and self._single:
             with suppress(ZeroDivisionError):  # arrays have infinities there
                 # of one state plain numbers are several times as quick
-                return np.array(program(self.start + t, *states.tolist(), *arguments), dtype=float)
+                return np.array(program(self.start + t, *states.tolist(), *self.numbers), dtype=float)
         with np.errstate(all="ignore"):
             components = [states[..., i] for i in range(n)]
-            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, arguments))
+            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
         out = np.empty((*states.shape[:-1], len(values)))
         for i, value in enumerate(values):
             out[..., i] = value
