@@ -429,7 +429,7 @@ START, TIME_STEP, STAGES = range(3)
 
 
 @cache
-def kernel_of_parts(parts: tuple[Part, ...], size: int) -> Any:
+def kernel_of_parts(parts: tuple[Part, ...]) -> Any:
     """One step of any stages; the constants of the parts follow them."""
     timed = any(part.timed for part in parts)
 
@@ -466,7 +466,7 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
     stages = [(part, length * h, when) for part, length, when in stages_of(SCHEMES[name], parts)]
     numbers = [v for part in parts for v in part.flow.constants(*problem.numbers)]
     c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *numbers))
-    step = kernel_of_parts(parts, system.size)
+    step = kernel_of_parts(parts)
     return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
 
 
