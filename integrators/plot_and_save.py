@@ -15,6 +15,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.files import write_file
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def _orbit(run: Any) -> Array:
     """The axis along the run (N, 3): by dense output, else the rows, where there are enough to be joined, or nothing (0, 3)."""
     from lagrange_bench.integrators.truth import exact
 
-    if "uniform" not in run.problem.offers:
+    if not kinds.uniform(run.problem):
         return run.y[:, 3:]
     turns = abs(run.t[-1] - run.t[0]) / exact.nutation_period(run.problem, run.y[0])
     if len(run.t) >= JOINED * turns:
