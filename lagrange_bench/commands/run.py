@@ -20,8 +20,7 @@ counted as set aside.
 Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say. --no-timings
 leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
 
-An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment. In a clone,
-`python experiments/drift.py` is the same as `lagrange-bench run drift`.
+An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
 
 exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise or
 was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
