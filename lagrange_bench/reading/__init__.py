@@ -156,10 +156,9 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     floor: dict[str, float] = {}
     first_floor: dict[str, float] = {}
     for kind, group in chosen.items():
-        words_of = {i: [row[i] for row in sample if i < len(row)] for i in group.places}
-        start = [words[0] for words in words_of.values()]
-        floor[kind] = max(_floor(words) * factors[i] for i, words in words_of.items())
-        first_floor[kind] = max(_floor(words, start) * factors[i] for i, words in words_of.items())
+        printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
+        digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
+        floor[kind], first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
     if "time" in chosen:
         i = chosen["time"].places[0]
         floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
@@ -372,7 +371,7 @@ def _nothing(path: Path, names: Mapping[int, Name], notes: list[str], header: li
         return f"{path}: a run of the bench in J and x has no position or rotation; its `error()` compares it"
     nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
     there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
-    return f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,…"
+    return f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
 
 
 def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:

@@ -61,6 +61,11 @@ EXPECTED = {
 }
 
 
+# what names of Unicode mean in plain letters
+PLAIN = str.maketrans(dict(zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)))
+PLAIN |= str.maketrans({"ω": "omega", "Ω": "omega", "θ": "theta", "φ": "phi", "ϕ": "phi", "ψ": "psi", "σ": "sigma"})
+
+
 def unit_of(text: str) -> Unit | None:
     """The unit that a text names, such as mm, °/s, deg s^-1 or radians per second; None if it names none."""
     word = text.strip().lower().replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("·", " ")
@@ -109,9 +114,11 @@ def parse(word: str) -> Name:
         strange = strange if known else content
         return match[0] if known else " "
 
-    rest = re.sub(r"[\[({<]([^\])}>]*)[\])}>]", bracket, word)
+    rest = re.sub(r"[\[({<]([^\])}>]*)[\])}>]", bracket, word.translate(PLAIN))
     tokens = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", rest).lower()
     words = [token for token in re.split(r"[\s./_\[\](){}<>,:;|\\\-#%$]+", tokens) if token]
+    if len(words) == 1 and len(words[0]) > 1 and words[0] in SUFFIXES and UNITS[words[0]].kind == "s":
+        return Name(("stamp",), "t", words[0], strange)  # sec and nsec
     places = [(i, i + n) for n in (2, 1) for i in range(1, len(words) + 1 - n)] if not unit else []
     for i, end in places:
         these = words[i:end]  # deg_s is °/s
@@ -152,7 +159,8 @@ def _split(words: list[str]) -> tuple[list[str], str]:
 KINDS = [  # the first that fits the words of a stem; "" is something else that has components
     (
         "",
-        r"acc|force|torque|moment|impuls|\berr|target|desired|command|cmd|\bref|\bcov|magn|scale|size|bias|gravity|jerk|\bstd",
+        r"acc|force|torque|\btau|moment|mom\b|impuls|\berr|target|desired|command|cmd|\bref|\bcov|magn|scale|size|bias|gravity|jerk"
+        r"|\bstd|direction|\bdir$|forward|\bup$|\bang$|\balpha$|\bspin$|\bbasis",
     ),
     ("", r"\binertias?$|energy|(^|\w{3} )[afhjl]$|\bb [aw]\b|normal$"),
     ("qpos", r"\bqpos$"),
@@ -165,7 +173,7 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
     ("position", r"\br [a-z]{2} [a-z]$"),  # r_BN_N
     ("rotation vector", r"rot(ation)? ?vec|\brv$|\brvec|exp ?map|\br$"),
     ("mrp", r"\bmrp|rodrigues|\bsigma"),
-    ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$"),
+    ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$|\br t$"),
     ("attitude", r"rotation|\brot$|orient|\bor[in]\b|attitude|\batt\b"),
     ("displacement", r"disp|\bu$"),
     ("position", r"pos|translation|location|\bloc\b|\bcom\b|\bcg\b|origin|cent(er|re)|\b[pt]$|coord"),
@@ -174,7 +182,13 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
 
 def kind_of(stem: Iterable[str]) -> str | None:
     """The quantity that a stem names; None where it names a body or nothing."""
+    if tuple(stem)[-2:] == ("r", "0"):  # of Modelica
+        return "position"
     words = [word for word in stem if not word.isdecimal()]
+    if (
+        len(words) > 1 and words[-1] in ("w", "b") and (kind := kind_of(words[:-1]))
+    ):  # the world and the body, as in pos_w
+        return kind
     if all(len(word) <= 2 for word in words) and not re.search(r"\br .. .$|\bb [aw]\b", " ".join(words)):
         words = words[:1]  # p_RS_R
     while True:
@@ -243,7 +257,8 @@ SHAPES: dict[
     "qpos4": (("quaternion", ("0 1 2 3",)),),
     "qvel6": (("velocity", ("0 1 2",)), ("omega", ("3 4 5",))),
     "qvel3": (("omega", ("0 1 2",)),),
-    **{kind: ((kind, VECTORS),) for kind in ("mrp", "displacement", "position")},
+    "position": (("position", VECTORS), ("quaternion", ("0 1 2 3",))),  # p0 … p3 are Euler's parameters
+    **{kind: ((kind, VECTORS),) for kind in ("mrp", "displacement")},
 }
 
 
@@ -253,6 +268,10 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
     for i, name in names.items():
         if name.part:
             stems.setdefault(name.stem, {}).setdefault(name.part, []).append(i)
+    for stem, parts in list(stems.items()):
+        digit = {part[0] for part in parts if re.fullmatch(r"\d\d", part)}
+        if len(digit) == 1 and len(parts) in (3, 4) and kind_of((*stem, *digit)) in ("position", "omega", "quaternion"):
+            stems[(*stem, *digit)] = {part[1:]: places for part, places in stems.pop(stem).items()}  # r_0[1], q_1_1
     angles = [places for parts in stems.values() for part, places in parts.items() if part == "angle"]
     groups: list[Group] = []
     missing: dict[str, str] = {}

@@ -47,6 +47,7 @@ ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  #
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
 PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
+NO_ROW = "a table must have one header and then its rows; begin other lines with #, or leave them out"
 OTHERS = {
     b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
     b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
@@ -234,7 +235,7 @@ class Text:
                 word = next((word for word in words if not is_number(word, self.comma)), "")
                 text = f"{word[:40]!r} is no number" if word else f"{len(words)} columns instead of {width}"
                 text = text if i > skip else f"numbers above the line of text {block[0][0]}"
-                raise ValueError(f"{self.path}, line {i + 1}: {text}; a table must have one header and then its rows")
+                raise ValueError(f"{self.path}, line {i + 1}: {text}; {NO_ROW}")
         self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
         above = "\n".join(self.lines[:skip])
         return Table(header, width, self.sample, self._load, units, above)
@@ -343,7 +344,7 @@ class Text:
                 for i in places:
                     columns[i].append(row[i] if i in words else number(row[i], self.comma))
             except ValueError as error:
-                raise ValueError(f"{self.path}, line {line}: {error}") from None
+                raise ValueError(f"{self.path}, line {line}: {error}; {NO_ROW}") from None
         return {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
 
     def _decimal(self, wanted: Sequence[int]) -> bool:
@@ -355,7 +356,8 @@ class Text:
                 if line > self.skip and text.strip() and not COMMENT.match(text):
                     words = _words(INLINE.sub("", text), self.separator)
                     if len(words) < self.width or any(words[self.width :]):
-                        raise ValueError(f"{self.path}, line {line}: {len(words)} columns instead of {self.width}")
+                        text = f"{len(words)} columns instead of {self.width}"
+                        raise ValueError(f"{self.path}, line {line}: {text}; {NO_ROW}")
                     yield line, words
 
 

@@ -70,6 +70,13 @@ PX4 | timestamp q[*]~0123 | ns wxyz | units=t:ns
 Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
 pandas | ,t x y z | k t x |
 axis and angle | t axis_~xyz angle[deg] | t v dangle |
+Isaac Lab | time root_pos_w_~xyz root_quat_w_~wxyz root_ang_vel_b_~xyz root_lin_vel_w_~xyz | t x wxyz w - |
+Modelica, position | time body.r_0[*]~123 body.frame_a.R.T[*]~11,12,13,21,22,23,31,32,33 | t x m |
+Simulink | time q_1_~1234 w:1(*)~123 | t xyzw w |
+Julia | t q*~₀₁₂₃ ω*~₁₂₃ | t wxyz w |
+Gazebo | sec nsec ~x,y,z | sec nanosec x | t0=0
+Euler parameters | Time p*[-]~0123 om*[deg/s]~xyz | t wxyz dw |
+Bullet | step t ori.~xyzw ang.~xyz up.~xyz | k t xyzw - - |
 Webots | time translation_~xyz rotation_~xyz rotation_angle[deg] | t x v dangle |
 PyBullet | time pos[*]~012 orn[*]~0123 | t x wxyz |
 Euler | t phi theta psi | t dZXZ | angles=ZXZ units=angles:deg
@@ -276,6 +283,12 @@ def test_digits_of_the_times(tmp_path):
     ):
         file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=number), encoding="utf-8")
         assert survey(file).floor["time"] == pytest.approx(floor, rel=0.01)
+
+
+def test_columns_of_short_numbers_hide_nothing(tmp_path):
+    """x moves by 0.1 a row: the digits of y and z tell how all are printed."""
+    (tmp_path / "run.csv").write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
+    assert survey(tmp_path / "run.csv").floor["position"] == pytest.approx(5e-10)
 
 
 def test_units():
