@@ -44,7 +44,7 @@ from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.interface import Array, StepError
 
 VERSION = 1
-MEASURED: dict[str, tuple[str, ...]] = {}  # a program that loses a body is a result: NaN, and `until` when it followed
+MEASURED = {"": ("rotation",)}  # a run whose numbers become infinite fails, and says when
 TIMES = ("version", "date")  # not compared by `verify`, as times are not
 UNTIL = 2.0  # s, of the sweep
 POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # of 2, steps: so many times h is 2 s exactly
@@ -192,16 +192,21 @@ def missing_package(cell: dict) -> str | None:
 def followed(
     engine: Engine, case: Case, kind: str, h: float, steps: int, every: int, rail: bool = False
 ) -> tuple[float, list[Any]]:
-    """The time of a run, s, without its set-up, and its rows."""
+    """The time of a run, s, without its set-up, and its rows. StepError: the engine refuses, or its numbers are not finite."""
     run = engine.start(engine.load(), adapters.Body.of(case), kind, h, *([True] if rail else []))
+    who = f"{engine.package} {kind}"
     begin = perf_counter()
     try:
         rows = list(run(steps, every))
     except StepError:
         raise
     except Exception as error:  # what an engine raises here is its refusal, and a result
-        raise StepError(f"{engine.package} {kind}", re.split(r"\n|\. ", str(error).strip())[0]) from error
-    return perf_counter() - begin, rows
+        raise StepError(who, re.split(r"\n|\. ", str(error).strip())[0]) from error
+    seconds = perf_counter() - begin
+    for n, row in enumerate(rows, 1):
+        if not all(np.isfinite(part).all() for part in row):
+            raise StepError(who, f"its numbers are not finite from {n * every * h:.3g} s on")
+    return seconds, rows
 
 
 def timed(engine: Engine, case: Case, kind: str, h: float, steps: int, rail: bool) -> tuple[float, Any]:
@@ -217,26 +222,24 @@ def errors(case: Case, t: Array, rows: list[Any]) -> dict[str, Any]:
     """The errors at the end of rows at times t (N,), how long they are NEAR, and the precision of the numbers.
 
     position : m, of a top only. rotation : rad. spin : rad/s, error of the angular velocity about AXIS. energy : its change,
-    relative to the start. Errors are NaN where the numbers at the end are not finite. until : s, how long the rows are NEAR.
-    turns_over : s, of a free body, when its angular velocity about AXIS changes its sign; NaN if it never does.
+    relative to the start. until : s, how long the rows are NEAR. turns_over : s, of a free body, when its angular velocity
+    about AXIS changes its sign; NaN if it never does.
     """
     place, turns, omega = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
-    finite = np.isfinite(np.hstack((place, turns.reshape(len(t), -1), omega))).all(axis=1)
-    n = len(t) if finite.all() else int(np.argmin(finite))  # rows that count
-    exact, start, numbers = case.solution(t[:n]), case.solution([0.0]), turns[:n]
-    turn = (Rotation.from_quat if turns.ndim == 2 else Rotation.from_matrix)(numbers)
-    own = turn.apply(omega[:n], inverse=True)
+    exact, start = case.solution(t), case.solution([0.0])
+    turn = (Rotation.from_quat if turns.ndim == 2 else Rotation.from_matrix)(turns)
+    own = turn.apply(omega, inverse=True)
     top = np.any(case.body.com)
-    found = {"position": np.linalg.norm(place[:n] - exact.position, axis=1)} if top else {}
+    found = {"position": np.linalg.norm(place - exact.position, axis=1)} if top else {}
     found |= {
         "rotation": (exact.rotation.inv() * turn).magnitude(),
         "spin": own[:, AXIS] - exact.omega_body[:, AXIS],
         "energy": case.body.energy_of(turn, own) / start.energy[0] - 1.0,
     }
-    far = np.append(np.flatnonzero(~(found["position" if top else "rotation"] <= NEAR)), n)[0]
-    row: dict[str, Any] = {name: rounded(values[-1] if n == len(t) else np.nan) for name, values in found.items()}
-    row |= {"until": rounded(t[far] if far < len(t) else case.until)}
-    row |= {"precision": "single" if np.all(numbers.astype(np.float32) == numbers) else "double"}
+    far = np.flatnonzero(~(found["position" if top else "rotation"] <= NEAR))
+    row: dict[str, Any] = {name: rounded(values[-1]) for name, values in found.items()}
+    row |= {"until": rounded(t[far[0]] if len(far) else case.until)}
+    row |= {"precision": "single" if np.all(turns.astype(np.float32) == turns) else "double"}
     if not top:
         over = np.flatnonzero(own[:, AXIS] < 0)
         row["turns_over"] = rounded(t[over[0]]) if len(over) else np.nan
@@ -253,11 +256,11 @@ def measure(cell: dict) -> list[dict]:
         return [errors(case, np.arange(1, len(rows) + 1) * every * h, rows) | when]
     seconds, end = timed(engine, case, kind, h, steps, rail=False)
     row = errors(case, np.array([case.until]), end)
-    if not np.isfinite([row["position"], row["rotation"]]).all():
-        raise StepError(f"{engine.package} {kind}", "the numbers at the end are not finite")
-    row = (
-        {name: row[name] for name in ("position", "rotation")} | {"ns_per_step": rounded(seconds / steps * 1e9)} | when
-    )
+    row = {
+        "position": row["position"],
+        "rotation": row["rotation"],
+        "ns_per_step": rounded(seconds / steps * 1e9),
+    } | when
     if cell["engine"] != OURS:
         row["overhead_ns_per_step"] = rounded(timed(engine, case, kind, h, steps, rail=True)[0] / steps * 1e9)
     return [row]
@@ -320,13 +323,14 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
 LOST_SPIN = 0.05  # rad/s, of `slow`: damping takes more
 FALLS = 1.5  # errors fall if the smallest step makes them so many times smaller than the next one
 TINY = 1e-6  # m: smaller errors need not fall
+TURN = 10.0  # rad, half of what `slow` turns: a relative error of ω that grows evenly to e turns the body by TURN · e
 
 
 def limit(group: pd.DataFrame) -> str:
     """What motion the runs of one integrator tend to, as the steps get smaller.
 
     Without gyroscopic torque `racket` never turns over. Damping and caps take a spin that smaller steps do not give back.
-    Else the error of `slow` gets smaller to the end, or stays where round-off is.
+    Else the error of `slow` gets smaller to the end, or stays where round-off is: an ulp of ω a step, all one way.
     """
     finest = {case: runs.sort_values("h").iloc[:2] for case, runs in group.groupby("case")}
     slow, racket = finest["slow"], finest.get("racket", group[:0])
@@ -338,8 +342,12 @@ def limit(group: pd.DataFrame) -> str:
     causes = {"no gyroscopic torque": never, "damping": damped}
     if never or damped:
         return f"another motion: {', '.join(cause for cause, is_so in causes.items() if is_so)}"
-    falls = error[0] < error[1] / FALLS or error[0] < TINY
-    return "the exact motion" if falls else "the exact motion, to round-off"
+    if error[0] < error[1] / FALLS or error[0] < TINY:
+        return "the exact motion"
+    round_off = TURN * np.finfo(slow.precision.iloc[0]).eps * UNTIL / slow.h.iloc[0]
+    if error[0] < round_off:
+        return "the exact motion, to round-off"
+    return f"errors stay at {error[0]:.1g} m: another motion, damping or a cap?"
 
 
 CAPTION = (
