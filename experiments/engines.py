@@ -12,8 +12,8 @@ its set-up (of `backlund` with it); the least of its repeats counts; all run on 
 steps of a mass on a rail take: of the engine beside the top, and of the loop in Python where there is only that. The others
 have the steps of games and robots, more columns, and no times.
 
-Settings: “default” is what an engine does if nobody chooses, “recommended” what its documentation advises. “best” is the most
-accurate integrator or setting that we know of.
+Settings: “default” is what an engine does if nobody chooses, “recommended” what its documentation advises. “best” is what its
+documentation says is more accurate, or what was measured to be; ENGINES has the source of each.
 
 Engines are no part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn, the others install by the
 names in ENGINES. `make web` installs the engines of the web and runs them. Cells of an engine that is not there are skipped.
@@ -68,7 +68,8 @@ class Engine:
 
     start : the adapter. package : its distribution on PyPI. integrators : name → setting. module : the name to import, where it
     is not that of the package. release : the beginning of the only version that is meant, or "". timed : whether it is in the
-    sweep. least : the smallest step, s, of a program that would take an hour with a smaller one.
+    sweep. least : the smallest step, s, of a program that would take an hour with a smaller one. missing : why it has fewer
+    rows than the others.
     """
 
     start: Callable[..., adapters.Run]
@@ -78,6 +79,7 @@ class Engine:
     release: str = ""
     timed: bool = False
     least: float = 0.0
+    missing: str = ""
 
     def load(self) -> Any:
         return importlib.import_module(self.module or self.package.replace("-", "_"))
@@ -122,10 +124,14 @@ def _web(name: str, package: str, *best: str) -> WebEngine:
 
 OURS = "lagrange-bench"
 METHODS = ("backlund", "strang", "rkmk4", "rattle", "generalized_alpha")
-_MUJOCO = {"implicitfast": RECOMMENDED, "RK4": BEST}  # of all releases
+_MUJOCO = {"implicitfast": RECOMMENDED, "RK4": BEST}  # of all releases; both by the manual, chapter Computation
 _EXUDYN = {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, **dict.fromkeys(EXPLICIT, OTHER)}
 _DRAKE = {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER}
 _MERSON = "Runge-Kutta-Merson"
+_ON_A_CPU = "not measured: on a processor a run takes minutes"
+# The sources of “best”. Manuals: MuJoCo, Exudyn and Drake (highest order), Simbody (accuracy), ODE (ERP up to 0.8, CFM 0 is a
+# hard joint), PhysX (flag, TGS and more iterations), Jolt (flag), cannon-es, Rapier (more iterations). “undamped” takes away
+# what is not in the equations. Measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
 ENGINES = {
     OURS: Engine(adapters.bench, OURS, dict.fromkeys(METHODS, OTHER), timed=True),
     "MuJoCo": Engine(
@@ -150,9 +156,15 @@ ENGINES = {
         adapters.ode, "panda3d", {"default": DEFAULT, "ERP 0.8, CFM 0": BEST}, module="panda3d.ode"
     ),
     "PhysX (SAPIEN)": Engine(adapters.sapien, "sapien", {"default": DEFAULT, "undamped": BEST}),
-    "MuJoCo Warp": Engine(adapters.mujoco_warp, "mujoco-warp", {"Euler": DEFAULT, **_MUJOCO}, least=1 / 1024),
+    "MuJoCo Warp": Engine(
+        adapters.mujoco_warp, "mujoco-warp", {"Euler": DEFAULT, **_MUJOCO}, least=1 / 1024, missing=_ON_A_CPU
+    ),
     "MJX": Engine(
-        adapters.mjx, "mujoco-mjx", {"Euler": DEFAULT, "RK4": OTHER, f"RK4{DOUBLES}": BEST}, module="mujoco.mjx"
+        adapters.mjx,
+        "mujoco-mjx",
+        {"Euler": DEFAULT, "RK4": OTHER, f"RK4{DOUBLES}": BEST},
+        module="mujoco.mjx",
+        missing=_ON_A_CPU,
     ),
     "cannon-es": _web("cannon", "cannon-es", "undamped, 100 iterations"),
     "Oimo": _web("oimo", "oimo"),
@@ -282,7 +294,9 @@ def runs(rows: pd.DataFrame, sweep: bool = True) -> pd.DataFrame:
 FOLLOWED = ("position", "rotation", "spin", "energy", "until", "precision", "turns_over")  # of rows without times
 ORDERS_APART = 1e3  # engines at the same step: worth a headline
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
-KNOWN = ("MuJoCo", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)")  # one of each family of results
+KNOWN = (  # one of each family of results, and the two that run on graphics cards
+    "MuJoCo", "MJX", "MuJoCo Warp", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)"
+)  # fmt: skip
 
 
 def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame:
@@ -300,7 +314,8 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
     DataFrame
         A line for each engine and setting. `engine` with its version; `setting`, with the integrator; "1/60 s", "1/1024 s":
         the error of the centre of mass after 2 s with these steps, m (NaN: it gave up, or was not measured); `until`: how long
-        it is within 10 cm with steps of 1/60 s, s; `limit`: what motion it tends to as the steps get smaller.
+        it is within 10 cm with steps of 1/60 s, s; `limit`: what motion it tends to as the steps get smaller, or why an
+        engine that is measured in part has no numbers.
     """
     good = runs(rows[rows.status == "done"], sweep=False)
     lines = []
@@ -317,6 +332,11 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
                 }
                 line |= {step: slow.position.get(h, np.nan) for step, h in OVERVIEW.items()}
                 lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
+        engine = ENGINES.get(name)
+        measured = set(good[(good.engine == name) & (good.case == "slow")].integrator)
+        for kind, how in engine.integrators.items() if engine and engine.missing else ():
+            if how in (DEFAULT, BEST) and kind not in measured:
+                lines.append({"engine": name, "setting": f"{how}: {kind}", "limit": engine.missing})
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
@@ -381,18 +401,29 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return named
 
 
-COLOURS = ("#1A1A1A", "#0072B2", "#56B4E9", "#D55E00", "#009E73", "#CC79A7", "#C78900", "#7A5400")
+COLOURS = (
+    "#D55E00",
+    "#8A3A00",
+    "#C78900",
+    "#009E73",
+    "#CC79A7",
+    "#7A5BB8",
+    "#4D3500",
+)  # of engines; the exact step is blue
 NEUTRAL = "#8F8F8F"  # of an engine that has rows, and is no longer listed
 MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
     """The look of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
-    looks, colours = {}, dict(zip((name for name, engine in ENGINES.items() if engine.timed), COLOURS, strict=False))
+    timed = [name for name, engine in ENGINES.items() if engine.timed and name != OURS]
+    looks, colours = {}, {OURS: style.INK} | dict(zip(timed, COLOURS, strict=False))
     for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
         setting, ours = group.setting.iloc[0], name == OURS
         text = style.label(kind) if ours else f"{name}, {kind}"
-        look = {"color": colours.get(name, NEUTRAL), "linestyle": "--" if setting == DEFAULT else "-"}
+        exact = ours and kind in style.EXACT_STEPS
+        colour = style.of(kind)["color"] if exact else colours.get(name, NEUTRAL)
+        look = {"color": colour, "linestyle": "--" if setting == DEFAULT else "-"}
         if ours or setting:
             kinds = METHODS if ours else tuple(getattr(ENGINES.get(name), "integrators", ()))
             marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
@@ -423,7 +454,7 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
         line[0].set_ylabel("error of position, m")
         style.failure_marks(line[0], rows[(rows.case == case) & (rows.status == "failed")].h.unique())
     style.legend_below(fig)
-    best = "Black: methods of this bench; in colour: the most accurate integrator, or the best settings, of each engine"
+    best = "Blue and black: the exact step and methods of this bench; other colours: the best integrator or settings of engines"
     which = (
         "Methods of this bench; no engine ran here" if rows.engine.eq(OURS).all() else best,
         "The rest. Dashed: default settings; thin: other integrators, in their engine's colour",
@@ -467,7 +498,7 @@ def _draw_families(rows: pd.DataFrame, style):
     if not found:
         return None
     fig, ax = style.figure("page", 4.6)
-    colours = iter(COLOURS[1:])
+    colours = iter(COLOURS)
     for family in found:
         text = ", ".join(dict.fromkeys(name for name, _, _ in family))
         colour = next(colours, None) if len(family) > 1 else None
@@ -477,6 +508,8 @@ def _draw_families(rows: pd.DataFrame, style):
             ax.loglog(error.index, error.clip(lower=1e-16), label=label, gid=style.title(f"{name}, {kind}"), **look)
     ax.set(xlabel="step, s", ylabel="error of position, m", title=f"slow, t = {UNTIL:g} s")
     style.legend_below(fig)
+    if (many := len({name for name, _, _ in found[0]})) > 1:
+        fig.headline = f"One formula has many names: {many} programs are off by the same amount at every step"
     fig.caption = (
         "Error of the centre of mass against the step. A colour is a family of programs whose numbers agree within "
         f"{EQUAL:.0%}: the same formula under different names. Grey: numbers that only one program has. Lines that end level "
@@ -496,20 +529,19 @@ def _draw_racket(rows: pd.DataFrame, style):
     t = np.linspace(0.0, RACKET.until, 5001)
     exact = t[np.argmax(RACKET.solution(t).omega_body[:, AXIS] < 0)]
     fig, ax = style.figure("page", 0.9 + 0.17 * len(names))
-    ax.axvline(exact, color="#1A1A1A", linewidth=0.8, label="exact")
-    for (step, h), marker in zip(OVERVIEW.items(), ("s", "o"), strict=True):
-        at = good[good.h == h].set_index(["engine", "integrator"]).turns_over.reindex(names)
-        ax.plot(
-            at.fillna(RACKET.until),
-            range(len(names)),
-            marker,
-            color=COLOURS[1 + 2 * (h < 0.01)],
-            label=step,
-            markersize=4.0,
-        )
+    ax.axvline(exact, color=style.of("backlund")["color"], linewidth=1.2, label="exact")
+    for (step, h), look in zip(OVERVIEW.items(), ({"marker": "s", "mfc": "none"}, {"marker": "o"}), strict=True):
+        at = good[good.h == h]
+        places = [names.index(pair) for pair in zip(at.engine, at.integrator, strict=True)]
+        times = at.turns_over.fillna(RACKET.until)
+        ax.plot(times, places, linestyle="none", color=COLOURS[0], label=step, markersize=4.0, **look)
     ax.set_yticks(range(len(names)), [style.plain(f"{name}, {kind}") for name, kind in names], fontsize=6)
-    ax.set(xlabel=f"time at which it turns over, s; at {RACKET.until:g} s: never", ylim=(len(names), -1))
+    seconds = np.arange(2.5, RACKET.until, 0.5)
+    ax.set_xticks([*seconds, RACKET.until], [*(f"{t:g}" for t in seconds), "never"])
+    ax.set(xlabel="time at which it turns over, s", ylim=(len(names), -1))
     style.legend_below(fig)
+    if never := good[good.turns_over.isna()].engine.nunique():
+        fig.headline = f"In {never} of {good.engine.nunique()} programs the body does not turn over, with some settings"
     fig.caption = (
         "A free body that starts beside its middle axis must turn over. Without the gyroscopic torque it never does, whatever "
         f"the step: these marks stand at {RACKET.until:g} s."

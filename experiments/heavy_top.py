@@ -159,7 +159,8 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
     for line, case in zip(grid, cases, strict=True):
         for ax, (name, unit) in zip(line, quantities.items(), strict=True):
             for method, look in looks.items():
-                run = rows[(rows.case == case) & (rows.method == method)].sort_values("h")
+                run = rows[(rows.case == case) & (rows.method == method)]
+                run = run.sort_values("h", ascending=column == "h")  # names stand where lines end: at the right
                 good = run[run.status == "done"]
                 if not good.empty:
                     ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})

@@ -190,11 +190,10 @@ def panels(
         last = [ax for ax in column if ax.figure is not None][-1]
         last.set_xlabel(xlabel)
         last.tick_params(labelbottom=True)
-    if rows > 4 and columns == 1:  # panels too low for it
+    if rows > 1:
         fig.supylabel(ylabel, fontsize=RC["axes.labelsize"])
     else:
-        for ax in grid[:, 0]:
-            ax.set_ylabel(ylabel)
+        grid[0, 0].set_ylabel(ylabel)
     return fig, list(grid.flat[: len(titles)])
 
 

@@ -644,7 +644,7 @@ def label(start: Start) -> str:
     if isinstance(start, str):
         return start
     problem = start[0]
-    name = problem if isinstance(problem, RigidBody) else getattr(problem, "name", problem)
+    name = problem if kinds.rigid_body(problem) else getattr(problem, "name", problem)
     return f"{name} from {np.round(start[1], 3).tolist()}"
 
 
