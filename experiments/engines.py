@@ -333,10 +333,14 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
                 line |= {step: slow.position.get(h, np.nan) for step, h in OVERVIEW.items()}
                 lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
         engine = ENGINES.get(name)
-        measured = set(good[(good.engine == name) & (good.case == "slow")].integrator)
-        for kind, how in engine.integrators.items() if engine and engine.missing else ():
-            if how in (DEFAULT, BEST) and kind not in measured:
-                lines.append({"engine": name, "setting": f"{how}: {kind}", "limit": engine.missing})
+        if engine and engine.missing:
+            measured = set(good[(good.engine == name) & (good.case == "slow")].integrator)
+            wanted = {kind: how for kind, how in engine.integrators.items() if how in (DEFAULT, BEST)}
+            lines += [
+                {"engine": name, "setting": f"{how}: {kind}", "limit": engine.missing}
+                for kind, how in wanted.items()
+                if kind not in measured
+            ]
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
@@ -415,29 +419,25 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
-    """The look of each engine and integrator: the bench's methods, the best and the defaults bold and named, others thin."""
+    """The look of each integrator: blue the exact step, black other methods of the bench, a colour for each engine."""
     timed = [name for name, engine in ENGINES.items() if engine.timed and name != OURS]
     looks, colours = {}, {OURS: style.INK} | dict(zip(timed, COLOURS, strict=False))
-    for (name, kind), group in rows.groupby(["engine", "integrator"], sort=False):
-        setting, ours = group.setting.iloc[0], name == OURS
+    for name, kind in dict.fromkeys(zip(rows.engine, rows.integrator, strict=True)):
+        ours, colour = name == OURS, colours.get(name, NEUTRAL)
+        if ours and kind in style.EXACT_STEPS:
+            colour = style.of(kind)["color"]
+        kinds = METHODS if ours else tuple(getattr(ENGINES.get(name), "integrators", ()))
+        marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
         text = style.label(kind) if ours else f"{name}, {kind}"
-        exact = ours and kind in style.EXACT_STEPS
-        colour = style.of(kind)["color"] if exact else colours.get(name, NEUTRAL)
-        look = {"color": colour, "linestyle": "--" if setting == DEFAULT else "-"}
-        if ours or setting:
-            kinds = METHODS if ours else tuple(getattr(ENGINES.get(name), "integrators", ()))
-            marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
-            looks[name, kind] = {**look, "label": style.plain(text), "marker": marker, "markersize": 3.0}
-        else:
-            looks[name, kind] = {**look, "label": "_thin", "gid": style.title(text), "linewidth": 0.6, "alpha": 0.7}
+        looks[name, kind] = {"color": colour, "label": style.plain(text), "marker": marker, "markersize": 3.0}
     return looks
 
 
 @of_part(failed=True)
-def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
-    """The bench and the best of each engine; or the rest of their integrators."""
+def _draw_steps(rows: pd.DataFrame, style):
+    """The bench and the best of each engine."""
     rows = runs(rows)
-    rows = rows[(rows.engine.ne(OURS) & rows.setting.ne(BEST)) == rest]
+    rows = rows[rows.engine.eq(OURS) | rows.setting.eq(BEST)]
     if rows.empty:
         return None
     cases = [case for case in POWERS if case in set(rows.case)]
@@ -455,18 +455,15 @@ def _draw_steps(rows: pd.DataFrame, style, rest: bool = False):
         style.failure_marks(line[0], rows[(rows.case == case) & (rows.status == "failed")].h.unique())
     style.legend_below(fig)
     best = "Blue and black: the exact step and methods of this bench; other colours: the best integrator or settings of engines"
-    which = (
-        "Methods of this bench; no engine ran here" if rows.engine.eq(OURS).all() else best,
-        "The rest. Dashed: default settings; thin: other integrators, in their engine's colour",
-    )
+    which = "Methods of this bench; no engine ran here" if rows.engine.eq(OURS).all() else best
     same = rows[rows.engine.ne(OURS) & rows.status.eq("done")].groupby(["case", "h"]).position.agg(["min", "max"])
-    if not rest and (apart := (same["max"] / same["min"]).max()) > ORDERS_APART:
+    if (apart := (same["max"] / same["min"]).max()) > ORDERS_APART:
         fig.headline = (
             f"At the same step the errors of engines differ by factors of up to {show(10.0 ** int(np.log10(apart)))}"
         )
     fig.caption = (
         "Error of the centre of mass at the end against the step, and against the wall time of the whole run on one core; down "
-        f"and left is better. {which[rest]}. Crosses: steps at which an engine gave up."
+        f"and left is better. {which}. Crosses: steps at which an engine gave up."
     )
     return fig
 
@@ -549,4 +546,4 @@ def _draw_racket(rows: pd.DataFrame, style):
     return fig
 
 
-draw = drawn(steps=_draw_steps, defaults=partial(_draw_steps, rest=True), families=_draw_families, racket=_draw_racket)
+draw = drawn(steps=_draw_steps, families=_draw_families, racket=_draw_racket)

@@ -217,16 +217,6 @@ def forms(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part(
-    "long",
-    "The longest runs, which take the same wall time: where they end, and the errors there, relative to the scales of J and x "
-    "and of each invariant",
-)
-def long_run(rows: pd.DataFrame) -> pd.DataFrame:
-    last = rows.groupby("method", sort=False).tail(1)
-    return last[["method", "t", "error", "time", "angle", *INVARIANTS]].reset_index(drop=True)
-
-
 @of_part("drift")
 def _draw_forms(rows: pd.DataFrame, style):
     from matplotlib import colormaps
@@ -282,5 +272,5 @@ def _draw_long(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(forms, long_run)
+tables = tabulated(forms)
 draw = drawn(forms=_draw_forms, long_run=_draw_long)

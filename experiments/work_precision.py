@@ -211,20 +211,6 @@ def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part("", "Each method at its best step or tolerance")
-def best_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """Each method at its best step, in seconds: its step or tolerance, its cost, and its evaluations."""
-    table = []
-    for fields, race in races(useful(rows), APART, TARGETS, "seconds"):
-        front = metrics.pareto_front(race.seconds, race.error)
-        set_to = race.reindex(columns=states.ACCURACY_OPTIONS).to_dict("records")
-        texts = [", ".join(f"{name} = {value:.3g}" for name, value in run.items() if value == value) for run in set_to]
-        line = race.assign(**{"with": texts, "on the frontier": np.isin(np.arange(len(race)), front)}, **fields)
-        columns = [*fields, "method", "with", "error", "seconds", "setup_seconds", "evals", "on the frontier"]
-        table.append(line[columns].rename(columns={"setup_seconds": "set-up, s", "evals": "evaluations"}))
-    return pd.concat(table, ignore_index=True) if table else pd.DataFrame()
-
-
 ENDS = (
     "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance"
 )
@@ -378,5 +364,5 @@ def _draw_profile(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(cheapest, best_steps, ends)
+tables = tabulated(cheapest, ends)
 draw = drawn(time=draw_frontier, profile=_draw_profile)

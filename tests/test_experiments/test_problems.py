@@ -142,7 +142,9 @@ def test_what_an_engine_tends_to():
     few = pd.DataFrame(stored("right", "best", falling)[:1])
     assert np.isnan(engines.overview(few, ["right"])["1/1024 s"].iloc[0])
     part = engines.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
-    assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2], "Euler and RK4 are missing"
+    assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2], (
+        "Euler and RK4 are missing"
+    )
     found = [[name for name, _, _ in family] for family in engines.families(rows)]
     assert sorted(map(sorted, found)) == [["bare", "damped", "other", "right"], ["level", "single"]]
     assert found[0][0] == "right"

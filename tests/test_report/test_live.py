@@ -275,7 +275,7 @@ def test_nothing_is_said_on_the_console_and_nothing_requested(browser, built):
 
 def test_tables_sort_and_are_filtered_by_words(browser):
     table = browser.execute_script(
-        "const t = document.querySelector('#table-work_precision_best_steps table');"
+        "const t = document.querySelector('#table-work_precision_ends table');"
         "for (let e = t; e; e = e.parentElement) if (e.tagName === 'DETAILS') e.open = true;"
         "t.closest('.scroll').previousElementSibling.scrollIntoView({block: 'center'}); return t"
     )
