@@ -194,19 +194,15 @@ def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[flo
     "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
 )
 def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and target error the cheapest method, the next, and the next of another family; with set-up and without."""
+    """For each run and target error the cheapest method and the next; with set-up and without."""
     both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
     table = []
     for pair in zip(*both, strict=True):
         for (fields, race), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
-            first = race.iloc[0]
+            first, others = race.iloc[0], race.iloc[1:]
             line = {**fields, "set-up counted": counted, "cheapest": first.method, "seconds": first[price]}
-            for name, ratio, others in (
-                ("next", "times as long", race.iloc[1:]),
-                ("next family's best", "times as long as that", race[race.family != first.family]),
-            ):
-                line[name] = others.method.iloc[0] if len(others) else ""
-                line[ratio] = others[price].iloc[0] / first[price] if len(others) else np.nan
+            line["next"] = others.method.iloc[0] if len(others) else ""
+            line["times as long"] = others[price].iloc[0] / first[price] if len(others) else np.nan
             table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
     return pd.DataFrame(table)
 

@@ -8,7 +8,8 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators.registry import BUILT_IN
+from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.registry import BUILT_IN, find_stored_method
 from lagrange_bench.report import panels
 from lagrange_bench.results.store import REFERENCE, Store
 
@@ -20,6 +21,7 @@ class OwnMethod(NamedTuple):
 
     name: str
     label: str
+    claims: str  # in words; "" of one that cannot be loaded here
     findings: pd.DataFrame  # claimed, found
     places: pd.DataFrame  # its times among the published ones
 
@@ -34,11 +36,21 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
         OwnMethod(
             name,
             style.label(name),
+            _claims(name),
             pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]),
             pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published)),
         )
         for name in names
     ]
+
+
+def _claims(name: str) -> str:
+    try:
+        record = find_stored_method(name)
+    except Exception:  # somebody else's module may raise anything
+        return ""
+    kept = [word for word in INVARIANTS if word in record.claims.conserves] + list(record.claims.conserves_own)
+    return f"{f'order {record.order}' if record.order else 'to be exact in time'}, and to keep {', '.join(kept) or 'nothing'}"
 
 
 def title(rows: Mapping[str, pd.DataFrame], own: list[OwnMethod]) -> str:

@@ -288,7 +288,7 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     assert found.name["10⁻⁸"] == "rkmk4"
 
 
-def test_a_method_of_ones_own_stands_among_the_published_ones():
+def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
     runs = {"method": "mine:METHOD", "error": [1e-5, 1e-9], "seconds": [1e-9, 1e3], "setup_seconds": 0.0}
     rows = pd.DataFrame(runs).assign(state="generic", span=100.0, status="done")
     rows = pd.concat([rows, rows.assign(method="rk4")])
@@ -299,6 +299,10 @@ def test_a_method_of_ones_own_stands_among_the_published_ones():
     assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
     assert places[1e-10].startswith("not reached; ")
     assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
+    stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
+    monkeypatch.setattr(own, "find_stored_method", lambda name: METHODS["rk4"])
+    (claiming,) = own.methods({"work_precision": stranger})
+    assert (mine.claims, claiming.claims) == ("", "order 4, and to keep J3"), "the first cannot be loaded here"
 
 
 def frame(**columns):
