@@ -150,7 +150,8 @@ class Frames:
         times = np.asarray(t, dtype=float)
         known = np.abs(times) <= self.known
         motion = self.case.solution(times[known])
-        parts = motion.position, motion.rotation.as_matrix(), motion.omega_body
+        R = motion.rotation.as_matrix()
+        parts = R @ self.moving.com if self.moving.fixed else motion.position, R, motion.omega_body
         if known.all():
             return parts
         whole = [np.full((len(times), *part.shape[1:]), np.nan) for part in parts]

@@ -339,7 +339,10 @@ def find_hints(
     whole = Hints(frames, trajectory, t, exact, good, way)
     hints = whole.written() or whole.turned()
     if not hints and len(good) and good[0] == 0:
-        prefixes = (Hints(frames, trajectory, t, exact, good[:n], way) for n in PREFIXES if n < len(good))
+        # one step of Euler's changes ω as much in either frame: there only places and attitudes tell
+        still = {name: array for name, array in trajectory.items() if name != "omega"}
+        shown = [(still, 2), *((trajectory, n) for n in PREFIXES)]
+        prefixes = (Hints(frames, run, t, exact, good[:n], way) for run, n in shown if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
     others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
     hints = (

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,11 +21,15 @@ from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
 
 Array = np.ndarray
+Blocks = Callable[
+    [], Iterator[Mapping[str, Array]]
+]  # the rows of a trajectory from the first on, as often as it is called
 # sums of steps round: times that all are that near, relative to the last one, to multiples of a billionth of it are these; with
 # fewer rows than FEW they must be nearer
 DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
-BLOCK = 100_000  # rows that are compared at once
+MOST = 3 * HEAD  # rows that hints are taken from, of the first ones and of all others
+BLOCK = 1 << 14  # rows that are compared at once
 SOME_ROWS = 8  # fewer do not show how an error grows
 KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
 ROUNDING = 1e-10  # relative: larger errors are not of rounding
@@ -215,24 +219,32 @@ def judge(
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
             trajectory[kind] = values.reshape(n, -1)
-    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), trajectory, {}, {})
+
+    def blocks() -> Iterator[Mapping[str, Array]]:
+        for k in range(0, n, BLOCK):
+            yield {name: rows[k : k + BLOCK] for name, rows in trajectory.items()}
+
+    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), blocks, {}, {})
 
 
 def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
     """The judgement of a file. what : it is compared with this. how : the file is written like this."""
-    layout = reading.survey(path, how)
-    trajectory, way = reading.read(layout), ""
+    layout, way = reading.survey(path, how), ""
     convention = replace(convention, angles=how.angles or convention.angles)
     if layout.guessed:
-        convention, trajectory["quaternion"] = (
-            replace(convention, quat="xyzw"),
-            np.roll(trajectory["quaternion"], -1, axis=1),
-        )
+        convention = replace(convention, quat="xyzw")
     elif layout.named:  # --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
         convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
+
+    def blocks() -> Iterator[Mapping[str, Array]]:
+        for rows in reading.blocks(layout):
+            if layout.guessed:
+                rows["quaternion"] = np.roll(rows["quaternion"], -1, axis=1)
+            yield rows
+
     try:
-        judgement = _judged(what, convention, trajectory, layout.floor, layout.first_floor, way)
+        judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
     except (ValueError, StepError) as error:
         raise ValueError(f"{path}: {error}") from None
     return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
@@ -301,7 +313,7 @@ def _from_first_row(case: Case, frames: Frames, trajectory: Mapping[str, Array])
 def _judged(
     what: Asked,
     convention: Convention,
-    trajectory: Mapping[str, Array],
+    blocks: Blocks,
     floor: Mapping[str, float],
     first_floor: Mapping[str, float],
     way: str = "",
@@ -312,29 +324,34 @@ def _judged(
     quaternions in another order.
     """
     case, own_start = what.case, what.start != "case"
-    t = _times(trajectory["time"][:, 0])
-    trajectory = {**trajectory, "time": (t - t[0] if own_start else t)[:, None]}
-    # rows that hints are taken from: the first ones, and some of all others
-    some = np.union1d(np.arange(min(HEAD, len(t))), np.linspace(0, len(t) - 1, HEAD).astype(int))
-    seen, digit = {name: rows[some] for name, rows in trajectory.items()}, floor.get("matrix", 0.0)
+    run, digit = _look(blocks), floor.get("matrix", 0.0)
+    (first, end), zero = run.span, run.span[0] if own_start else 0.0
+    seen = {**run.seen, "time": run.seen["time"] - zero}
+
+    def timed() -> Iterator[dict[str, Array]]:
+        for block in blocks():
+            yield {**block, "time": (_decimals(block["time"]) if run.decimals else block["time"]) - zero}
+
     with np.errstate(all="ignore"):
         frames = Frames(case.body, convention, digit, None if own_start else case)
         if own_start:
             frames.refer(seen)
         if what.start == "first-row":
-            case = _from_first_row(case, frames, trajectory)
+            case = _from_first_row(case, frames, seen)
             frames = Frames(case.body, convention, digit, case)
-        measured = _measured(frames, trajectory)
-        errors, good = measured.errors, measured.good[some].nonzero()[0]
+        measured = _measured(frames, timed(), run.rows)
+        errors = measured.errors
         exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
-        rows = frames.rows({name: part[:BLOCK] for name, part in trajectory.items()})
+        known = [error for name, error in frames.errors(seen, exact).items() if name in GROUPS]
+        good = np.flatnonzero(np.isfinite(known).all(axis=0))
+        rows = frames.rows(next(timed()))
         if own_start:
             hints = own_hints(frames, seen, rows, way)
             if exact is not None and len(good) and not hints:
                 hints = Hints(frames, seen, seen["time"][:, 0], exact, good, way).bodies()
         else:
             assert exact is not None
-            hints = find_hints(frames, seen, t[some], exact, good, rows, way) if len(good) else []
+            hints = find_hints(frames, seen, seen["time"][:, 0], exact, good, rows, way) if len(good) else []
         if measured.mirrored:
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
 
@@ -344,13 +361,12 @@ def _judged(
         }
         return {name: value for name, value in worst.items() if value > 0}
 
-    floors, known = floors_of(floor), np.abs(trajectory["time"][:, 0]) <= frames.known
-    notes = [*_notes(t, measured.bad & known, errors), *_own_notes(frames, rows, hints)]
-    if not known.all():
-        beyond = f"t = {t[known][-1]:.6g} s" if known.any() else "the start"
-        notes.append(f"No closed form is known of this motion: rows after {beyond} are not compared.")
+    floors = floors_of(floor)
+    notes = [*_notes(measured, run.rows), *_own_notes(frames, rows, hints)]
+    if max(zero - first, end - zero) > frames.known:
+        notes.append(f"No closed form is known of this motion: rows after t = {frames.known:.6g} s are not compared.")
     if what.start == "first-row":
-        notes.append(f"The motion starts as the first row does, at t = {t[0]:.9g} s.")
+        notes.append(f"The motion starts as the first row does, at t = {first:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
         for name, value in _blurred(frames, seen["time"][:, 0], exact, blur).items():
             if name in errors and value > floors.get(name, 0.0):
@@ -359,23 +375,30 @@ def _judged(
                 notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
     start: dict[str, Any] = {}
     if not own_start:
-        first = {name: measured.first[name] for name in GROUPS if name in errors}
-        start = {"t": float(t[0]), **first}
+        off = {name: measured.first[name] for name in GROUPS if name in errors}
+        start = {"t": first, **off}
         for word, least in (("right", START), ("single", SINGLE)):
-            start[word] = frames.starts(first, least, floors_of(first_floor)) if t[0] == 0 else None
+            start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
     turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], rows)
-    span = (float(t[0]), float(t[-1]))
     judged = Judgement(
-        case.name, len(t), span, errors, start, floors, hints, notes, measured.curves, turns=turns, sizes=frames.sizes
+        case.name,
+        run.rows,
+        (first, end),
+        errors,
+        start,
+        floors,
+        hints,
+        notes,
+        measured.curves,
+        turns=turns,
+        sizes=frames.sizes,
     )
     if own_start:
         return judged
-    if t[-1] > 10 * case.until:
-        judged.notes.insert(
-            0, f"The times go to {t[-1]:.9g}, the case to {case.until:g} s: perhaps they are no seconds."
-        )
+    if end > 10 * case.until:
+        judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds.")
     if judged.ends_before(case.until):
-        judged.notes.insert(0, f"The last row is at t = {t[-1]:.9g} s; the case runs to {case.until:g} s.")
+        judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")
     return judged
 
 
@@ -390,64 +413,98 @@ def _turns(t: Array, omega: Array | None, rows: Rows | None) -> float:
     return float(np.trapezoid(speed, t)) / math.tau
 
 
+class _Run(NamedTuple):
+    """What a first look finds: how many rows; the first and the last time; whether times are `_decimals`; some rows."""
+
+    rows: int
+    span: tuple[float, float]
+    decimals: bool
+    seen: dict[str, Array]
+
+
+def _look(blocks: Blocks) -> _Run:
+    """Look at all times; take the first rows, some of all others, and the last. ValueError where times do not increase."""
+    n, gap, off, last, places = 0, 1, 0.0, -math.inf, np.empty(0, dtype=int)
+    seen: dict[str, Array] = {}
+    for block in blocks():
+        t = block["time"]
+        with np.errstate(all="ignore"):
+            wrong = np.flatnonzero(~(np.diff(t[:, 0], prepend=last) > 0) | ~np.isfinite(t[:, 0]))
+        if len(wrong):
+            i = int(wrong[0])
+            before = f" after {t[i - 1, 0] if i else last:.12g}" if n + i else ""
+            raise ValueError(
+                f"row {n + i + 1}: the time is {t[i, 0]:.12g}{before}; times must be numbers that increase"
+            )
+        rows = {**block, "decimals": _decimals(t)}
+        off = max(off, float(np.max(np.abs(rows["decimals"] - t)) / (np.max(np.abs(t)) or 1.0)))
+        places = np.concatenate((places, np.arange(n, n + len(t))))
+        seen = {name: np.concatenate((seen[name], part)) if n else part for name, part in rows.items()}
+        n, last = n + len(t), t[-1, 0]
+        while np.count_nonzero(kept := (places < HEAD) | (places % gap == 0) | (places == n - 1)) > MOST:
+            gap *= 2
+        seen, places = {name: part[kept] for name, part in seen.items()}, places[kept]
+    rounded = seen.pop("decimals")
+    if decimal := off < (NEAR if n >= FEW else SOME):
+        seen["time"] = rounded
+    return _Run(n, (float(seen["time"][0, 0]), float(seen["time"][-1, 0])), decimal, seen)
+
+
 class _Measured(NamedTuple):
-    """The errors of all rows and of the first one, their curves; whether each row has known errors, or a NaN."""
+    """The errors of all rows and of the first one, their curves; how many rows hold a NaN, and the time of the first of these."""
 
     errors: dict[str, Error]
     first: dict[str, float]
     curves: dict[str, Array]
-    good: Array
-    bad: Array
+    bad: int
+    bad_from: float
     mirrored: bool
 
 
-def _measured(frames: Frames, trajectory: Mapping[str, Array]) -> _Measured:
-    """In blocks of rows, so that a long file needs little memory; each block begins with the row before it."""
-    t = trajectory["time"][:, 0]
-    marks = np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int)
-    edges = [*marks[: -1 : max(1, BLOCK * (len(marks) - 1) // len(t))], len(t)]
-    highest: dict[str, list[Array]] = {}
+def _measured(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> _Measured:
+    """The largest errors of n rows in blocks; each block is compared together with the row before it."""
+    marks, at, before = np.linspace(0, n, min(n, POINTS) + 1).astype(int), 0, dict[str, Array]()
+    t_marks, curves = np.full(len(marks) - 1, math.inf), dict[str, Array]()
     first: dict[str, float] = {}
     last: dict[str, float] = {}
-    good, bad, mirrored = np.ones(len(t), dtype=bool), np.zeros(len(t), dtype=bool), False
-    for a, b in itertools.pairwise(edges):
-        before = int(a > 0)
-        block = {name: rows[a - before : b] for name, rows in trajectory.items()}
-        block_errors = frames.errors(block, None if frames.case is None else frames.exact(block["time"][:, 0]))
-        here = marks[(marks >= a) & (marks < b)] - a
-        for name, whole in block_errors.items():
-            error = whole[before:]
-            highest.setdefault(name, []).append(np.maximum.reduceat(error, here))
+    bad, bad_from, mirrored = 0, math.nan, False
+    for block in blocks:
+        rows = {name: np.concatenate((before[name], part)) if at else part for name, part in block.items()}
+        t, new, before = (
+            block["time"][:, 0],
+            slice(int(at > 0), None),
+            {name: part[-1:] for name, part in block.items()},
+        )
+        part_of = np.searchsorted(marks, np.arange(at, at + len(t)), side="right") - 1
+        starts = np.flatnonzero(np.diff(part_of, prepend=-1))
+        parts = part_of[starts]
+        t_marks[parts] = np.minimum(t_marks[parts], t[starts])
+        here = np.full(len(t), False)
+        exact = None if frames.case is None else frames.exact(rows["time"][:, 0])
+        for name, error in frames.errors(rows, exact).items():
+            error, curve = error[new], curves.setdefault(name, np.zeros(len(marks) - 1))
+            curve[parts] = np.maximum(curve[parts], np.maximum.reduceat(error, starts))
             first.setdefault(name, float(error[0]))
             last[name] = float(error[-1])
-            bad[a:b] |= ~np.isfinite(error)
-            if name in GROUPS:
-                good[a:b] &= np.isfinite(error)
+            here |= ~np.isfinite(error)
+        here &= np.abs(t) <= frames.known
+        bad_from = float(t[here][0]) if here.any() and not bad else bad_from
+        bad, at = bad + int(np.count_nonzero(here)), at + len(t)
         if "matrix" in block:
             mirrored |= bool(np.any(np.linalg.det(block["matrix"].reshape(-1, 3, 3)) < 0))
-    if not highest:
+    if not curves:
         raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
-    curves = {name: np.stack([t[marks[:-1]], np.concatenate(parts)]) for name, parts in highest.items()}
-    errors = {name: Error(float(curve[1].max()), last[name]) for name, curve in curves.items()}
-    return _Measured({name: errors[name] for name in UNITS if name in errors}, first, curves, good, bad, mirrored)
+    errors = {name: Error(float(curves[name].max()), last[name]) for name in UNITS if name in curves}
+    drawn = {name: np.stack([t_marks, curve]) for name, curve in curves.items()}
+    return _Measured(errors, first, drawn, bad, bad_from, mirrored)
 
 
-def _times(t: Array) -> Array:
-    """The times, without the rounding of a sum of steps; ValueError where they do not increase."""
-    with np.errstate(all="ignore"):
-        wrong = np.flatnonzero(~(np.diff(t, prepend=-math.inf) > 0) | ~np.isfinite(t))
-    if len(wrong):
-        i = wrong[0]
-        before = f" after {t[i - 1]:.12g}" if i else ""
-        raise ValueError(f"row {i + 1}: the time is {t[i]:.12g}{before}; times must be numbers that increase")
+def _decimals(t: Array) -> Array:
+    """The multiples of a billionth of the last time that are next to times; a sum of steps is not far from them."""
     last = float(np.max(np.abs(t)))
-    if not last:
-        return t
-    unit = 10 ** (
-        DECIMALS - math.floor(math.log10(last))
-    )  # per second; a power of ten, so that decimals are its multiples
-    rounded = np.round(t * unit) / unit
-    return rounded if np.all(np.abs(rounded - t) < (NEAR if len(t) >= FEW else SOME) * last) else t
+    # per second; a power of ten, so that decimals are its multiples
+    unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0
+    return np.asarray(np.round(t * unit) / unit)
 
 
 def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
@@ -459,11 +516,12 @@ def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, f
     return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
-def _notes(t: Array, bad: Array, errors: Mapping[str, Error]) -> Iterator[str]:
-    if bad.any():
+def _notes(measured: _Measured, n: int) -> Iterator[str]:
+    errors = measured.errors
+    if measured.bad:
         what = "a number that is missing or not finite, a matrix or quaternion that is no "
         what += "rotation, or a position of length 0"
-        yield f"{bad.sum()} of {len(t)} rows have {what}, the first at t = {t[bad][0]:.9g}."
+        yield f"{measured.bad} of {n} rows have {what}, the first at t = {measured.bad_from:.9g}."
     if "orthogonality" in errors and (off := errors["orthogonality"].max) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
 

@@ -1,11 +1,11 @@
-"""Trajectories that any program wrote: which columns are what (`survey`), and their numbers in SI units (`read`).
+"""Trajectories that any program wrote: which columns are what (`survey`), and their numbers in SI units (`blocks`, `read`).
 
 `names` is the grammar of names and units, `rows` finds the rows in files of many kinds.
 """
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
@@ -406,56 +406,73 @@ def _time_floor(words: list[str]) -> float:
 
 
 def read(layout: Layout) -> dict[str, Array]:
-    """The rows: group → numbers (n, columns) in SI units; what is missing is NaN.
+    """All rows of `blocks` at once."""
+    parts = list(blocks(layout))
+    return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
+
+
+def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
+    """The rows in blocks: group → numbers (n, columns) in SI units; what is missing is NaN.
 
     Rodrigues parameters, axis and angle become rotation vectors. Equal rows count once; the layout gets a note of it.
 
     Raises
     ------
-    ValueError : a line with other than numbers, or with too many; rows of several bodies.
+    ValueError : a line with other than numbers, or with too many; rows of several bodies; no rows.
     """
-    how, table = layout.how, layout.table
-    columns = table.load(sorted({i for places in layout.groups.values() for i in places}), list(layout.rows))
-    keep: Any = slice(None)
-    if layout.rows:
-        matches = [
-            {word for word in set(columns[i]) if _chosen({i: word}, {i: value})} for i, value in layout.rows.items()
-        ]
-        keep = np.all([np.isin(columns[i], list(match)) for i, match in zip(layout.rows, matches, strict=True)], axis=0)
-    given: dict[str, Array] = {}
-    for kind, places in layout.groups.items():
-        given[kind] = np.column_stack([columns.pop(i) for i in places])[keep]
-        for k, i in enumerate(places):
-            if (factor := layout.factors[i]) != 1:
-                whole = round(1 / factor) if factor < 1 else 0
-                exact = whole and 1 / whole == factor  # 1/1000 is no double, 1000 is one
-                given[kind][:, k] = given[kind][:, k] / whole if exact else given[kind][:, k] * factor
-    del columns
-    if how.step is not None:
-        given = {"time": how.step * np.arange(len(next(iter(given.values()))), dtype=float)[:, None], **given}
-    if how.t0 is not None:  # first the difference, for its digits
-        given["time"] = given["time"] - given["time"][:1]
-    given["time"] = given["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
-    _once(layout, given)
-    _turned(layout, given)
-    return given
+    how, table, rows, same = layout.how, layout.table, 0, 0
+    start: Array | None = None
+    before: dict[str, Array] = {}
+    for columns in table.load(sorted({i for places in layout.groups.values() for i in places}), list(layout.rows)):
+        keep = np.full(len(next(iter(columns.values()))), True)
+        for i, value in layout.rows.items():
+            keep &= np.isin(columns[i], [word for word in set(columns[i]) if _chosen({i: word}, {i: value})])
+        given = {kind: _in_units(layout, columns, places)[keep] for kind, places in layout.groups.items()}
+        if not (n := int(np.count_nonzero(keep))):
+            continue
+        if how.step is not None:
+            given = {"time": how.step * np.arange(rows, rows + n, dtype=float)[:, None], **given}
+        start = given["time"][:1] if start is None else start
+        if how.t0 is not None:  # first the difference, for its digits
+            given["time"] = given["time"] - start
+        given["time"] = given["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
+        last = {kind: values[-1:] for kind, values in given.items()}
+        again = _again(
+            layout, {kind: np.concatenate((before.get(kind, values[:0]), values)) for kind, values in given.items()}
+        )
+        new = ~again[len(again) - n :]
+        _turned(layout, given)
+        rows, same, before = rows + n, same + n - int(np.count_nonzero(new)), last
+        if new.any():
+            yield {kind: values[new] for kind, values in given.items()}
+    if not rows:
+        raise ValueError(f"{layout.path}: there are no rows to judge")
+    note = f"{same} row{'s are' if same > 1 else ' is'} equal to the one before, and left out."
+    if same and note not in layout.notes:
+        layout.notes.append(note)
 
 
-def _once(layout: Layout, given: dict[str, Array]) -> None:
-    """Leave out rows that are equal to those before; ValueError where rows are of several bodies."""
-    steps = np.diff(given["time"][:, 0])
-    late = np.flatnonzero(~(steps > 0)) + 1
-    again = np.flatnonzero(steps == 0) + 1
-    same = [i for i in again if all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())]
-    if len(late) > len(same) and layout.labels:
+def _in_units(layout: Layout, columns: Mapping[int, Array], places: Sequence[int]) -> Array:
+    """Some columns (n, columns) in SI units."""
+    values = np.column_stack([columns[i] for i in places])
+    for k, i in enumerate(places):
+        if (factor := layout.factors[i]) != 1:
+            whole = round(1 / factor) if factor < 1 else 0
+            exact = whole and 1 / whole == factor  # 1/1000 is no double, 1000 is one
+            values[:, k] = values[:, k] / whole if exact else values[:, k] * factor
+    return values
+
+
+def _again(layout: Layout, given: Mapping[str, Array]) -> Array:
+    """Which rows are equal to those before; ValueError where rows are of several bodies."""
+    late = np.diff(given["time"][:, 0], prepend=-math.inf)
+    same = late == 0
+    for i in np.flatnonzero(same):
+        same[i] = all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())
+    if layout.labels and np.any(~(late > 0) & ~same):
         header = layout.table.names or [""] * layout.table.width
         raise ValueError(f"{layout.path}: {_several(header, layout.table, layout.labels[0])}")
-    if same:
-        layout.notes.append(
-            f"{len(same)} row{'s are' if len(same) > 1 else ' is'} equal to the one before, and left out."
-        )
-        for kind, rows in given.items():
-            given[kind] = np.delete(rows, same, axis=0)
+    return same
 
 
 def _turned(layout: Layout, given: dict[str, Array]) -> None:

@@ -20,7 +20,7 @@ from lagrange_bench.reading.names import UNITS, unit_of
 
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand
-CHUNK = 1 << 17  # rows that are read at once
+CHUNK = 1 << 14  # rows that are read at once
 SAMPLE = 400  # rows that are looked at before all are read
 SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
@@ -62,13 +62,14 @@ class Table:
     """What a file holds.
 
     names : of the columns; empty where the file has none. units : of columns, as a row of units says. sample : the first rows, as
-    words. load : the numbers of some columns, and the words of others. above : the text over the rows.
+    words. load : the numbers of some columns and the words of others, in blocks of at most `CHUNK` rows. above : the text over
+    the rows.
     """
 
     names: list[str]
     width: int
     sample: list[list[str]]
-    load: Callable[[Sequence[int], Sequence[int]], dict[int, Array]]
+    load: Callable[[Sequence[int], Sequence[int]], Iterator[dict[int, Array]]]
     units: dict[int, str] = field(default_factory=dict)
     above: str = ""
 
@@ -169,11 +170,13 @@ def _of_arrays(path: Path, data: Mapping[str, Any]) -> Table:
         raise ValueError(f"{path}: there are no arrays of numbers in it with a row for each time")
     values = list(columns.values())
 
-    def load(wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
-        try:
-            return {i: values[i].astype(float) for i in wanted} | {i: values[i].astype(str) for i in words}
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
+    def load(wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
+        for first in range(0, n, CHUNK):
+            part = {i: values[i][first : first + CHUNK] for i in (*wanted, *words)}
+            try:
+                yield {i: array.astype(str if i in words else float) for i, array in part.items()}
+            except ValueError as error:
+                raise ValueError(f"{path}: {error}") from None
 
     sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
     return Table([] if "" in data else list(columns), len(values), sample, load)
@@ -313,12 +316,12 @@ class Text:
             ) from None
         return _of_arrays(self.path, data)
 
-    def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
+    def _load(self, wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
 
         A short file is read sooner than pandas is imported.
         """
-        places, comma = sorted({*wanted, *words}), self._decimal(wanted)
+        places, comma, done = sorted({*wanted, *words}), self._decimal(wanted), 0
         plain = [row[i].replace(",", ".") if comma else row[i] for row in self.sample for i in wanted]
         long, simple = self.path.stat().st_size > HEAD, all(PLAIN.fullmatch(word) for word in plain)
         if long and simple and not any(map(INLINE.search, self.lines[self.skip :])):
@@ -331,21 +334,22 @@ class Text:
                 with self.open() as file:
                     for _ in range(self.skip):
                         file.readline()
-                    parts: dict[int, list[Array]] = {i: [] for i in places}
                     for frame in pd.read_csv(file, chunksize=CHUNK, **settings):
-                        for i in places:
-                            parts[i].append(frame[i].to_numpy(copy=True))
-                return {i: np.concatenate(parts.pop(i)) for i in places}
+                        yield {i: frame[i].to_numpy() for i in places}
+                        done += len(frame)
+                return
             except (ValueError, OverflowError):
-                pass  # read it again, line by line, to see where
-        columns: dict[int, list[Any]] = {i: [] for i in places}
-        for line, row in self._rows():
-            try:
-                for i in places:
-                    columns[i].append(row[i] if i in words else number(row[i], self.comma))
-            except ValueError as error:
-                raise ValueError(f"{self.path}, line {line}: {error}; {NO_ROW}") from None
-        return {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
+                pass  # read on line by line, to see where
+        rows = itertools.islice(self._rows(), done, None)
+        while block := list(itertools.islice(rows, CHUNK)):
+            columns: dict[int, list[Any]] = {i: [] for i in places}
+            for line, row in block:
+                try:
+                    for i in places:
+                        columns[i].append(row[i] if i in words else number(row[i], self.comma))
+                except ValueError as error:
+                    raise ValueError(f"{self.path}, line {line}: {error}; {NO_ROW}") from None
+            yield {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
 
     def _decimal(self, wanted: Sequence[int]) -> bool:
         return self.comma and any("," in row[i] for row in self.sample for i in wanted)

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import judge
+from lagrange_bench import judge, judging
 from lagrange_bench.experiments import heavy_top
 from lagrange_bench.integrators import CASES, RigidBody, integrate
 from lagrange_bench.judging import find
+from lagrange_bench.reading import rows as reading_rows
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)
@@ -289,6 +290,35 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
     assert (code, "a pipe cannot be read twice" in err) == (2, True)
 
 
+@pytest.mark.parametrize("head", [1 << 18, 1 << 14], ids=["line by line", "pandas"])
+def test_no_row_is_lost_between_the_blocks_of_a_long_file(head, tmp_path, answer, monkeypatch):
+    """The largest error is one of all rows; a row that is equal to the last one of the block before counts once."""
+    rows = np.repeat(np.arange(401), np.where(np.isin(np.arange(401), (6, 7, 49, 400)), 2, 1))
+    x = X + 1e-3 * (np.arange(401) == 349)[:, None] - np.where(np.arange(401) == 50, np.nan, 0)[:, None]
+    file = write(tmp_path / "run.csv", "t x y z qw qx qy qz wx wy wz", T[rows], x[rows], Q[rows], OMEGA[rows])
+    step = write(tmp_path / "step.csv", "x y z", X)
+    monkeypatch.setattr(reading_rows, "HEAD", head)
+
+    def found():
+        (judged,) = answer("judge", file, "--case", "bruels", "--t0", "0")["files"]
+        (bare,) = answer("judge", step, "--case", "bruels", "--step", "0.005")["files"]
+        return judged, bare["position"]["max"]
+
+    whole, bare = found()
+    assert (whole["rows"], bare < 1e-14) == (401, True)
+    assert whole["notes"][0] == "4 rows are equal to the one before, and left out."
+    assert "1 of 401 rows have a number that is missing" in whole["notes"][1]
+    for size in (1, 7, 50):
+        monkeypatch.setattr(reading_rows, "CHUNK", size)
+        assert found() == (whole, bare)
+        monkeypatch.setattr(judging, "BLOCK", size)
+        late = judge(T + 0.0, X + 1e-3 * (np.arange(401) == 349)[:, None], R, case="bruels")
+        assert (late.position.max, late.rows) == (pytest.approx(1e-3 * 3**0.5), 401)
+        assert late.curves["position"][0] == pytest.approx(T, abs=1e-15)
+    sums = np.cumsum(np.full(400, 0.005))
+    assert judge(sums, rotation=BRUELS.solution(np.arange(1, 401) / 200).rotation, case="bruels").rotation.max < 1e-12
+
+
 def test_times_of_few_digits_hide_errors(tmp_path, answer):
     """In four digits they are off by up to 5e-5 s, in which the body turns by 0.0075 rad."""
     t = np.arange(40) / 750
@@ -423,6 +453,12 @@ def test_the_first_row_or_the_rows_themselves_tell_what_a_run_that_is_lost_hides
         ({"position": x @ INTO, "rotation": INTO.T @ M, "omega": omega @ INTO}, "--up=y"),
     ):
         assert hint in judge(**{**rows, **given}).hints[0]
+    for omega_frame in ("body", "world"):  # the first step alone, where three rows are lost
+        t, _, M, omega = poor(CASES["bruels"], 1 / 64, until=0.1)
+        turned = omega if omega_frame == "world" else np.einsum("nji,nj->ni", M, omega)
+        rows = {"t": t, "omega": turned, "omega_frame": omega_frame, "case": "bruels"}
+        assert judge(rotation=M, **rows).hints == []
+        assert "transposed" in judge(rotation=M.transpose(0, 2, 1), **rows).hints[0]
     box = CASES["box"]
     other = type(box)("other", box.body, box.rotation, (3, 0.5, 2)).solution(BOX.t)
     assert "transposed" in judge(BOX.t, rotation=other.rotation.inv(), omega=other.omega_body, case="box").hints[0]
