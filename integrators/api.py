@@ -16,9 +16,9 @@ from lagrange_bench.integrators.checks import check_grid, check_state, check_ste
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
-from lagrange_bench.integrators.problem.watched import check_rows, watched
 from lagrange_bench.integrators.registry import find_method, find_top
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
@@ -136,7 +136,7 @@ def integrate(
         run = _advance(record, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
     if flight is not None:
         start = replace(run.start, flight=flight)  # type: ignore[type-var]
-        return replace(run, y=np.hstack((run.y, problem.flown(flight, run.t))), start=start)
+        return replace(run, y=np.hstack((run.y, problem.flight_at(flight, run.t))), start=start)
     return run
 
 
@@ -233,7 +233,7 @@ def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tup
         raise ValueError(
             "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
         )
-    y0, flight = top.parted(y0)
+    y0, flight = top.split_state(y0)
     state = top.check_state(y0)
     return top, find_method(default_method(top) if method is None else method), state, flight
 
@@ -262,8 +262,8 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
         error.add_note(f"in prepare of the method {method.name}")
         raise
     if isinstance(built, FixedStepper):
-        built.again = partial(prepare, top, y0.copy(), h, method, **options)
-    stepper = watched(method.name, built, len(y0))
+        built.prepare_again = partial(prepare, top, y0.copy(), h, method, **options)
+    stepper = checked_stepper(method.name, built, len(y0))
     if y0.tobytes() != before:
         raise ValueError(f"{method.name}: prepare wrote to y0")
     stepper.work.setup_seconds = perf_counter() - start

@@ -212,7 +212,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
 
 def _check_state(problem: Any, y: Any, name: str) -> Array:
     """A state as `integrate` takes it."""
-    y, flight = problem.parted(y)
+    y, flight = problem.split_state(y)
     state: Array = problem.check_state(y, name)
     return state if flight is None else np.concatenate((state, flight))
 

@@ -91,7 +91,7 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
         if not -motions <= place < motions:
             raise IndexError(f"place must be below {motions}, the number of motions; got {place}")
         state, top = self.start.state[place], self.top.motion(place)
-        state, flight = top.parted(state)
+        state, flight = top.split_state(state)
         start = replace(self.start, state=state, flight=flight)
         return Trajectory(top, self.method, self.t, self.y[:, place], Work(), start)
 

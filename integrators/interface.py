@@ -289,10 +289,10 @@ class Method:
         if meets(problem, self.needs) or self._kernel_for(problem):
             return None
         if self.needs != "uniform":
-            return f"{self.name} needs {needed(self.needs)}, which {problem.described} is not"
+            return f"{self.name} needs {needed(self.needs)}, which {problem.description} is not"
         reason = f"its record needs {NEEDS['uniform']} (“Any problem” in docs/adding-a-method.md)"
         advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and problem.is_top else ""
-        return f"{self.name} does not take {problem.described}: {reason}{advice}"
+        return f"{self.name} does not take {problem.description}: {reason}{advice}"
 
     def _kernel_for(self, problem: Any) -> Callable[..., Stepper] | None:
         return next((build for need, build in self.kernels_for.items() if meets(problem, need)), None)

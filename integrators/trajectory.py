@@ -243,7 +243,7 @@ class Trajectory(BodyMotion, Rows):
             raise ValueError(f"sol: {self.method} steps on a grid only; record more states with `every`")
         states, _ = evaluate(self.problem, start.state, np.atleast_1d(times), **start.options)
         if start.flight is not None:
-            states = np.hstack((states, self.problem.flown(start.flight, np.atleast_1d(times))))
+            states = np.hstack((states, self.problem.flight_at(start.flight, np.atleast_1d(times))))
         return states.reshape(*times.shape, *self.y.shape[1:])
 
     def _origin(self) -> dict[str, Any]:

@@ -73,7 +73,7 @@ class Frames:
             self.flown = np.full(3, np.nan), np.full(3, np.nan)
             return
         if not (kinds.free_body(body) or kinds.symmetric_body(body)):
-            scale = float(body.scales(body.parted(case.state)[0])[2])
+            scale = float(body.scales(body.split_state(case.state)[0])[2])
             self.known = max(truths.LONGEST * scale, case.until)
         x, R, omega = self.exact([0.0, case.until])
         self.start = x[0]

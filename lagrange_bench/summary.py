@@ -83,7 +83,7 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
 def _kind(top: Any, y0: Array) -> str:
     """The kind of motion, or the potential."""
     if not hasattr(top, "alpha"):
-        return f"{top.described}, {top.space.size} numbers"
+        return f"{top.description}, {top.space.size} numbers"
     alpha = f"alpha = {top.alpha:.10g}"
     if kinds.uniform(top):
         return f"{alpha}, {exact.regime(top, y0)}, nutation period {exact.nutation_period(top, y0):.6g}"

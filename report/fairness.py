@@ -36,7 +36,7 @@ def assemble(rows: Mapping[str, pd.DataFrame]) -> Numbers:
 def _of_records(records: Mapping[str, Method]) -> Numbers:
     """What the methods themselves say."""
     # compiles: only who draws a page waits
-    from lagrange_bench.integrators.methods.backlund_splitting import RESTORE_EVERY
+    from lagrange_bench.integrators.methods.backlund_kernel import RESTORE_EVERY
 
     engines = [record.engine for record in records.values()]
     return {

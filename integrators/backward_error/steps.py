@@ -20,6 +20,7 @@ from lagrange_bench.integrators.methods import bobenko_suris as bs
 from lagrange_bench.integrators.methods import collective_midpoint as cm
 from lagrange_bench.integrators.methods import gauss_coefficients as gauss
 from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta, splitting
+from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
 from lagrange_bench.integrators.problem.system import uniform_system
 from lagrange_bench.integrators.problem.vectors import cross
@@ -89,7 +90,7 @@ class Series:
 State = tuple[Any, ...]  # J1, J2, J3, x1, x2, x3
 Step = Callable[[float, State, Series, int], State]  # (alpha, state, h, highest power of h) → the state after a step
 
-TALLY = np.zeros(SIZE)  # for kernels, which report nothing here
+COUNTERS = np.zeros(SIZE)  # for kernels, which report nothing here
 
 
 class Functions:
@@ -129,7 +130,7 @@ def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: i
     j, _, xx, xJ = on_series(runge_kutta.products)(*s)
     energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
     after = runge_kutta_step(tableau, alpha, s, h, power)
-    return on_series(runge_kutta.projected)(after, (alpha, energy, xx, xJ), TALLY)
+    return on_series(runge_kutta.projected)(after, (alpha, energy, xx, xJ), COUNTERS)
 
 
 def taylor_step(order: int, alpha: float, s: State, h: Series, power: int) -> State:
@@ -162,7 +163,7 @@ def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
 
 
 def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:
-    scheme = splitting.SCHEMES[name]
+    scheme = SCHEMES[name]
     force = alpha * (h * h)
     process = on_series(splitting.process)
     if scheme.processor:
@@ -202,7 +203,7 @@ def turned(t: Series, J: State, x: State, power: int) -> State:
 def kernel_step(
     kernel: Any, constants: Callable[[float, Series], Any], alpha: float, s: State, h: Series, _: int
 ) -> State:
-    return on_series(kernel)(s, constants(alpha, h), TALLY)
+    return on_series(kernel)(s, constants(alpha, h), COUNTERS)
 
 
 def half_step(alpha: float, h: Series) -> Any:
@@ -219,7 +220,7 @@ STEPS: dict[str, Step] = {
     "taylor_fixed": partial(taylor_step, 20),
     **{name: partial(runge_kutta_step, tableau) for name, tableau in FORMULAS.items()},
     "verner9_projected": partial(projected_step, VERNER9),
-    **{name: partial(splitting_step, name) for name in splitting.SCHEMES},
+    **{name: partial(splitting_step, name) for name in SCHEMES},
     "kahan": partial(kernel_step, kahan.step, half_step),
     "bobenko_suris": partial(kernel_step, bs.kernel(uniform_system()), lambda alpha, h: (h, 0.0, alpha)),
     "implicit_midpoint": partial(collocation_step, 1),

@@ -92,10 +92,10 @@ class Case:
         """
         closed = kinds.free_body(self.body) or kinds.symmetric_body(self.body)
         method, times = find_method("theta_functions" if closed else "taylor"), check_times(t)
-        state, flight = self.body.parted(self.state)
+        state, flight = self.body.split_state(self.state)
         evaluate: Any = method.evaluate_for(self.body)
         y, work = evaluate(self.body, state, times)
-        y = y if flight is None else np.hstack((y, self.body.flown(flight, times)))
+        y = y if flight is None else np.hstack((y, self.body.flight_at(flight, times)))
         return Trajectory(self.body, method.name, times, y, work, start=RunInputs(state, method, None, {}, flight))
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:

@@ -43,7 +43,7 @@ def standalone(case: Case, language: str, facts: list[str]) -> str:
         The motion has no closed form.
     """
     body = case.body
-    y, _ = body.parted(case.state)
+    y, _ = body.split_state(case.state)
     if kinds.free_body(body):
         constants = free_constants(body, y)
     elif kinds.symmetric_body(body):

@@ -57,7 +57,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             except OSError:  # it was compiled before Numba tried to save it
                 return super().compile(signature)
 
-    def keep_in(self, folder: Path) -> None:
+    def cache_in(self, folder: Path) -> None:
         """Let Numba save the machine code in a folder, as if the file of the function were there."""
         function = self.py_func
         self.py_func = _renamed(function, function.__qualname__, str(folder / "kernels.py"))
@@ -108,7 +108,7 @@ def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> 
     kernel.digest, IDENTIFIED[digest] = digest, kernel
     folder = _folder(function.__module__)
     if folder is not None:
-        kernel.keep_in(folder)
+        kernel.cache_in(folder)
     return kernel
 
 
@@ -137,7 +137,7 @@ def is_compiled(function: Callable[..., Any]) -> bool:
     return not COMPILED or hasattr(function, "py_func")
 
 
-def is_kept(kernel: Kernel) -> bool:
+def is_cached(kernel: Kernel) -> bool:
     """Whether the cache has machine code of a kernel, for any types."""
     folder = kernel.stats.cache_path
     version = f".py{sys.version_info[0]}{sys.version_info[1]}"

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import COMPILED, Kernel, is_kept
+from lagrange_bench.integrators.compiling.compiled import COMPILED, Kernel, is_cached
 
 PATIENCE = (
     4.0  # seconds that a kernel is interpreted in a process, about what compiling takes; 0 where times are measured
@@ -38,7 +38,7 @@ def at_first_interpreted(kernel: Any) -> Any:
     def call(*arguments: Any) -> Any:
         nonlocal spent, ready
         if ready is None:
-            ready = is_kept(kernel)
+            ready = is_cached(kernel)
         ready = ready or spent >= PATIENCE or bool(kernel.overloads)
         arrays = [] if ready else [(k, a) for k, a in enumerate(arguments) if isinstance(a, np.ndarray)]
         if ready or any(a.size > MANY for _, a in arrays):

@@ -146,7 +146,7 @@ class FixedStepper(Stepper):
         Raised by `advance` and `record`.
     """
 
-    again: Callable[[], Any] | None = None  # prepares it again; set by `prepare`
+    prepare_again: Callable[[], Any] | None = None  # prepares it again; set by `prepare`
 
     def __init__(
         self,
@@ -179,7 +179,11 @@ class FixedStepper(Stepper):
 
     def __reduce_ex__(self, protocol: Any) -> Any:
         """Pickle the call that prepares it again, because machine code cannot be sent to another process."""
-        return super().__reduce_ex__(protocol) if self.again is None else (_call, (self.again,), {"work": self.work})
+        return (
+            super().__reduce_ex__(protocol)
+            if self.prepare_again is None
+            else (_call, (self.prepare_again,), {"work": self.work})
+        )
 
     # these are no attributes: a stepper that holds its own methods waits for the garbage collector, which costs as much as a
     # short run

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators.interface import Array
-from lagrange_bench.integrators.methods.splitting import palindrome
+from lagrange_bench.integrators.methods.splitting_schemes import palindrome
 from lagrange_bench.support.precision import workdps
 
 

@@ -43,7 +43,7 @@ from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
-from lagrange_bench.integrators.methods.gauss_coefficients import matrices, tableau
+from lagrange_bench.integrators.methods.gauss_coefficients import matrices
 from lagrange_bench.integrators.methods.runge_kutta import two_sums
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System, depends
@@ -318,8 +318,7 @@ def stepper(
     else:
         span = abs(h) / problem.scales(y0)[2]
     check_span(name, span, h)
-    b, mu, nu, ahead = matrices(stages)
-    nodes = np.array(tableau(stages)[0], dtype=float)
+    nodes, b, mu, nu, ahead = matrices(stages)
     parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), problem.numbers)
     c = np.concatenate(((SOLVERS.index(solver), bool(compensated), problem.start, h), *parts))
     memory = (stages + 1) * system.size

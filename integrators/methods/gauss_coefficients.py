@@ -64,13 +64,13 @@ def inverse(A: list[list[Fraction]]) -> list[list[Fraction]]:
 
 
 @cache
-def matrices(stages: int) -> tuple[Array, Array, Array, Array]:
-    """b, μ, μ⁻¹ and the matrix that extrapolates K from one step to the next, in doubles."""
+def matrices(stages: int) -> tuple[Array, Array, Array, Array, Array]:
+    """c, b, μ, μ⁻¹ and the matrix that extrapolates K from one step to the next, in doubles."""
     c, b, mu = tableau(stages)
     grid = 2**52
     mu = [[Fraction(round(m * grid), grid) for m in row] for row in mu]
     ahead = [[b[i] / b[j] * lagrange(c, j, c[i] + 1) for j in range(stages)] for i in range(stages)]
-    return tuple(np.array(values, dtype=float) for values in (b, mu, inverse(mu), ahead))  # type: ignore[return-value]
+    return tuple(np.array(values, dtype=float) for values in (c, b, mu, inverse(mu), ahead))  # type: ignore[return-value]
 
 
 def lagrange(c: list[Fraction], j: int, t: Fraction) -> Fraction:

@@ -165,14 +165,14 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
 # ------------------------------------------------------------------------------------ taking H apart
 
 
-def closed_flows(system: System, numbers: tuple[float, ...], posed: Iterable[Program] = ()) -> tuple[Part, ...]:
-    """The parts of H with these parameters, or those posed by the user; none if an addend has no closed flow."""
-    energies = tuple(posed) or (system.energy,)
-    lists = [taken_apart(system, numbers, energy) for energy in energies]
+def parts_of(system: System, numbers: tuple[float, ...], user_parts: Iterable[Program] = ()) -> tuple[Part, ...]:
+    """The parts of H with these parameters, or those of the user; none if an addend has no closed flow."""
+    energies = tuple(user_parts) or (system.energy,)
+    lists = [find_parts(system, numbers, energy) for energy in energies]
     return tuple(part for parts in lists if parts for part in parts) if None not in lists else ()
 
 
-def taken_apart(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
+def find_parts(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
     """The parts of a function, none of a constant; None if an addend has no closed flow."""
     tape, space = Tape(), system.space
     inputs = [tape.input() for _ in range(energy.inputs)]

@@ -78,7 +78,7 @@ class PerturbedTop(Top):
         return PerturbedTop(LagrangeTop(alpha), self.potential, tuple(parameters))
 
     @property
-    def described(self) -> str:
+    def description(self) -> str:
         """What messages call it."""
         return f"the potential {self.potential.name}"
 
@@ -110,8 +110,9 @@ class PerturbedTop(Top):
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
         state = super().check_state(y, name)
-        if not all(map(math.isfinite, (self._V(state), *self.force(state).tolist()))):
-            raise ValueError(f"{name}: {self.described} is not finite at x = {state[3:].tolist()}")
+        numbers = state.tolist()
+        if not all(map(math.isfinite, (self._V(numbers), *self._force_at(numbers)))):
+            raise ValueError(f"{name}: {self.description} is not finite at x = {state[3:].tolist()}")
         return state
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
@@ -120,7 +121,7 @@ class PerturbedTop(Top):
         (r, |x|, 1/r) with r the larger of |J| + √(|alpha||x|) and √(|∇U||x|); the time is inf for r = 0.
         """
         rate, size, _ = self.top.scales(y)
-        force = math.hypot(*self.force(y).tolist())
+        force = math.hypot(*self._force_at(np.asarray(y, dtype=float).tolist()))
         if math.isfinite(force):  # not at a singularity
             rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
@@ -128,7 +129,10 @@ class PerturbedTop(Top):
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
         H, *others = super().invariant_scales(y)
-        return np.array((H + abs(self._V(y)), *others))
+        return np.array((H + abs(self._V(np.asarray(y, dtype=float).tolist())), *others))
 
-    def _V(self, y: ArrayLike) -> float:
-        return float(self._values(self.alpha_and_rest[1].energy, y, 0.0)[0])
+    def _V(self, y: list[float]) -> float:
+        return self._values_at(self.alpha_and_rest[1].energy, y)[0]
+
+    def _force_at(self, y: list[float]) -> tuple[float, ...]:
+        return self._values_at(self.system.gradient, y)[3:]

@@ -13,7 +13,7 @@ from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, Term, record_own
 from lagrange_bench.integrators.problem.symmetry import remainder
 
-SAME = 1e-8  # relative difference between a gradient that is given and the one that is derived
+SAME = 1e-8  # relative difference between a gradient of the user and the derived one
 
 
 class Potential:
@@ -52,7 +52,7 @@ class Potential:
         for word, function in (("value", value), ("gradient", gradient)):
             if not callable(function) and not (word == "gradient" and function is None):
                 raise ValueError(f"potential {name}: {word} must be a function of (x1, x2, x3, p); got {function!r}")
-        self.name, self.value, self.given, self.note = name, value, gradient, note
+        self.name, self.value, self.gradient, self.note = name, value, gradient, note
         if parameters is not None:
             listed = isinstance(parameters, Iterable) and not isinstance(parameters, str)
             if not listed or not all(isinstance(word, str) and word for word in parameters):
@@ -65,22 +65,22 @@ class Potential:
 
     def __getstate__(self) -> dict[str, Any]:
         # functions typed at a prompt cannot be pickled, what was recorded of them can
-        return {**self.__dict__, "value": None, "given": None}
+        return {**self.__dict__, "value": None, "gradient": None}
 
     def formulas(self, count: int) -> tuple[Program, Program]:
-        """V and ∇V, as it was given or derived, of x and `count` parameters. ValueError: the function is no such formula."""
+        """V and ∇V, the user's or derived, of x and `count` parameters. ValueError: the function is no such formula."""
         if self.parameters is not None and count != len(self.parameters):
             names = ", ".join(self.parameters)
             needed = f"{len(self.parameters)} numbers ({names})"
             raise ValueError(f"parameters of the potential {self.name}: {needed}; got {count}")
         if count not in self._formulas:
             value = self._record("value", self.value, count, 1)
-            given = derived = _gradient(value)
-            if self.given is not None:
-                given = self._record("gradient", self.given, count, 3)
-                if not _difference(given, derived) <= SAME:
+            gradient = derived = _gradient(value)
+            if self.gradient is not None:
+                gradient = self._record("gradient", self.gradient, count, 3)
+                if not _difference(gradient, derived) <= SAME:
                     raise ValueError(f"potential {self.name}: gradient is not the derivative of value")
-            self._formulas[count] = value, given
+            self._formulas[count] = value, gradient
         return self._formulas[count]
 
     def _record(self, word: str, function: Callable[..., Any], count: int, outputs: int) -> Program:

@@ -1,4 +1,4 @@
-"""A problem of your own: a phase space and a Hamiltonian, posed in a line.
+"""A problem of your own: a phase space and a Hamiltonian, written in a line.
 
     from lagrange_bench.integrators import Problem, integrate
     body = Problem("body", "so3", lambda t, y, p: (y[0]**2/p[0] + y[1]**2/p[1] + y[2]**2/p[2])/2, (1.0, 2.0, 3.0), frame="body")
@@ -13,9 +13,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from functools import cached_property
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +22,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, record_own
-from lagrange_bench.integrators.problem.parts import Part, closed_flows, is_top, taken_apart, weight_and_rest
+from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, parts_of, weight_and_rest
 from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, generic, remainder
 from lagrange_bench.integrators.problem.system import (
     Space,
@@ -80,8 +78,8 @@ class Problem:
     system: System
     numbers: tuple[float, ...]
     start = 0.0  # time at the initial state
-    given: Mapping[str, Program] = MappingProxyType({})  # invariants with a formula of their own
-    posed: tuple[Program, ...] = ()  # parts of H, if they were named
+    extra_invariants: tuple[tuple[str, Program], ...] = ()  # besides H and the Casimir functions, by name
+    user_parts: tuple[Program, ...] = ()  # the argument `parts`
 
     def __init__(
         self,
@@ -102,20 +100,22 @@ class Problem:
         self.name, self.space = name, find_space(space)
         self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
         energy = self._record("hamiltonian", hamiltonian)
-        self.given = {word: self._record(f"invariants[{word!r}]", given) for word, given in (invariants or {}).items()}
+        self.extra_invariants = tuple(
+            (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()
+        )
         self._check_names()
-        self.posed = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
+        self.user_parts = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
-        shown = [program.outputs[0] for word, program in self.given.items() if self._change_of(word, program) == 0.0]
-        kept = frozenset(place - 1 for place in shown if self._is_component(place))
-        self.system = dataclasses.replace(self.system, constant=kept)
-        if self.posed:
+        shown = [program.outputs[0] for word, program in self.extra_invariants if self._change_of(word, program) == 0.0]
+        constant = frozenset(place - 1 for place in shown if self._is_component(place))
+        self.system = dataclasses.replace(self.system, constant=constant)
+        if self.user_parts:
             self._check_parts()
 
     def _check_names(self) -> None:
         """ValueError for a name that another column of a table has. J1, J2, J3 may name these components themselves."""
         own = {f"J{i}": i for i in (1, 2, 3)} if self.space.name in ("e3", "so3") else {}
-        for word, program in self.given.items():
+        for word, program in self.extra_invariants:
             taken = word in COLUMNS or word in ("H", *self.space.casimirs(range(1, 100)))
             if not isinstance(word, str) or taken or own.get(word, program.outputs[0]) != program.outputs[0]:
                 raise ValueError(f"problem {self.name}: invariants[{word!r}]: this name is taken; choose another")
@@ -152,7 +152,7 @@ class Problem:
     def identity(self) -> tuple[Any, ...]:
         """What makes two problems equal: formulas and numbers."""
         numbers = tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
-        return self.system, numbers, self.start, self.extra, self.posed
+        return self.system, numbers, self.start, self.extra_invariants, self.user_parts
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -165,12 +165,7 @@ class Problem:
         return self.numbers
 
     @property
-    def extra(self) -> tuple[tuple[str, Program], ...]:
-        """The invariants that were given."""
-        return tuple(self.given.items())
-
-    @property
-    def described(self) -> str:
+    def description(self) -> str:
         """What messages call it."""
         return f"the problem {self.name}"
 
@@ -185,7 +180,7 @@ class Problem:
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         """Parts of H with closed flows; none if it cannot be taken apart."""
-        return closed_flows(self.system, self.numbers, self.posed)
+        return parts_of(self.system, self.numbers, self.user_parts)
 
     @property
     def timed(self) -> bool:
@@ -217,7 +212,7 @@ class Problem:
         V = make_system(self.space, rest, constant=self.system.constant)
         return float(weight(*(0.0,) * 7, *self.numbers)[0]), V
 
-    def parted(self, y: Any) -> tuple[Any, Array | None]:
+    def split_state(self, y: Any) -> tuple[Any, Array | None]:
         """A state, and of a flying body its position and velocity (6,)."""
         return y, None
 
@@ -247,12 +242,12 @@ class Problem:
 
     def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
         """Values of `names` at states (..., n) and times (...), whether they are conserved or not; shape (..., len(names))."""
-        return self._values(invariants_of(self.system, self.names, self.extra), y, t)
+        return self._values(invariants_of(self.system, self.names, self.extra_invariants), y, t)
 
     def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Gradients of `names` as rows, at one state (n,)."""
         self.require_single()
-        slopes = slopes_of(self.system, self.names, self.extra)
+        slopes = slopes_of(self.system, self.names, self.extra_invariants)
         return self._values(slopes, y, t).reshape(len(self.names), self.system.size)
 
     def force(self, y: ArrayLike, t: Any = 0.0) -> Array:
@@ -282,9 +277,7 @@ class Problem:
         if states.shape[-1:] != (n,):
             raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
         if states.ndim == 1 and isinstance(t, float) and self._single:
-            with suppress(ZeroDivisionError):  # arrays have infinities there
-                # of one state plain numbers are several times as quick
-                return np.array(program(self.start + t, *states.tolist(), *self.numbers), dtype=float)
+            return np.array(self._values_at(program, states.tolist(), t), dtype=float)
         with np.errstate(all="ignore"):
             components = [states[..., i] for i in range(n)]
             values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
@@ -293,14 +286,25 @@ class Problem:
             out[..., i] = value
         return out
 
+    def _values_at(self, program: Program, y: list[float], t: float = 0.0) -> tuple[float, ...]:
+        """The same at one state, by plain numbers: several times as quick as arrays."""
+        try:
+            return program(self.start + t, *y, *self.numbers)
+        except ZeroDivisionError:  # arrays have infinities there
+            return tuple(self._values(program, [y], t)[0].tolist())
+
     def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
         """H of states (..., n), at the time t from the start."""
         return self._values(self.system.energy, y, t)[..., 0]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The invariants: H, unless it depends on t, Casimir functions, and those given."""
-        return (*(("H",) * (not self.timed)), *self.space.casimirs(range(1, 100)), *self.given)
+        """The invariants: H, unless it depends on t, Casimir functions, and those of the argument `invariants`."""
+        return (
+            *(("H",) * (not self.timed)),
+            *self.space.casimirs(range(1, 100)),
+            *(name for name, _ in self.extra_invariants),
+        )
 
     @property
     def conserved(self) -> frozenset[str]:
@@ -348,23 +352,23 @@ class Problem:
         if method.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
             return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
-        kept = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
-        kept |= casimirs if {"C1", "C2"} <= conserves else frozenset()
+        conserved = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
+        conserved |= casimirs if {"C1", "C2"} <= conserves else frozenset()
         if "J3" in conserves:
             splits = method.needs in ("parts", "kinetic") and (self.timed or not self.is_top)
             flows = [part.flow.moving.outputs for part in self.parts] if splits else []
-            for name, program in self.given.items():
+            for name, program in self.extra_invariants:
                 (place,) = program.outputs
                 if self._is_component(place) and all(flow[place - 1] == place for flow in flows):
-                    kept |= {name}
+                    conserved |= {name}
         if "H" in conserves:
-            kept |= {"H"} & self.conserved
-        return kept | self._quadratic if "H" in method.claims.conserves_if_quadratic else kept
+            conserved |= {"H"} & self.conserved
+        return conserved | self._quadratic if "H" in method.claims.conserves_if_quadratic else conserved
 
     @cached_property
     def _quadratic(self) -> frozenset[str]:
         """Those of `names` that are of degree 2 at most, in t and y together."""
-        degrees = are_polynomials(invariants_of(self.system, self.names, self.extra), 2, self.numbers)
+        degrees = are_polynomials(invariants_of(self.system, self.names, self.extra_invariants), 2, self.numbers)
         return frozenset(name for name, low in zip(self.names, degrees, strict=True) if low)
 
     # ------------------------------------------------------------------ whether it is what it is said to be
@@ -384,8 +388,8 @@ class Problem:
 
     def _check_parts(self) -> None:
         """The gradients must add up, and each part must have a closed flow."""
-        for i, program in enumerate(self.posed):
-            parts = taken_apart(self.system, self.numbers, program)
+        for i, program in enumerate(self.user_parts):
+            parts = find_parts(self.system, self.numbers, program)
             if parts is None or len(parts) > 1:
                 raise ValueError(
                     f"problem {self.name}: parts[{i}] has no closed flow: it is not a function of t and x, nor of components "
@@ -393,9 +397,9 @@ class Problem:
                 )
 
         def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            posed = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.posed]
+            parts = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.user_parts]
             whole = self.system.slopes(tape, t, y, p)
-            return [slope - sum(others, tape.constant(0.0)) for slope, *others in zip(whole, *posed, strict=True)]
+            return [slope - sum(others, tape.constant(0.0)) for slope, *others in zip(whole, *parts, strict=True)]
 
         if not remainder(self.system.record(slopes), self.numbers) <= SAME:
             raise ValueError(

@@ -165,7 +165,7 @@ class RigidBody(Problem):
         """
         if not self.is_free:
             raise ValueError("period: only the motion of a free body has one; of a heavy top see exact.nutation_period")
-        return free_motion.period(self.inertia, self.check_state(self.parted(y)[0])[4:])
+        return free_motion.period(self.inertia, self.check_state(self.split_state(y)[0])[4:])
 
     # ------------------------------------------------------------------ states
 
@@ -214,7 +214,7 @@ class RigidBody(Problem):
         ]
         return np.concatenate((y, *flight))
 
-    def parted(self, y: Any) -> tuple[Any, Array | None]:
+    def split_state(self, y: Any) -> tuple[Any, Array | None]:
         """A state in two: (q, L), and of a flying body position and velocity (6,), 0 where y has (q, L) only."""
         if self.fixed:
             return y, None
@@ -222,7 +222,7 @@ class RigidBody(Problem):
             return y, np.zeros(6)
         return tuple(np.split(check_numbers(y, "y0", 13), [7]))  # type: ignore[return-value]
 
-    def flown(self, flight: Array, t: Array) -> Array:
+    def flight_at(self, flight: Array, t: Array) -> Array:
         """Position and velocity (N, 6) of the centre of mass at times (N,), from those at t = 0."""
         t, g = t[:, None], self.gravity
         return np.hstack((flight[:3] + t * (flight[3:] + (0.5 * t) * g), flight[3:] + t * g))

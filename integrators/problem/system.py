@@ -244,14 +244,14 @@ class System:
     @cached_property
     def commutator_torque(self) -> Program:
         """The torque of W = |x × g|², which the commutator [B,[A,B]] of kick and rotation amounts to."""
-        return self._of_force(lambda tape, x, g: cross(_twist(tape, x, g)[1], x))
+        return self._of_force(lambda tape, x, g: cross(_gradient_of_W(tape, x, g)[1], x))
 
     @cached_property
     def second_commutator_torque(self) -> Program:
         """The torque of ∇W·(N × x), N = x × g, which [B,[B,[A,[A,B]]]] amounts to."""
 
         def torque(tape: Tape, x: Vector, g: Vector) -> Vector:
-            N, slope = _twist(tape, x, g)
+            N, slope = _gradient_of_W(tape, x, g)
             return cross(tape.gradient(dot(slope, cross(N, x)), x), x)
 
         return self._of_force(torque)
@@ -267,11 +267,11 @@ class System:
         return not self.energy.corners(1 + self.size)
 
 
-def _twist(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
+def _gradient_of_W(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
     """N = x × g and ∇|N|² = 2 (g × N + U'' (N × x))."""
     N = cross(x, g)
-    bend = tape.along(g, x, cross(N, x))
-    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), bend, strict=True))  # type: ignore[return-value]
+    change = tape.along(g, x, cross(N, x))
+    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), change, strict=True))  # type: ignore[return-value]
 
 
 @lru_cache(maxsize=256)

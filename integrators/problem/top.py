@@ -106,7 +106,7 @@ class LagrangeTop(Top):
     conserved: ClassVar[frozenset[str]] = frozenset(INVARIANTS)
     offers: ClassVar[frozenset[str]] = frozenset({"uniform", "kinetic", "parts", "smooth", "rhs"})
     quadratic: ClassVar[bool] = True
-    described: ClassVar[str] = "a LagrangeTop"
+    description: ClassVar[str] = "a LagrangeTop"
 
     if TYPE_CHECKING:
 

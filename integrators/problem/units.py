@@ -138,7 +138,7 @@ def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
     """
     force = float(np.max(np.abs((problem.alpha_and_rest[0], *problem.force(y0)))))
     if not math.isfinite(force):
-        raise StepError(method, f"{problem.described} is not finite at x = {y0[3:].tolist()}", h=h)
+        raise StepError(method, f"{problem.description} is not finite at x = {y0[3:].tolist()}", h=h)
     return Units(LagrangeTop(force), y0, h)
 
 

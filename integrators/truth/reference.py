@@ -131,7 +131,7 @@ class Orbit:
         self.problem, self.y0, self.tangent = problem, problem.check_state(y0), tangent
         self.in_field = kinds.top(problem)
         if "smooth" not in problem.offers:
-            reason = f"{problem.described} has corners, roots of squares, and no series goes on there"
+            reason = f"{problem.description} has corners, roots of squares, and no series goes on there"
             raise StepError("reference", f"there is no reference solution: {reason}")
         self.clock, self.exponents = 0, np.zeros(len(self.y0), dtype=int)
         if self.in_field:

@@ -39,7 +39,7 @@ def python(code, *words, cache, cwd=None, limit=None, **settings):
 
 # a kernel of `methods` that calls one of `torus`: a number of its result, and how many of its variants came from the cache
 CALLER = """
-from lagrange_bench.integrators.methods.backlund_splitting import exact_flow
+from lagrange_bench.integrators.methods.backlund_kernel import exact_flow
 print(exact_flow((0.1, 0.2, 0.3, 0.4, 0.5, 0.6), 1.0, 0.1)[0][0].hex())
 print(sum(exact_flow.stats.cache_hits.values()))
 """

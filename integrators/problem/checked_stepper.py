@@ -1,6 +1,6 @@
-"""Somebody else's steppers are looked at when they are first called: a wrong row would be believed.
+"""Checks of the first calls of other people's steppers, so that a wrong row is not believed.
 
-The bench's own classes are not: their loops write as many rows as there are, and tests check them.
+The bench's own classes are not checked here: their loops write as many rows as there are, and tests check them.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from lagrange_bench.integrators.checks import Array, as_state, check_grid
 from lagrange_bench.integrators.interface import StepError, Stepper
 
-OWN = __name__.removesuffix("problem.watched")  # how the modules of the bench's own classes begin
-CALLS = 2  # of `advance`, and of `record`, that are looked at: the second one may return the array of the first
+OWN = __name__.removesuffix("problem.checked_stepper")  # how the modules of the bench's own classes begin
+CALLS = 2  # of `advance`, and of `record`, that are checked: the second one may return the array of the first
 
 
-def watched(name: str, stepper: Any, size: int = 6) -> Stepper:
-    """The stepper of the method `name`, of states of `size` numbers, or what looks at its first calls.
+def checked_stepper(name: str, stepper: Any, size: int = 6) -> Stepper:
+    """The stepper of the method `name`, of states of `size` numbers; its first calls are checked unless it is our own.
 
     ValueError : it is no stepper.
     """
@@ -37,7 +37,7 @@ def _own(kind: type) -> bool:
 
 
 class CheckedStepper:
-    """A stepper whose first calls are looked at; then they are the stepper's own, at no cost. All else is the stepper's.
+    """A stepper whose first calls are checked. Later calls, and all else, are the stepper's own, at no cost.
 
     Raises
     ------

@@ -1,0 +1,245 @@
+"""Kernels of the splitting with the exact step inside: the exact flow of a top, kicks by V, and what goes with them.
+
+`backlund_splitting` says what they are for. A kick leaves the torus, so λ and m are others at every flow. They come from a table
+over a box of (H, J3), see `step_table`; a trial run with long steps shows how wide the box must be.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+from lagrange_bench.integrators.compiling import loops
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.methods.splitting import torques
+from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
+from lagrange_bench.integrators.torus.step_table import look_up, table_size
+
+# places of the constants: those of the top, of the box, of the field, then of each group its own and its table
+ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
+# of one flow and one kick: how long the flow lasts; factors of V, W and Z in the kick; when it is, from the start of the step;
+# 1/(2|m|²) in the middle of the box
+TIME, KICK_V, KICK_W, KICK_Z, WHEN, INVERSE, GROUP = range(7)
+
+LOST = 1
+MOST_PARTS = 2**16  # of an exact step that is too long for one; its kicks are too far from one another long before
+FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
+
+
+@jit
+def exact_flow(s, alpha, h):
+    """The exact step over h, λ(h) computed in place, and whether one was found: in equal parts where h is too long for that."""
+    torus, parts = invariants(s, alpha), 1
+    R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h)
+    while not ok and parts < MOST_PARTS:
+        parts *= 2
+        R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h / parts)
+    for _ in range(parts if ok else 0):
+        s = move(s, alpha, (R, eta, mr, mi))
+    return s, ok
+
+
+@unrolled
+def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
+    """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
+
+    It is `plain_step.move`, arranged for a short chain of operations. The m of the table has all its digits but the
+    last. So the division by n need not wait for the correction d of m: 1/(n + δ) is 1/n − δ/n². For the same reason
+    1/(2|m|²) may be that of another torus of the box.
+    """
+    J1, J2, J3, x1, x2, x3 = s
+    double = 2.0 * alpha
+    l2, i2 = R * R - eta * eta, 2.0 * (R * eta)  # λ²
+    ee, mm = eta * eta, mr * mr + mi * mi
+    q3 = eta * (J3 + double * R)
+    p1, p2, p3 = x1 + R * J1, x2 + R * J2, x3 + (R * J3 + alpha * l2)
+    n = (p1 * p1 + p2 * p2) + (((mm + q3 * q3) + p3 * p3) + ee * (J1 * J1 + J2 * J2))
+    over = 1.0 / n
+    c3, c4 = double * J3, alpha * alpha
+    re = ((torus[0] - (mr * mr - mi * mi)) + torus[1] * R) + (l2 * (torus[2] + c3 * R) - i2 * (c3 * eta))
+    im = (torus[1] * eta - 2.0 * (mr * mi)) + (i2 * (torus[2] + c3 * R) + l2 * (c3 * eta))
+    re, im = re + c4 * (l2 * l2 - i2 * i2), im + c4 * (2.0 * (l2 * i2))
+    d, e = inverse * (re * mr + im * mi), inverse * (im * mr - re * mi)
+    f = 2.0 * (mr * d + mi * e)
+    mr, mi = mr + d, mi + e
+    r = 2.0 * eta * over
+    r -= r * (f * over)
+    me = mi * eta
+    z = eta * x3 - eta * (alpha * (R * R + ee))
+    u1 = (mr * p1 + me * J1) - (q3 * x2 - z * J2)
+    u2 = (mr * p2 + me * J2) + (q3 * x1 - z * J1)
+    u3 = (mr * p3 + mi * q3) - eta * (x1 * J2 - x2 * J1)
+    v1, v2 = double * u1, double * u2
+    K1, K2 = J1 + J1, J2 + J2
+    w = 2.0 * J3
+    y1 = K2 * u3 - (R * v2 + w * u2)
+    y2 = (R * v1 + w * u1) - K1 * u3
+    y3 = K1 * u2 - K2 * u1
+    return (
+        J1 - r * v2,
+        J2 + r * v1,
+        J3,
+        x1 + r * (y1 + r * (v1 * u3)),
+        x2 + r * (y2 + r * (v2 * u3)),
+        x3 + r * (y3 - r * (v1 * u1 + v2 * u2)),
+    )
+
+
+@cache
+def kick_of(V: System, gradients: int) -> Any:
+    """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says; q = (t, *p)."""
+    total, conserves_J3 = torques(V, gradients), 2 in V.constant
+
+    @jit(inline=True)
+    def kicked(s, q, weights):
+        t = total((s[3], s[4], s[5]), q, weights)
+        return s[0] + t[0], s[1] + t[1], s[2] if conserves_J3 else s[2] + t[2], s[3], s[4], s[5]
+
+    return kicked
+
+
+@cache
+def numbers_of(V: System) -> Any:
+    """(c, first, t) → t and the parameters; in c from `first` on they follow the time at the start."""
+    at_start, parameters, timed = tuple_loader(1 + V.parameters), tuple_loader(V.parameters), V.timed
+
+    @jit
+    def run(c, first, t):
+        return (t,) + parameters(c, first + 1) if timed else at_start(c, first)  # noqa: RUF005 - as elsewhere
+
+    return run
+
+
+@cache
+def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
+    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
+    conserves_J3, timed = 2 in V.constant, V.timed
+    kicked, numbers, look = kick_of(V, gradients), numbers_of(V), look_up(degree or 1, conserves_J3)
+    first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
+
+    @jit(inline=True)
+    def step(s, c, counters):
+        alpha = c[ALPHA]
+        for g in range(1 if single else int(c[GROUPS])):
+            place = first + g * stride
+            torus = invariants(s, alpha)
+            u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
+            if degree > 0 and abs(u) <= 1.0 and abs(v) <= 1.0:
+                R, eta, mr, mi = look(c, place + GROUP, u, v)
+                s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
+            else:
+                counters[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
+                s, ok = exact_flow(s, alpha, c[place + TIME])
+                if not ok:
+                    counters[loops.FAILURE] = LOST
+            t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
+            s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
+        return s
+
+    return step
+
+
+@jit
+def restore_casimirs(s, c):
+    """Back onto C1 and C2: x along itself, then J along x."""
+    J1, J2, J3, x1, x2, x3 = s
+    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
+    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
+    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / c[C1]
+    return J1 + p * x1, J2 + p * x2, J3 + p * x3, x1, x2, x3
+
+
+@jit
+def restore_casimirs_at_fixed_J3(s, c):
+    """The same where J3 is kept: J moves within the horizontal plane, and not at all where x is vertical."""
+    J1, J2, J3, x1, x2, x3 = s
+    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
+    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
+    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / ((x1 * x1 + x2 * x2) + 2.0**-10 * c[C1])
+    return J1 + p * x1, J2 + p * x2, J3, x1, x2, x3
+
+
+RESTORE_EVERY = 16  # steps
+
+
+@cache
+def map_over(V: System) -> Any:
+    """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
+
+    numbers : alpha, t at the start and the parameters. times : t, dt, n: the time of the first row is t + n dt, and so on.
+    """
+    kicked, numbers_at = kick_of(V, 0), numbers_of(V)
+    get, write = tuple_loader(6), tuple_storer(6)
+
+    @jit
+    def run(rows, numbers, parts, times, counters):
+        alpha, count = numbers[0], times[2]
+        for row in rows:
+            s = get(row, 0)
+            t = times[0] + count * times[1]
+            count += 1.0
+            for k in range(len(parts)):
+                t += parts[k, 0]
+                if parts[k, 0] != 0.0:
+                    s, ok = exact_flow(s, alpha, parts[k, 0])
+                    if not ok:
+                        counters[loops.FAILURE] = LOST
+                if parts[k, 1] != 0.0:
+                    s = kicked(s, numbers_at(numbers, 1, t), (parts[k, 1],))
+            write(row, 0, s)
+
+    return at_first_interpreted(run)
+
+
+# ------------------------------------------------------------------------------------ the box of the tables
+
+# steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
+TRIAL_STEPS, TRIAL_STEP = 96, 1.2
+MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the trial run, and a table is cheap
+
+
+@cache
+def trial_run(V: System) -> Any:
+    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
+    kicked, numbers = kick_of(V, 0), numbers_of(V)
+
+    @jit
+    def run(y, c, h, steps):
+        alpha = c[ALPHA]
+        s = (y[0], y[1], y[2], y[3], y[4], y[5])
+        low_h = high_h = invariants(s, alpha)[2]
+        low_j = high_j = s[2]
+        for k in range(steps):
+            s, ok = exact_flow(s, alpha, h)
+            if not ok:
+                break
+            s = kicked(s, numbers(c, NUMBERS, c[NUMBERS] + (k + 1) * h), (h,))
+            h2 = invariants(s, alpha)[2]
+            low_h, high_h = min(low_h, h2), max(high_h, h2)
+            low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
+        return low_h, high_h, low_j, high_j
+
+    return at_first_interpreted(run)
+
+
+def set_box(
+    c: Array, scales: tuple[float, float, float], y0: Array, run: Callable[..., tuple[float, ...]], h: float
+) -> bool:
+    """Sets the box of the tables, from a run with long steps; False if that does not get through."""
+    rate, _, unit = scales
+    if not math.isfinite(unit):  # without V nothing moves
+        return False
+    low_h, high_h, low_j, high_j = run(y0, c, math.copysign(TRIAL_STEP * unit, h), TRIAL_STEPS)
+    for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
+        width = 0.5 * MARGIN * (high - low) + 2.0**-40 * size
+        if not 0.0 < width < math.inf or 1.0 / width == math.inf:
+            return False
+        c[place], c[place + 1] = 0.5 * (low + high), 1.0 / width
+    return True

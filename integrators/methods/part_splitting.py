@@ -1,0 +1,112 @@
+"""Splittings of any Hamiltonian that is a sum of `parts` with closed flows.
+
+A scheme for two flows becomes sweeps through all parts, see `stages_of`. `splitting` prepares these steps for a problem that is
+not a top in a fixed potential.
+
+Source: McLachlan, SIAM J. Sci. Comput. 16 (1995) 151.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import accumulate, chain, zip_longest
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
+from lagrange_bench.integrators.problem.parts import Part
+
+Stage = tuple[int, float, float]  # which part flows, how long, and when, in units of h
+
+
+def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
+    """The flows of one step.
+
+    Of two parts, of which the first does not depend on t, they are the letters of the scheme, and t goes on with the first.
+    In general the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan, SIAM J. Sci.
+    Comput. 16 (1995) 151), with t as one more part.
+    """
+    letters = (scheme.a, scheme.b) if scheme.first == "A" else (scheme.b, scheme.a)
+    stages: list[Stage] = []
+    now = 0.0
+
+    def flow(part: int, length: float) -> None:
+        last, before, when = stages[-1] if stages else (-1, 0.0, 0.0)
+        if last == part and (when == now or not parts[part].timed):
+            stages[-1] = part, before + length, when
+        else:
+            stages.append((part, length, now))
+
+    if len(parts) == 2 and not parts[0].timed:
+        for i, length in enumerate(alternating(*letters)):
+            first = (i % 2 == 0) == (scheme.first == "A")
+            flow(0 if first else 1, length)
+            now += length if first else 0.0
+        return stages
+    for i, weight in enumerate(weights_of_two(*letters)):
+        now += weight if i % 2 else 0.0
+        for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
+            flow(part, weight)
+        now += 0.0 if i % 2 else weight
+    return stages
+
+
+def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """a1, b1, a2, b2, …"""
+    return [x for pair in zip_longest(a, b) for x in pair if x is not None]
+
+
+def weights_of_two(a: Sequence[float], b: Sequence[float]) -> list[float]:
+    """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
+    return list(accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight))
+
+
+# places of the constants: time at the start, h, number of stages; then these, numbers
+START, TIME_STEP, STAGES = range(3)
+
+
+@cache
+def kernel_of_parts(parts: tuple[Part, ...]) -> Any:
+    """One step of any stages; the constants of the parts follow them."""
+    timed = any(part.timed for part in parts)
+
+    def flow_of(number: int) -> Any:
+        split = parts[number].flow
+        program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
+        skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
+        others = flow_of(number + 1) if number + 1 < len(parts) else None
+
+        @jit(inline=True)
+        def flow(part, s, t, span, c, first):
+            if others is None or part == number:
+                return program((t,) + s + (span,), numbers(c, first + skipped))  # noqa: RUF005 - as elsewhere
+            return others(part, s, t, span, c, first)
+
+        return flow
+
+    flow = flow_of(0)
+
+    @jit(inline=True)
+    def step(s, c, counters):
+        first = STAGES + 1 + 3 * int(c[STAGES])
+        for i in range(STAGES + 1, first, 3):
+            t = c[START] + c[TIME_STEP] * (counters[CLOCK] + c[i + 2]) if timed else 0.0
+            s = flow(int(c[i]), s, t, c[i + 1], c, first)
+        return s
+
+    return step
+
+
+def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
+    """One step of a `Problem` by the flows of its parts."""
+    parts, system = problem.parts, problem.system
+    stages = [(part, length * h, when) for part, length, when in stages_of(SCHEMES[name], parts)]
+    numbers = [v for part in parts for v in part.flow.constants(*problem.numbers)]
+    c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *numbers))
+    step = kernel_of_parts(parts)
+    return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
