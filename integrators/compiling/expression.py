@@ -24,7 +24,7 @@ from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, unrolled
 PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
 PYTHON |= {name: name + "({})" for name in FUNCTIONS}
 WAVES = ("sin", "cos", "exp")
-NESTED = 16  # terms in one another in generated code, at most: the parser takes some hundred
+NESTED = 16  # the largest depth of nested terms in generated code; the parser takes some hundred
 
 
 def sqrt(a: Any) -> Any:
@@ -105,13 +105,13 @@ class Program:
 
     @cached_property
     def on_arrays(self) -> Callable[..., tuple[Any, ...]]:
-        """As a call, with the same bits; of large arrays several times as quick, for terms that are used once have no name."""
+        """The same function, with the same bits, for large arrays: quicker, because terms that are used once get no name."""
         return self.python(nested=NESTED)
 
     def python(self, constant: Callable[[float], Any] | None = None, nested: int = 1) -> Callable[..., Any]:
-        """The lines as a Python function of the inputs: five times as quick as going through them.
+        """The lines as a Python function of the inputs, which is five times as quick as to interpret them.
 
-        constant : what each constant is turned into. nested : terms in one another, at most.
+        constant : a function that is applied to each constant. nested : the largest depth of nested terms.
         """
         room: dict[str, Any] = {name: partial(apply, name) for name in FUNCTIONS if name != "sqrt"}
         room |= {"sqrt": sqrt, "nan": math.nan, "inf": math.inf, "constant": constant}

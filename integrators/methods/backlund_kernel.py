@@ -171,7 +171,7 @@ RESTORE_EVERY = 16  # steps
 
 @cache
 def map_over(V: System) -> Any:
-    """Of each row, in place: flows and kicks of the lengths in `parts`, one after the other.
+    """Apply the flows and kicks of `parts`, one after the other, to each row, in place.
 
     numbers : alpha, t at the start and the parameters. times : t, dt, n: the time of the first row is t + n dt, and so on.
     """
@@ -207,7 +207,7 @@ MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further tha
 
 @cache
 def trial_run(V: System) -> Any:
-    """(y, c, h, steps) → the least and the largest 2H and J3 of the top without V, along so many steps of one flow and kick."""
+    """(y, c, h, steps) → the least and largest 2H, then J3, of the top without V, along steps of one flow and one kick."""
     kicked, numbers = kick_of(V, 0), numbers_of(V)
 
     @jit
@@ -232,7 +232,7 @@ def trial_run(V: System) -> Any:
 def set_box(
     c: Array, scales: tuple[float, float, float], y0: Array, run: Callable[..., tuple[float, ...]], h: float
 ) -> bool:
-    """Sets the box of the tables, from a run with long steps; False if that does not get through."""
+    """Put the box of the tables into c, from a trial run with long steps; False if the run fails."""
     rate, _, unit = scales
     if not math.isfinite(unit):  # without V nothing moves
         return False

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -111,23 +111,18 @@ def _corrector(chosen: Scheme, b: Sequence[float], spacing: float) -> list[tuple
     return parts
 
 
-def _ways(chosen: Scheme, sign: float, corrector: Iterable[tuple[float, float]]) -> tuple[list, list]:
-    """(flow, kick) by which a state enters the run, and by which it leaves, for |h| = 1: inverse to each other."""
+@cache
+def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
+    """`ends_of` for |h| = 1."""
+    corrector = _corrector(chosen, corrector_kicks(chosen), SPACING) if corrected else ()
     after = [(chosen.a[0] * sign, 0.0), *corrector]
     before, pending = [], 0.0
     for time, kick in reversed(after):
         before.append((pending, -kick))
         pending = -time
-    return [*before, (pending, 0.0)], after
-
-
-@cache
-def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
-    """`ends_of` for |h| = 1."""
-    corrector = _corrector(chosen, corrector_kicks(chosen), SPACING) if corrected else ()
-    return tuple(map(np.array, _ways(chosen, sign, corrector)))
+    return np.array([*before, (pending, 0.0)]), np.array(after)
 
 
 def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, ...]:
-    """(flow, kick) by which a state enters the run, and by which it leaves: inverse to each other."""
-    return tuple(abs(h) * way for way in _ends(chosen, corrected, math.copysign(1.0, h)))
+    """The (flow, kick) pairs by which a state enters a run, and those by which it leaves: inverse maps of each other."""
+    return tuple(abs(h) * end for end in _ends(chosen, corrected, math.copysign(1.0, h)))

@@ -66,7 +66,7 @@ def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
 def stages(
     system: System, rows: tuple[tuple[float, ...], ...], tape: Tape, t: Any, y: Any, h: Any, p: Any, slopes: Any = ()
 ) -> tuple[Any, ...]:
-    """All h f(u_i) on a tape: of the state, unless `slopes` has it and more, and of u_i = y + Σ a_ij h f(u_j) for each row."""
+    """h f(u_i) of all stages on a tape, u_i = y + Σ a_ij h f(u_j) for each row. `slopes`: those that are known, or h f(y)."""
     slopes = list(slopes) or [system.rates(tape, t, y, p, h)]
     for row in rows:
         u = tuple(a + d for a, d in zip(y, weigh(row, slopes), strict=True))
@@ -91,7 +91,7 @@ def increment_of(tableau: Tableau, system: System) -> Split:
 
 
 def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
-    """a + b of several numbers, and what is lost: as `two_sum`."""
+    """The sums of several pairs of numbers and their rounding errors, as in `two_sum`."""
     totals = [x + y for x, y in zip(a, b, strict=True)]
     rows = [(x, y, total, total - x) for x, y, total in zip(a, b, totals, strict=True)]
     return totals, [(x - (total - share)) + (y - share) for x, y, total, share in rows]
@@ -101,7 +101,7 @@ def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
 def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
     """(s, d, counters) → the state with the increment of its moving components.
 
-    `compensated`: s + (d + what the last sum lost); what this one loses, exactly, is kept.
+    `compensated`: the rounding error of the last sum is added to d, and that of this sum stored.
     """
     count = len(moving)
     get, keep = tuple_loader(count), tuple_storer(max(count, 1))

@@ -132,7 +132,7 @@ def process(s, g):
 
 @cache
 def map_over(step: Any, processed: bool) -> Any:
-    """Of each row, in place: one rotation and one kick; if `processed`, with the flow of [A,B] before and after them."""
+    """Apply one rotation and one kick to each row, in place; if `processed`, with the flow of [A,B] before and after them."""
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
@@ -187,9 +187,9 @@ def square(number: float) -> float:
 
 
 def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-    """Of |J|²/2 + U(x) over the conjugate of a scheme: states enter and leave through its first flow and its processor.
+    """A stepper for |J|²/2 + U(x). It runs over the conjugate of a scheme: its first flow and processor map states in and out.
 
-    `compensated`: what rounding takes from a sum is kept for the next one, from step to step within a call.
+    `compensated`: the rounding error of each sum is added to the next one, from step to step within a call.
     """
     carried = check_flag(compensated, "compensated")
     if not kinds.top(problem):

@@ -312,9 +312,9 @@ class Problem:
         return frozenset(self.names)
 
     def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (n,) the scale that its error is judged by: the length of its vector.
+        """The scale that the error of each component of one state (n,) is judged by: the length of its vector.
 
-        To J of e3 what the force turns it by in the time scale of the motion is added.
+        The scale of J of e3 includes what the force adds to J within the time scale of the motion.
         """
         vectors = [vector for _, vector in self.space.rotations(np.zeros(self.space.size), np.asarray(y, dtype=float))]
         lengths = np.array([np.linalg.norm(vector[None], axis=1)[0] for vector in vectors])
@@ -343,10 +343,11 @@ class Problem:
         return np.maximum(np.abs(self.gradients(y)) @ self.sizes(y), np.abs(self.invariants(y)))
 
     def conserved_by(self, method: Any) -> frozenset[str]:
-        """Those of `names` that a method keeps at round-off, by its claims for a top in any field.
+        """Those of `names` that a method conserves up to round-off, derived from its claims for tops.
 
-        C1 and C2 stand for the Casimir functions, J3 for components that stay, H of a quadratic field for all quadratic
-        functions, and other words for what the problem calls so. A splitting keeps a component if all parts do.
+        A method that conserves C1 and C2 conserves all Casimir functions. One that conserves J3 conserves every component that is
+        constant; a splitting only if all parts conserve it. One that conserves H in quadratic fields conserves all quadratic
+        functions. Other words are names of the problem's own invariants.
         """
         conserves = method.claims.conserves
         if method.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies

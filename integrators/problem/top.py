@@ -72,7 +72,7 @@ class Top(Problem):
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def sizes(self, y: ArrayLike) -> Array:
-        """Of each component of one state (6,) the scale that its error is judged by."""
+        """The scale that the error of each component of one state (6,) is judged by."""
         return np.repeat(self.scales(y)[:2], 3)
 
     def invariant_scales(self, y: ArrayLike) -> Array:

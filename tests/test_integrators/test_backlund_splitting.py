@@ -109,7 +109,7 @@ def test_tables_and_plain_doubles_agree(scheme):
 
 
 def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
-    monkeypatch.setattr(bs, "MARGIN", 0.2)
+    monkeypatch.setattr(bs.kernels, "MARGIN", 0.2)
     top, y, unit = problem("moderate_tide")
     small, plain = (prepare(top, y, 0.25 * unit, NAME, table=table) for table in (True, False))
     assert metrics.scaled_error(top, y, small.advance(y, 400), plain.advance(y, 400)) < 1e-12
