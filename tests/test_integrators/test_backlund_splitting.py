@@ -27,6 +27,7 @@ from lagrange_bench import (
 from lagrange_bench.experiments import perturbed
 from lagrange_bench.integrators import exact, integrate, prepare, reference
 from lagrange_bench.integrators.compiling.tape import bandwidth, record
+from lagrange_bench.integrators.interface import StepWarning
 from lagrange_bench.integrators.methods import backlund_splitting as bs
 from lagrange_bench.integrators.methods import step_halving
 from lagrange_bench.integrators.torus import step_table
@@ -142,9 +143,9 @@ def test_the_energy_error_does_not_grow():
 
 def test_it_says_where_it_is_the_wrong_method():
     top, y, unit = problem("strong_tide")
-    with pytest.warns(bs.StepWarning, match="blanes_moan6 costs less"):
+    with pytest.warns(StepWarning, match="blanes_moan6 costs less"):
         prepare(PerturbedTop(top.top, POTENTIALS["tide"], (3.0, 1.0, 0.0, 0.0)), y, 0.1 * unit, NAME)
-    with pytest.warns(bs.StepWarning, match="near resonance"):
+    with pytest.warns(StepWarning, match="near resonance"):
         prepare(top, y, 1.5 * unit, NAME)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
