@@ -54,7 +54,7 @@ SPECIAL = {  # alpha, state: each on or next to a place where a formula could br
 
 STATES = {
     **{name: (named.alpha, named.y0) for name, named in TOPS.items()},
-    **{name: (find(name)[0].alpha, tuple(find(name)[1])) for name in WIDE[:8]},
+    **{name: (find(name)[0].alpha, tuple(find(name)[1])) for name in WIDE[:3]},
     **SPECIAL,
 }
 
@@ -72,10 +72,7 @@ def test_states_follow_the_equations_of_motion(case):
     assert error(top, y0, exact.solution(top, y0, 0.0), y0) < BOUND
 
 
-NEAR = [
-    *((2.0 + kick, 0, 1.0, 1.0, 0, -0.75) for kick in (2.0**-13, -(2.0**-50))),
-    *((0, 0, 1.0, kick, 0, 1.0) for kick in (2.0**-7, 2.0**-33)),
-]
+NEAR = [(2.0 + 2.0**-13, 0, 1.0, 1.0, 0, -0.75), (0, 0, 1.0, 2.0**-33, 0, 1.0)]
 
 
 @pytest.mark.parametrize("y0", NEAR)

@@ -1,7 +1,6 @@
 """Files of C and Python that follow a case by themselves: against digits of the named cases, and closed forms of the bench."""
 
 import ctypes
-import math
 import re
 import shutil
 import subprocess
@@ -40,29 +39,29 @@ def random_case(seed):
     return Case(f"random {seed}", body, start, omega, until=15 / rate, **flight)
 
 
-def special(name, inertia, omega, height=0.0, rotation=TURNED, until=10.0):
-    body = RigidBody(1.0, (0, 0, height), inertia, (0, 0, -math.copysign(8.0, height)))
-    return Case(name, body, rotation, omega, until=until)
-
-
 TOP = 0.75, 0.75, 1
-SPECIAL = [
-    special("at rest", (1, 2, 2.5), (0, 0, 0)),
-    special("about an axis", (1, 2, 2.5), (0, -3, 0)),
-    special("a ball", (2, 2, 2), (1, 2, -3)),
-    special("nearly a ball", (1, 1, 1 + 1e-12), (1, 2, -3)),
-    *(special(f"two equal moments, {n}", np.roll((1, 1, 1.5), n), (1, 2, -3)) for n in range(3)),
-    special("separatrix", (3, 4, 6), (-1 / 3, 0.5, 1 / 6)),
-    special("middle of the separatrix", (3, 4, 6), (1 / 3, 0, -1 / 6)),
-    *(special(f"near the middle axis, {n}", (3, 5, 7), (10.0**-n, 1, 10.0**-n), until=40.0) for n in (3, 6, 9, 12)),
-    special("steady", TOP, (0, 1, 4), 0.5),
-    special("steady, upside down", TOP, (0, 1, 4), -0.5),
-    special("sleeping", TOP, (0, 0, 20), 0.5, UPRIGHT),
-    special("nearly upright and slow", TOP, (1e-6, 0, 1), 0.5, UPRIGHT, until=4.0),
-    special("pendulum", TOP, (0, 0, 0), 0.5),
-    special("fast and light", TOP, (0, 30, 300), 1e-3, until=0.1),
-    Case("hanging", RigidBody(1.0, (0, 0, -0.5), TOP), UPRIGHT, (0, 0, 3)),
-]
+SPECIAL = {  # moments, angular velocity; height of the centre of mass, rotation, time, gravity
+    "at rest": ((1, 2, 2.5), (0, 0, 0)),
+    "about an axis": ((1, 2, 2.5), (0, -3, 0)),
+    "a ball": ((2, 2, 2), (1, 2, -3)),
+    "nearly a ball": ((1, 1, 1 + 1e-12), (1, 2, -3)),
+    **{f"two equal moments, {n}": (np.roll((1, 1, 1.5), n), (1, 2, -3)) for n in range(3)},
+    "separatrix": ((3, 4, 6), (-1 / 3, 0.5, 1 / 6)),
+    "middle of the separatrix": ((3, 4, 6), (1 / 3, 0, -1 / 6)),
+    **{f"near the middle axis, {n}": ((3, 5, 7), (10.0**-n, 1, 10.0**-n), 0.0, TURNED, 40.0) for n in (3, 6, 9, 12)},
+    "steady": (TOP, (0, 1, 4), 0.5),
+    "steady, upside down": (TOP, (0, 1, 4), -0.5, TURNED, 10.0, 8.0),
+    "sleeping": (TOP, (0, 0, 20), 0.5, UPRIGHT),
+    "nearly upright and slow": (TOP, (1e-6, 0, 1), 0.5, UPRIGHT, 4.0),
+    "pendulum": (TOP, (0, 0, 0), 0.5),
+    "fast and light": (TOP, (0, 30, 300), 1e-3, TURNED, 0.1),
+    "hanging": (TOP, (0, 0, 3), -0.5, UPRIGHT),
+}
+
+
+def special(name, inertia, omega, height=0.0, rotation=TURNED, until=10.0, gravity=-8.0):
+    body = RigidBody(1.0, (0, 0, height), inertia, (0, 0, gravity))
+    return Case(name, body, rotation, omega, until=until)
 
 
 @pytest.fixture
@@ -113,8 +112,9 @@ def test_the_named_cases(name, language, followed):
 
 
 @both
-@pytest.mark.parametrize("case", [*SPECIAL, *map(random_case, range(50))], ids=lambda case: case.name)
+@pytest.mark.parametrize("case", [*SPECIAL, *range(12)])
 def test_any_body(case, language, followed):
+    case = special(case, *SPECIAL[case]) if case in SPECIAL else random_case(case)
     run = case.solution(np.linspace(-case.until, case.until, 21))
     q = run.rotation.as_quat(scalar_first=True)
     assert_near(followed(case, language, run.t), q, run.omega_body, run.position)

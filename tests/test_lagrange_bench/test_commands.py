@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from test_cli import SHORT, examples
 
-import lagrange_bench
 from lagrange_bench import LagrangeTop, PerturbedTop, integrate
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.experiments.measuring import check
@@ -244,12 +243,3 @@ def test_a_potential_on_any_top(run, answer, tmp_path):
     named = (*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
     assert "tide (k = 0.1, n1 = 1, n2 = 0, n3 = 0)" in run(*named)[1]
     assert [name for name, v in answer(*named)["invariants"].items() if not v["conserved"]] == ["J3"]
-
-
-def test_public_names():
-    assert all(getattr(lagrange_bench, name) is not None for name in lagrange_bench.__all__)
-    with pytest.raises(AttributeError, match="no attribute 'Integrate'; did you mean 'integrate'"):
-        lagrange_bench.Integrate  # noqa: B018
-    assert {"integrate", "METHODS", "LagrangeTop", "metrics", "check"} <= set(dir(lagrange_bench))
-    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
-        lagrange_bench.nothing  # noqa: B018

@@ -80,14 +80,6 @@ def test_races_count_what_an_error_costs(short_races, ask, tops):
     assert [line.get_label() for line in ax.get_lines() if line.get_linewidth() == 9] == ["_frontier"]
 
 
-def test_errors_of_a_whole_body():
-    frame = heavy_top(["rk4"], "slow").to_frame()
-    assert len(frame) == 8
-    assert frame.rotation.min() < 1e-9
-    assert frame.h.max() == pytest.approx(2 / 2**5)
-    assert (frame.h_scaled > frame.h).all()
-
-
 def made(methods=("rk4", "strang"), tops=("generic", "fast")):
     h = 2.0 ** -np.arange(6)
     rows = [
@@ -100,23 +92,13 @@ def made(methods=("rk4", "strang"), tops=("generic", "fast")):
 
 BAD = {
     "^methods must be names": lambda: drift(4),
-    "tops: a top is a name, or a pair": lambda: drift(["rk4"], [3]),
-    "the bench has a top named slow": lambda: drift(["rk4"], [("slow", *BODY)]),
     "does not take the potential charge": lambda: drift(["backlund"], "magnet"),
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
-    "is exact in time: it has no order": lambda: order(["backlund"]),
     "every run failed: rk4: every step is exact up to round-off on rest": lambda: order(["rk4"], RESTING).plot(),
-    "still is at rest for ever": lambda: drift(["rk4"], ("still", LagrangeTop(0.0), (0, 0, 0, 0, 0, 1.0))),
     "is in a uniform field; take work_precision": lambda: perturbed(["rk4"], "generic"),
-    "^t must be from 0.001": lambda: work_precision(["rk4"], t_scaled=1e300),
-    "no run has an error below": lambda: work_precision(["rk4"], longest=1e-9),
     "of a body of your own ask": lambda: heavy_top(["rk4"], "nobody"),
     "^y must be a column of numbers": lambda: made().plot(y="method"),
-    "give one, or one for each of 2": lambda: made().plot(ax=plt.subplots(1, 3)[1]),
-    "a, b; choose one": lambda: Comparison(pd.concat(made().frame.assign(part=part) for part in "ab")).plot(),
     "no row has both": lambda: Comparison(made().frame.assign(error=np.nan)).plot(),
-    "^names: 'right', 'legend' or False; got 'left'": lambda: made().plot(names="left"),
-    "there are 13; choose at most": lambda: made(tops=[f"random{i:03d}" for i in range(13)]).plot(),
 }
 
 
@@ -178,22 +160,6 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
-
-
-def test_beside_an_axis_on_the_right_names_are_inside_or_in_a_legend_or_nowhere():
-    figure, ax = plt.subplots(figsize=(9, 4))
-    figure.subplots_adjust(right=0.6)
-    made().plot(tops=["generic"], ax=ax)
-    figure.canvas.draw()
-    assert all(text.get_window_extent().x0 > ax.bbox.x1 for text in ax.texts)
-    twin = ax.twinx()
-    made().plot(y="height", tops=["generic"], ax=twin, names=False, linestyle=":")
-    assert {line.get_linestyle() for line in twin.lines} == {":"}
-    assert not twin.texts
-    figure.canvas.draw()
-    assert all(text.get_window_extent().x1 <= ax.bbox.x1 for text in ax.texts)
-    ax = made().plot(tops=["generic"], names="legend")
-    assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]
