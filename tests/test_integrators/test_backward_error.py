@@ -48,7 +48,6 @@ RUNS = [  # a method, its step, options, steps, its error at least, what theory 
     ("backlund_textbook", 0.1, {}, 32_000, 0.5, 0.0, 1e-10),
     ("strang", 0.01, {}, 30_000, 1e-5, 1e-4, 0.0),
     ("rkmk4", -0.1, {}, 3_008, 1e-5, 1e-3, 0.0),
-    ("gauss6", 0.3, {}, 992, 1e-5, 1e-3, 0.0),
     ("rk4", 0.05, {}, 6_000, 1e-5, 1e-4, 0.0),
     # all modes of number 16, 32, … have the same phase at every step
     ("rkmk4", exact.nutation_period(TOP, Y0) / 16, {}, 800, 1e-3, 0.01, 0.0),

@@ -46,7 +46,7 @@ CASES = {  # alpha, k, state: each where f has other roots, or double ones
     "nearly from pole to pole": (0.0, 1.0, (1e-9, 0.75, 1e-9, 0.75, 0.0, 1.0)),
 }
 DRAW = np.random.default_rng(514)
-for _n in range(8):
+for _n in range(2):
     _alpha, _k = DRAW.choice((-1, 1), 2) * 10.0 ** DRAW.uniform((-2, -6), (1, 3))
     _J, _x = DRAW.normal(size=(2, 3)) * [[10 ** DRAW.uniform(-1, 1.5)], [1.0]]
     CASES[f"random {_n}"] = (float(_alpha), float(_k), (*_J.tolist(), *_x.tolist()))
