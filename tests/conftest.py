@@ -18,9 +18,8 @@ if "PYTEST_XDIST_WORKER" not in os.environ:  # the processes of pytest-xdist sha
     os.environ["HEYOKA_CACHE_DIR"] = _folder.name
 
 
-# pytest shows what differs in an assertion of these files too
-for _shared in ("sabotage", "test_integrators.paper.tools"):
-    pytest.register_assert_rewrite(f"tests.{_shared}")
+# pytest shows what differs in an assertion of this file, too
+pytest.register_assert_rewrite("tests.test_integrators.paper.tools")
 
 # a shell lets what it starts with & ignore Ctrl-C; tests that press it, and the processes they start, must not
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:

@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, Potential, Problem, RigidBody
+from lagrange_bench import LagrangeTop, PerturbedTop, Potential, Problem, RigidBody
 from lagrange_bench.experiments import driven as driven_tops
 from lagrange_bench.integrators import cos, integrate, kirchhoff_body, orbiting_tide, reference, sin
 from lagrange_bench.integrators.interface import StepError
-from lagrange_bench.integrators.methods.explicit import explicit_stepper
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import METHODS, available
 from tests.reference import free_body
@@ -179,28 +178,6 @@ def test_a_hamiltonian_may_use_arrays(formula):
     plain = Problem("p", "e3", lambda t, y, p: y[0] ** 2 + 2 * y[1] ** 2 + 4 * y[2] ** 2 + p[0] * y[5], (0.5,))
     y = np.random.default_rng(3).normal(size=(20, 6))
     np.testing.assert_allclose(Problem("p", "e3", formula, (0.5,)).rhs(y), plain.rhs(y), rtol=1e-14, atol=1e-14)
-
-
-def kutta(rates, t, y, h):
-    k1 = rates(t, y)
-    k2 = rates(t + h / 2, [a + b / 2 for a, b in zip(y, k1, strict=True)])
-    k3 = rates(t + h / 2, [a + b / 2 for a, b in zip(y, k2, strict=True)])
-    k4 = rates(t + h, [a + b for a, b in zip(y, k3, strict=True)])
-    return [(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
-
-
-def test_an_explicit_method_of_ones_own_follows_any_problem():
-    """Kutta's formula, written once: a pivot that vibrates, a free body, a top."""
-    top = TOPS["generic"]
-    for problem, y0 in (
-        (vibrating_pivot(1.0, 0.5, 3.0), top.state),
-        (free_body(1.0, 2.0, 3.0), top.state[:3]),
-        (top.top, top.state),
-    ):
-        stepper = explicit_stepper("kutta", problem, 0.05, kutta)
-        expected = integrate(problem, y0, h=0.05, steps=40, method="rk4").y[-1]
-        assert np.allclose(stepper.advance(y0, 40), expected, rtol=0, atol=1e-13)
-        assert stepper.work.rhs_evals == 160
 
 
 def test_a_symmetric_free_body_is_one_exact_flow():

@@ -1,4 +1,4 @@
-"""Splittings, letter by letter, against arithmetic in many digits; Lie-group methods on 6 × 6 matrices."""
+"""Splittings, letter by letter, against arithmetic in many digits."""
 
 import math
 

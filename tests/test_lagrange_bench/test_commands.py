@@ -1,4 +1,4 @@
-"""Commands that integrate, list, check and complete; scripts, and a visitor's own names."""
+"""Commands that integrate, list and check; and a visitor's own problems and files."""
 
 import hashlib
 import json

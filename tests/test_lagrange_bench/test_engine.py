@@ -125,17 +125,6 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     assert (code, out) == (0, f"{toy.store.folder / 'page' / 'index.html'}\n"), err
 
 
-def test_a_step_is_printed_with_its_unit(tmp_path):
-    summary = engine.Summary(tmp_path, "quick")
-    for experiment, cell in (
-        ("drift", {"h": 0.5}),
-        ("driven", {"h": 0.25}),
-        ("cost", {"part": "headline", "h": 0.125}),
-    ):
-        summary.failures.append({"experiment": experiment, "cell": cell, "error": "StepError: told to"})
-    assert re.findall(r'"(h\w*)": ', str(summary)) == ["h_scaled", "h", "h"]
-
-
 def test_a_process_that_lost_its_parent_in_a_compiled_call_ends_itself(toy, monkeypatch):
     """No thread of Python runs in one: the watch is faulthandler's."""
     calls = []

@@ -1,4 +1,4 @@
-"""Somebody else's packages join; somebody else's results run no code, and are never shown in silence."""
+"""Somebody else's packages join; somebody else's results run no code."""
 
 import shutil
 import sys

@@ -214,8 +214,6 @@ FILES = {  # what is in it → exit code, what is said
     "": (2, "run.csv: the file is empty"),
     "x" * 2_000_000: (2, "this is no text in UTF-8 with one row a line"),
     "t,a,b\n0,1,2": (2, "angular velocity. Its columns are t a b. Name them: --columns x=1"),
-    "t,x,y,z\n0,0,1,0\n1,0,1": (2, "line 3: 3 columns instead of 4"),
-    "t,x,y,z\n" + "".join(f"{i},0,1,0\n" for i in range(201)) + "1,0,1,0,5": (2, "line 203: 5 columns instead of 4"),
     "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
     "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300 (own unit)"),
@@ -225,13 +223,11 @@ FILES = {  # what is in it → exit code, what is said
     ),
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, a matrix or quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
-    "t,x,y,z\n0,0,0.5,0": (0, "The start is not that of the case. Its errors: position 5.00e-01 m."),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1000,0": (
         0,
         "The start is right, as far as the file says: it has no angular velocity.",
     ),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (0, "The times go to 200, the case to 2 s: perhaps they are no seconds."),
-    "t,x,y,z,a,a\n0,0,1,0,5,5": (0, "position x y z; not used: a a"),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
 }
 
@@ -390,19 +386,10 @@ def test_any_body_is_judged(tmp_path, answer, run):
     assert (code, "--axis is of no use" in err) == (2, True)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("mass = 1\ninertia = [1, 2, 2]\nomega_body = [0, 0, 1]", "inertia is not known"),
-        ("mass = 1\ninertia_com = [1, 2, 2]\nomega_body = [0, 0, 1]\nvelocity = [1, 0, 0]", "a body that flies"),
-        ("mass = -1\ninertia_com = [1, 2, 2]\nomega_body = [0, 0, 1]", "mass must be positive"),
-        ("mass", "not TOML"),
-    ],
-)
-def test_a_file_that_is_no_case_is_refused(text, words, tmp_path, run):
-    (tmp_path / "mine.toml").write_text(text)
+def test_a_file_that_is_no_case_is_refused(tmp_path, run):
+    (tmp_path / "mine.toml").write_text("mass = 1\ninertia = [1, 2, 2]\nomega_body = [0, 0, 1]")
     code, _, err = run("judge", str(tmp_path / "run.csv"), "--case", str(tmp_path / "mine.toml"))
-    assert (code, words in err) == (2, True), err
+    assert (code, "inertia is not known" in err) == (2, True), err
 
 
 def poor(case, h, until=2.0, damping=0.0, cap=np.inf, gyroscopic=True):
