@@ -39,7 +39,7 @@ def test_claims(name):
 @pytest.mark.interpreted
 @pytest.mark.parametrize("name", IN_FIELDS)
 def test_claims_in_a_field(name, monkeypatch):
-    monkeypatch.setattr(check, "FIELD_STEPS", 100)
+    monkeypatch.setattr(check, "FIELD_STEPS", 50)
     with np.errstate(all="ignore"):  # where nothing is compiled, NumPy warns of an overflow
         require(list(check.in_field(installed(name), True)), 4)
 
@@ -47,7 +47,7 @@ def test_claims_in_a_field(name, monkeypatch):
 @pytest.mark.interpreted
 @pytest.mark.parametrize("name", ["strang", pytest.param("implicit_midpoint", marks=pytest.mark.slow)])
 def test_claims_on_a_body(name, monkeypatch):
-    monkeypatch.setattr(check, "FIELD_STEPS", 100)
+    monkeypatch.setattr(check, "FIELD_STEPS", 50)
     with np.errstate(all="ignore"):
         require(list(check.of_its_kind(METHODS[name], True)), 12)
 

@@ -42,7 +42,7 @@ pytestmark = [
     pytest.mark.xdist_group("test_contract"),  # which compiles the same kernels
 ]
 interpreted = pytest.mark.interpreted
-few = settings(max_examples=4, deadline=None, derandomize=True)
+few = settings(max_examples=3, deadline=None, derandomize=True)
 
 
 @interpreted
