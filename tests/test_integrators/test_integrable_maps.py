@@ -1,5 +1,6 @@
 """The two integrable discretisations: their maps, written down a second time, in rational arithmetic."""
 
+import random
 from fractions import Fraction
 from types import SimpleNamespace
 
@@ -14,6 +15,14 @@ from tests.test_integrators.test_gauss import starts
 pytestmark = pytest.mark.interpreted
 EPS = float(np.finfo(float).eps)
 E3 = np.array((0, 0, 1))
+
+
+def rational_cases(count=4):
+    """alpha, h and a state. An identity of rational functions that holds at a few random points holds: Schwartz and Zippel."""
+    for seed in range(count):
+        draw = random.Random(seed)
+        alpha, h, *y = [Fraction(draw.randint(-99, 99) or 1, draw.randint(10, 99)) for _ in range(8)]
+        yield alpha, h, np.array(y)
 
 
 def eliminate(A, b):

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
 from lagrange_bench.reading import Options, read, survey
+from lagrange_bench.reading.names import unit_of
 
 T = np.arange(12) / 10
 X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)

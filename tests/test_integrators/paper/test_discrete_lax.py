@@ -7,10 +7,12 @@ import pytest
 
 from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
 from lagrange_bench.integrators.paper import discrete_lax, lax
+from lagrange_bench.integrators.paper.phase_space import cross
 from lagrange_bench.integrators.paper.two_point import pole_free
 from lagrange_bench.integrators.truth import exact
 from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
+from tests.test_integrators.test_integrable_maps import MAPS, kept_by_kahan, rational_cases
 
 
 def steps(method="bobenko_suris", lengths=(0.1, 1.0, 3.0)):
@@ -77,3 +79,24 @@ def test_kahan_is_bobenko_and_suris_elsewhere():
         assert step > h
         assert largest(prepare(top, z, step, "bobenko_suris").advance(z, 1) - new) < 1e-12
         assert largest(prepare(top, z, h, "bobenko_suris").advance(z, 1) - new) > 1e-7
+
+
+def test_the_identities_behind_it_are_exact():
+    e3 = np.array((0, 0, 1))
+    for alpha, h, y in rational_cases():
+        image, eps, kept = MAPS["kahan"](alpha, h, y), alpha * h * h / 4, kept_by_kahan(alpha, h, y)
+        r0, kappa, J, x, new = kept["r0"], kept["kappa"], y[:3], y[3:], image[3:]
+        K = J + h / 2 * alpha * cross(e3, x)
+        assert np.all(image[:3] - h / 2 * alpha * cross(e3, new) == K)
+        assert np.all(new * (1 - eps * x[2]) - x * (1 - eps * new[2]) == h / 2 * cross(K, x + new))
+        right = (x[2] + new[2] + 2 * kappa * eps) / (1 - kappa * eps**2) * cross(K, e3)
+        right = h / 2 * (right + (J[2] + eps * r0) * cross(e3, x + new))
+        assert np.all((new - x)[:2] == right[:2])
+        total = x + new
+        assert sum(K * total) == r0 * (2 - eps * total[2])
+        assert sum(total * total) == kappa * (4 + eps**2 * (total[0] ** 2 + total[1] ** 2))
+
+
+def test_a_step_that_is_too_long():
+    with pytest.raises(ValueError, match="the step is too long"):
+        discrete_lax.of_kahan(LagrangeTop(1.0), [0.1, 0, 0, 1, 0, 0.5], 3.0)

@@ -5,6 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
+from lagrange_bench.integrators.compiling.double_double import dd
 from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, spectral_polynomial
@@ -12,6 +13,7 @@ from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_in
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import gradient
+from lagrange_bench.integrators.torus import time_step
 from tests.test_integrators.paper.tools import Point, largest
 
 SIZES = pytest.mark.parametrize("n", [1, 5])
@@ -168,3 +170,19 @@ def test_the_image_moves_with_lambda():
     claimed = [2 * (rate / v * np.cross(s, ell) / (a - LAM)).imag for a, s in zip(magnet.sites, image, strict=True)]
     assert largest((ahead - behind) / (2 * d) - claimed) < 1e-8
     assert largest(claimed) > 0.01
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_two_sites_double_as_the_top_does(seed):
+    """Two steps with (λ, m) are one with the (λ', m') of `time_step.double_time`, Q = Π(u − a_j)² v², m = Π(u − a_j) v."""
+    p = Point(15, seed)
+    magnet, spins = magnet_of(p, 2, real=True)
+    q = tuple(dd(float(c)) for c in spectral_polynomial(magnet, spins))
+    a, b = magnet.sites
+    lam = a + 0.1 * upper(p.lam)
+    m = (lam - a) * (lam - b) * eigenvalue(magnet, spins, lam)
+    twice = time_step.double_time(q, (dd(lam.real), dd(lam.imag)), (dd(float(m.real)), dd(float(m.imag))))
+    lam2, m2 = (complex(re[0], im[0]) for re, im in twice)
+    assert lam2.imag > 0
+    once = two_point(magnet, spins, lam2, v=m2 / ((lam2 - a) * (lam2 - b)))
+    p.same(once, two_point(magnet, two_point(magnet, spins, lam), lam), 1000)
