@@ -6,7 +6,7 @@ Their λ, m and χ are power series of the step h: with C1 = 1, λ = ih/2 + …,
 
     2η dλ/dh = −m λ̄        m² = Q(λ)        dχ/dh = −2R/|λ|²,  χ(0) = π
 
-Whole periods are taken off the time first. Their length, and the turns that belong to them, come from `truth`.
+Whole periods are taken off the time first. Their length, and the turns that belong to them, have over 30 digits.
 """
 
 from __future__ import annotations
@@ -23,9 +23,11 @@ from mpmath import mp, mpf
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators.cases import Case
+from lagrange_bench.integrators.methods import free_body
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.free_motion import free_motion
-from lagrange_bench.integrators.truth import free_body, symmetric_body
+from lagrange_bench.integrators.truth import free_body as truth
+from lagrange_bench.integrators.truth import symmetric_body
 from lagrange_bench.integrators.truth.exact import DIGITS
 from lagrange_bench.support.precision import workdps
 
@@ -88,11 +90,10 @@ def parts(word: str, v: Any) -> dict[str, Any]:
 def free_constants(body: Any, y: Any) -> dict[str, Any]:
     """What the templates take of a free body."""
     motion, start = free_motion(body.inertia, y[4:]), body.rotations(y)
-    exact: Any = free_body.find_motion(
-        tuple(map(Fraction, body.inertia.tolist())), tuple(map(Fraction, y.tolist())), DIGITS
-    )
     if motion is None:
         rate = body.angular_velocity(y)
+        inertia, state = (tuple(map(Fraction, v.tolist())) for v in (body.inertia, y))
+        exact: Any = truth.find_motion(inertia, state, DIGITS)
         with workdps(DIGITS):
             turn = parts("turn", exact.turn / (2 * mp.pi))
         axis = rate / (np.linalg.norm(rate) or 1.0)
@@ -101,23 +102,18 @@ def free_constants(body: Any, y: Any) -> dict[str, Any]:
     frame = np.copysign(1.0, (motion.amplitudes[0], 1.0, motion.amplitudes[2]))[:, None] * body.axes[order]
     side = np.sign(np.linalg.det(frame))  # of axis j
     frame[1] *= side
-    slow, fast, whole = motion.momentum * motion.last, motion.momentum * motion.across / motion.rate, {}
+    formula, whole = free_body.formula(motion), {}
     with workdps(DIGITS):
-        (s, c), m1, ratio = map(mpf, motion.start), mpf(motion.complement), mpf(motion.ratio)
-        u = s * mp.elliprf(c * c, c * c + m1 * s * s, 1)
-        if m1:
-            third = ratio * s**3 / 3 * mp.elliprj(c * c, c * c + m1 * s * s, 1, 1 + ratio * s * s)
-            turn = exact.turn * exact.half_period / (2 * mp.pi) + 0.5
-            whole = parts("half", exact.half_period) | parts("turn", turn)
-        else:
-            third = (ratio * u - mp.sqrt(ratio) * mp.atan(mp.sqrt(ratio) * s)) / (1 + ratio)
+        for word in ("slow", "half", "turn"):
+            whole |= parts(word, mp.fsum(getattr(formula, word)))
+    s, c = formula.start
+    psi = free_body.bent(formula, s, c, math.sqrt(c * c + motion.complement * s * s))
     L, to_frame = frame @ body.axes.T @ y[4:], Rotation.from_matrix(frame)
-    angles = float(-fast * third), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0])
+    angles = float(psi), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0])
     left = start * (Rotation.from_euler("ZYZ", angles) * to_frame).inv()
     return {
-        **motion._asdict(),
-        **{"kind": "free", "inertia": body.inertia[order], "alpha": size[0], "beta": side * motion.amplitudes[1]},
-        **{"gamma": size[2], "slow": slow, "fast": fast, "phase": u, **whole},
+        **{"kind": "free", "complement": motion.complement, "inertia": body.inertia[order], "alpha": size[0]},
+        **{"beta": side * motion.amplitudes[1], "gamma": size[2], **formula._asdict(), **whole},
         **{"left": left.as_quat(scalar_first=True), "frame": to_frame.as_quat(scalar_first=True)},
     }
 

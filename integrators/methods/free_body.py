@@ -1,13 +1,19 @@
 """The free rigid body in closed form, with its rotation: any moments of inertia, any start, any time.
 
-L is that of `problem.free_motion`. Where G = |L| points up, the axis k turns about the vertical by
+L, G = |L|, λ and the other constants are those of `problem.free_motion`. Where L points up, the axis k turns about the
+vertical, from where u = 0, by
 
-    ψ = G a_i t − G (a_i − a_k)/λ · [C]      C(u) = r sn³/3 · R_J(cn², dn², 1, 1 + r sn²),   r = (a_i − a_j)/(a_j − a_k)
+    ψ = a_j G t + (a_j G² − D)/(G λ) C(u) + atan(p sn u cn u/dn u)        p = (a_i − a_j) G/λ
+    C(u) = ∫ N sn²/(1 − N sn²) du = N sn³/3 · R_J(cn², dn², 1, 1 − N sn²)     1 − N = (a_j G² − D)/(a_i G² − D)
 
-from its start: Legendre's integral of the third kind is u − C. Whole half periods are taken off u first. With
-η = arg(L_1 + i L_2) and θ the angle from axis k to L, in axes 1, 2, 3 = k that are right-handed,
+Landau and Lifshitz have a_i G t − G (a_i − a_k)/λ (u − Π(u, −r)), r = (a_i − a_j)/(a_j − a_k): large terms that cancel where r is
+large, as in needles. DLMF 19.7.10, which takes −r to N = (k² + r)/(1 + r), leaves terms of one sign, or, of a body of matter,
+terms that cancel by half at most. Whole half periods and whole turns are taken off in double-double. With η = arg(L_1 + i L_2)
+and θ the angle from axis k to L, in axes 1, 2, 3 = k that are right-handed,
 
     R(t) = R(0) M(0)ᵀ M(t)        M = R3(ψ) R2(−θ) R3(−η)
+
+Errors are about what one ulp of L at the start does to the motion, also of needles and plates, and next to the separatrix.
 
 Sources: Landau & Lifshitz, Mechanics (1976), section 37; van Zon and Schofield, J. Comput. Phys. 225 (2007) 145; Carlson, Numer.
 Algorithms 10 (1995) 13 (R_J); Bulirsch, Numer. Math. 7 (1965) 78 (elliptic functions from 1 − k²).
@@ -16,16 +22,23 @@ Algorithms 10 (1995) 13 (R_J); Bulirsch, Numer. Math. 7 (1965) 78 (elliptic func
 from __future__ import annotations
 
 import math
+from fractions import Fraction
+from typing import NamedTuple
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_grid
+from lagrange_bench.integrators.compiling.double_double import div, two_prod
+from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.problem.free_motion import FreeMotion, free_motion
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import product
+from lagrange_bench.integrators.torus.time_step import TWO_PI, period_and_turn
 
+Pair = tuple[float, float]
 MOST_TURNS = 2.0**45  # half periods: beyond them doubles hardly resolve the phase
+first_period_and_turn = at_first_interpreted(period_and_turn)
 
 
 def sncndn(u: Array, complement: float) -> tuple[Array, Array, Array]:
@@ -53,50 +66,95 @@ def sncndn(u: Array, complement: float) -> tuple[Array, Array, Array]:
     return np.where(still, 0.0, sine), np.where(still, 1.0, cosine), np.where(still, 1.0, d)
 
 
-def third(s: Array, c: Array, d: Array, ratio: float) -> Array:
-    """C(u) from sn, cn and dn."""
+class Formula(NamedTuple):
+    """Numbers of the formulas above, for one motion."""
+
+    start: tuple[float, float]  # sn and cn of u0, on the unit circle
+    phase: float  # u0; u = λ t + u0
+    rate: float  # λ
+    fast: float  # (a_j G² − D)/(G λ)
+    bend: float  # p
+    ratio: float  # N
+    rest: float  # 1 − N
+    slow: Pair  # a_j G/2π, turns in a second; a double-double, as the next two
+    half: Pair  # half a period, 2K/λ; inf on the separatrix
+    turn: Pair  # the turns of ψ − a_j G t in it but for whole ones
+
+
+def formula(motion: FreeMotion) -> Formula:
+    """The numbers of a motion, each from fractions, rounded once."""
+    from scipy.special import elliprf
+
+    (s, c), (a_i, a_j, a_k), G, rate = motion.start, motion.inverse, motion.momentum, motion.rate
+    low, middle, high = motion.low, motion.middle, motion.high
+    # (a_j G² − D)/(G (1 − N sn²)) is (arg F_J)' of a top whose ζ2 is 0, with κ = 1, in the time λ t
+    unit = 2 / (G * rate) ** 2
+    z1, z3 = unit * G**2 * (a_i - a_k) * middle, -unit * G**2 * (a_i - a_j) * low
+    J, below, above = unit * low * high, unit * low * middle, unit * high * middle
+    slope, steady = J * middle / (G * rate), -2 * middle / (G * rate)
+    half, turn = first_period_and_turn(*map(pair, (z1, Fraction(0), z3, J, below, above, slope, steady)))
+    size = math.hypot(s, c)
+    s, c = s / size, c / size
+    numbers = rate, middle / (G * rate), (a_i - a_j) * G / rate, (a_i - a_j) * G**2 / high, middle / high
+    return Formula(
+        (s, c),
+        s * float(elliprf(c * c, c * c + motion.complement * s * s, 1.0)),
+        *map(float, numbers),
+        slow=div(pair(a_j * G), TWO_PI),
+        half=half if math.isinf(half[0]) else div(half, pair(rate)),
+        turn=turn,
+    )
+
+
+def pair(v: Fraction) -> Pair:
+    """As a double-double."""
+    return float(v), float(v - Fraction(float(v)))
+
+
+def bent(f: Formula, s: Array, c: Array, d: Array) -> Array:
+    """ψ − a_j G t, from sn, cn and dn."""
     from scipy.special import elliprj
 
-    if ratio == 0.0:
-        return np.zeros_like(s)
-    return ratio * s**3 / 3.0 * elliprj(c * c, d * d, 1.0, 1.0 + ratio * s * s)
+    angle = np.arctan2(f.bend * s * c, d)
+    if f.rest == 0.0:  # on the separatrix
+        return angle
+    return angle + f.fast * f.ratio * s**3 / 3.0 * elliprj(c * c, d * d, 1.0, c * c + f.rest * s * s)
+
+
+def turned(n: Array, turns: Pair) -> Array:
+    """The angle of n times so many turns, but for whole ones."""
+    p, e = two_prod(n, turns[0])
+    return 2.0 * math.pi * ((p - np.rint(p)) + (e + n * turns[1]))
 
 
 def momenta_and_turns(motion: FreeMotion, t: Array) -> tuple[Array, Array]:
     """L (N, 3) at times (N,), and quaternions (4, N) of the turn from the body at each time to the body at the start."""
-    from scipy.special import ellipkm1, elliprf
-
-    m1, (s0, c0) = motion.complement, motion.start
-    quarter = float(ellipkm1(m1))
-    size = math.hypot(s0, c0)
-    s0, c0 = s0 / size, c0 / size
-    u0 = s0 * float(elliprf(c0 * c0, c0 * c0 + m1 * s0 * s0, 1.0))
-    u = motion.rate * np.concatenate(([0.0], t)) + u0
-    n = np.zeros_like(u) if math.isinf(quarter) else np.rint(u / (2.0 * quarter))
-    n[0] = 0.0  # also where rounding takes u0 beyond a quarter period
+    f = formula(motion)
+    t = np.concatenate(([0.0], t))
+    n, m1, (s0, c0) = np.zeros_like(t), motion.complement, f.start
+    since = t
+    if not math.isinf(f.half[0]):
+        n = np.rint((t + f.phase / f.rate) / f.half[0])
+        n[0] = 0.0  # also where rounding takes u0 beyond a quarter period
+        p, e = two_prod(n, f.half[0])
+        since = (t - p) - (e + n * f.half[1])
     if not np.all(np.abs(n) < MOST_TURNS):
         raise StepError("theta_functions", "t is over 2^45 half periods of the motion: its phase is beyond double")
-    rest = u if math.isinf(quarter) else u - 2.0 * quarter * n
-    s, c, d = sncndn(rest, m1)
+    s, c, d = sncndn(f.rate * since + f.phase, m1)
     s[0], c[0], d[0] = s0, c0, math.sqrt(c0 * c0 + m1 * s0 * s0)
-    if math.isinf(quarter):  # sn = tanh
-        root = math.sqrt(motion.ratio)
-        C = (motion.ratio * u - root * np.arctan(root * s)) / (1.0 + motion.ratio)
-    else:
-        whole = 2.0 * float(third(np.ones(1), np.zeros(1), np.full(1, math.sqrt(m1)), motion.ratio)[0])
-        C = third(s, c, d, motion.ratio) + n * whole
-    psi = motion.momentum * (motion.last * np.concatenate(([0.0], t)) - motion.across / motion.rate * (C - C[0]))
+    psi = bent(f, s, c, d)
+    psi += turned(t, f.slow) + turned(n, f.turn) - psi[0]
     sign = 1.0 - 2.0 * np.remainder(n, 2.0)
     alpha, beta, gamma = motion.amplitudes
     parts = sign * alpha * c, sign * beta * s, gamma * d
-    L = np.empty((len(u), 3))
+    L = np.empty((len(t), 3))
     for axis, part in zip(motion.axes, parts, strict=True):
         L[:, axis] = part
     k = motion.axes[2]
     one, two = (k + 1) % 3, (k + 2) % 3
     half = 0.5 * np.arctan2(np.hypot(L[:, one], L[:, two]), L[:, k])
     psi, eta = 0.5 * psi, 0.5 * np.arctan2(L[:, two], L[:, one])
-    q = np.empty((4, len(u)))  # of M, from half angles
+    q = np.empty((4, len(t)))  # of M, from half angles
     q[0], q[1 + k] = np.cos(half) * np.cos(psi - eta), np.cos(half) * np.sin(psi - eta)
     q[1 + one], q[1 + two] = np.sin(half) * np.sin(psi + eta), -np.sin(half) * np.cos(psi + eta)
     back = q[0, 0], -q[1, 0], -q[2, 0], -q[3, 0]

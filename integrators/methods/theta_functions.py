@@ -47,7 +47,7 @@ from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
-from lagrange_bench.integrators.torus.time_step import largest_root
+from lagrange_bench.integrators.torus.time_step import TWO_PI, largest_root, period_and_turn
 
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
@@ -68,8 +68,7 @@ FAILURES = {
 WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference to a double for any admissible time
 # of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
 UPRIGHT = 1e-40
-TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
-ZERO, ONE, TWO = (0.0, 0.0), (1.0, 0.0), (2.0, 0.0)
+ZERO = (0.0, 0.0)
 state_of, put_state = tuple_loader(6), tuple_storer(6)
 
 
@@ -262,7 +261,7 @@ def turn_of_frame(alpha, y):
         alpha, x1, x2, x3 = -alpha, -x1, -x2, -x3
     z1, z2, z3, _, zA, _, _, dA, _ = roots(alpha, (J1, J2, m, x1, x2, x3))
     low, high = above(z1, z2, z3, zA, dA)
-    return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, 0.0)[1]
+    return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, ZERO)[1]
 
 
 @jit
@@ -352,42 +351,6 @@ def side(d, low, high):
 
 
 @jit
-def period_and_turn(z1, z2, z3, J, low, high, dJ, m):
-    """The period T and the precession in it over 2π, as double-doubles; `J`, `low`, `high` = ζ_J − ζ3, ζ_J − ζ2, ζ1 − ζ_J.
-
-    (arg F_J)' = dJ/(ζ_J − ζ) over a period is (2 dJ/κJ) Π(n, k), n = (ζ2 − ζ3)/J; where n is close to 1, and J+ close to 0 when
-    ζ = ζ2, Π(n) = K − Π(k²/n) + (κJ/|2 dJ|) π instead (DLMF 19.7.8).
-    """
-    a, g = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
-    if g[0] <= 0.0:
-        return (math.inf, 0.0), ZERO
-    close = low[0] < high[0]
-    p = sqrt(scale(high, 0.5)) if close else mul(a, sqrt(div(low, J)))
-    total, Q = ONE, ONE
-    for _ in range(60):
-        ag, pp = mul(a, g), mul(p, p)
-        bottom = add(pp, ag)
-        Q = scale(mul(Q, div(sub(pp, ag), bottom)), 0.5)
-        total = add(total, Q)
-        done = abs(a[0] - g[0]) <= 1e-16 * a[0] and abs(Q[0]) < 1e-33
-        p = div(scale(bottom, 0.5), p)
-        a, g = scale(add(a, g), 0.5), sqrt(ag)
-        if done:
-            break
-    T = div(scale(TWO_PI, 0.5), a)
-    half = scale(T, 0.5)
-    turn = mul(dd(m), half)
-    if close:
-        turn = sub(turn, mul(mul(div(dJ, high), half), total))
-    else:
-        turn = add(turn, mul(mul(div(dJ, J), half), add(TWO, mul(div(sub(z2, z3), low), total))))
-    turn = div(turn, TWO_PI)
-    if close:
-        turn = add(turn, dd(0.5))
-    return T, sub(turn, dd(np.rint(turn[0])))
-
-
-@jit
 def nome(squared, complementary):
     """q of k² and k'², k² <= 1/2 (DLMF 19.5.6 and 19.5.7)."""
     k = math.sqrt(complementary)
@@ -469,7 +432,7 @@ def constants(alpha, y, h):
     d1, d2, d3, dzJ, dzA, dzB, ddJ, ddA, ddB = roots(alpha, (J1, J2, m, x1, x2, x3))
     J_low, J_high = above(d1, d2, d3, dzJ, ddJ)
     A_low, A_high = above(d1, d2, d3, dzA, ddA)
-    T, turn = period_and_turn(d1, d2, d3, sub(dzJ, d3), J_low, J_high, ddJ, m)
+    T, turn = period_and_turn(d1, d2, d3, sub(dzJ, d3), J_low, J_high, ddJ, dd(m))
     c[PERIOD], c[PERIOD_LO] = T
     c[TURN], c[TURN_LO] = turn
     # from here on doubles do

@@ -8,7 +8,7 @@ L goes round axis k, that of the largest or of the smallest moment, as D is belo
     α² = (D − a_k G²)/(a_i − a_k)      β² = (D − a_k G²)/(a_j − a_k)      γ² = (a_i G² − D)/(a_i − a_k)
     λ² = (a_j − a_k)(a_i G² − D)       1 − k² = (a_i − a_k)(a_j G² − D)/λ²
 
-1 − k² is 0 on the separatrix. All differences are of the doubles themselves, in fractions: nothing cancels.
+1 − k² is 0 on the separatrix. All differences are of the doubles themselves, in fractions: nothing cancels. Roots have 128 bits.
 
 Source: Landau & Lifshitz, Mechanics (1976), section 37.
 """
@@ -19,11 +19,9 @@ import math
 from fractions import Fraction
 from typing import NamedTuple
 
-import numpy as np
-
 from lagrange_bench.integrators.checks import Array
 
-MARGIN = 200  # bits: of quotients and roots
+MARGIN = 256  # bits of a square whose root is taken
 
 
 class FreeMotion(NamedTuple):
@@ -31,13 +29,14 @@ class FreeMotion(NamedTuple):
 
     axes: tuple[int, int, int]
     amplitudes: tuple[float, float, float]  # α, β, γ with their signs: u0 is within a quarter period of 0
-    rate: float  # λ
-    complement: float  # 1 − k²
-    momentum: float  # G
-    across: float  # a_i − a_k, 1/(kg m²)
-    last: float  # a_i
-    ratio: float  # (a_i − a_j)/(a_j − a_k), not negative
     start: tuple[float, float]  # sn and cn of u0
+    complement: float  # 1 − k²
+    rate: Fraction  # λ
+    momentum: Fraction  # G
+    inverse: tuple[Fraction, Fraction, Fraction]  # a_i, a_j, a_k
+    low: Fraction  # D − a_k G²
+    middle: Fraction  # a_j G² − D
+    high: Fraction  # a_i G² − D
 
 
 def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
@@ -56,30 +55,30 @@ def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
     high = ij * squares[j] + ik * squares[k]  # a_i G² − D
     middle = jk * squares[k] - ij * squares[i]  # a_j G² − D
     odd = (i, j, k) in ((0, 2, 1), (2, 1, 0), (1, 0, 2))
-    alpha, beta, gamma = _root(low / ik), _root(low / jk), _root(high / ik)
+    alpha, beta, gamma = (float(_root(v)) for v in (low / ik, low / jk, high / ik))
     alpha, gamma = math.copysign(alpha, L[i]), math.copysign(gamma, L[k])
     turn = (-1.0 if odd else 1.0) * math.copysign(1.0, alpha) * math.copysign(1.0, gamma) * (1.0 if ik > 0 else -1.0)
     beta *= turn  # L_j' = ± (a_i − a_k) L_k L_i
-    sine, cosine = turn * math.copysign(_root(squares[j] * jk / low), L[j]), _root(squares[i] * ik / low)
+    sine, cosine = (float(_root(v / low)) for v in (squares[j] * jk, squares[i] * ik))
     return FreeMotion(
         axes=(i, j, k),
         amplitudes=(alpha, beta, gamma),
-        rate=_root(jk * high),
+        start=(turn * math.copysign(sine, L[j]), cosine),
         complement=float(ik * middle / (jk * high)),
+        rate=_root(jk * high),
         momentum=_root(sum(squares, Fraction(0))),
-        across=float(ik),
-        last=float(a[i]),
-        ratio=float(ij / jk),
-        start=(sine, cosine),
+        inverse=(a[i], a[j], a[k]),
+        low=low,
+        middle=middle,
+        high=high,
     )
 
 
-def _root(square: Fraction) -> float:
-    """The root, rounded once."""
+def _root(square: Fraction) -> Fraction:
     p, q = square.numerator, square.denominator
     shift = max(0, MARGIN - p.bit_length() + q.bit_length())
     shift += shift & 1
-    return float(Fraction(math.isqrt((p << shift) // q), 1 << (shift // 2)))
+    return Fraction(math.isqrt((p << shift) // q), 1 << (shift // 2))
 
 
 def period(inertia: Array, L: Array) -> float:
@@ -87,4 +86,4 @@ def period(inertia: Array, L: Array) -> float:
     from scipy.special import ellipkm1
 
     motion = free_motion(inertia, L)
-    return 0.0 if motion is None else float(4.0 * ellipkm1(motion.complement) / np.float64(motion.rate))
+    return 0.0 if motion is None else float(4.0 * ellipkm1(motion.complement) / float(motion.rate))

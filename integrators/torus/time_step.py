@@ -54,6 +54,7 @@ from lagrange_bench.integrators.compiling.unroll import unrolled
 SERIES = 20  # terms of the power series of 1/√Q
 EXACT = 10  # so many in double-double; the others are below 1e-16 of the sum
 START = 2.0**-4  # longest time of the series, in units of 1/(|J| + √(|alpha||x|))
+TWO_PI = (6.283185307179586, 2.4492935982947064e-16)
 TINY_BRANCH = 1e-25  # for smaller |m| the homoclinic orbit has reached the sleeping top, to all digits
 
 
@@ -338,6 +339,42 @@ def nutation_period(alpha, y):
     mean, half = scale(add(x, y), 0.5), 0.5 * sub(x, y)[0]
     mean = add(mean, dd(-0.25 * half * half / mean[0]))  # agm(mean + half, mean − half) to half⁴
     return div((3.141592653589793, 1.2246467991473532e-16), mean)
+
+
+@jit
+def period_and_turn(z1, z2, z3, J, low, high, dJ, m):
+    """The period T and the precession in it over 2π, as double-doubles; `J`, `low`, `high` = ζ_J − ζ3, ζ_J − ζ2, ζ1 − ζ_J.
+
+    (arg F_J)' = dJ/(ζ_J − ζ) over a period is (2 dJ/κJ) Π(n, k), n = (ζ2 − ζ3)/J; where n is close to 1, and J+ close to 0 when
+    ζ = ζ2, Π(n) = K − Π(k²/n) + (κJ/|2 dJ|) π instead (DLMF 19.7.8).
+    """
+    a, g = sqrt(scale(sub(z1, z3), 0.5)), sqrt(scale(sub(z1, z2), 0.5))
+    if g[0] <= 0.0:
+        return (math.inf, 0.0), dd(0.0)
+    close = low[0] < high[0]
+    p = sqrt(scale(high, 0.5)) if close else mul(a, sqrt(div(low, J)))
+    total, Q = dd(1.0), dd(1.0)
+    for _ in range(60):
+        ag, pp = mul(a, g), mul(p, p)
+        bottom = add(pp, ag)
+        Q = scale(mul(Q, div(sub(pp, ag), bottom)), 0.5)
+        total = add(total, Q)
+        done = abs(a[0] - g[0]) <= 1e-16 * a[0] and abs(Q[0]) < 1e-33
+        p = div(scale(bottom, 0.5), p)
+        a, g = scale(add(a, g), 0.5), sqrt(ag)
+        if done:
+            break
+    T = div(scale(TWO_PI, 0.5), a)
+    half = scale(T, 0.5)
+    turn = mul(m, half)
+    if close:
+        turn = sub(turn, mul(mul(div(dJ, high), half), total))
+    else:
+        turn = add(turn, mul(mul(div(dJ, J), half), add(dd(2.0), mul(div(sub(z2, z3), low), total))))
+    turn = div(turn, TWO_PI)
+    if close:
+        turn = add(turn, dd(0.5))
+    return T, sub(turn, dd(np.rint(turn[0])))
 
 
 @jit
