@@ -76,7 +76,7 @@ class Formula(NamedTuple):
     bend: float  # p
     ratio: float  # N
     rest: float  # 1 − N
-    slow: Pair  # a_j G/2π, turns in a second; a double-double, as the next two
+    slow: Pair  # a_j G/2π, turns in a second; a double-double, as the next two are
     half: Pair  # half a period, 2K/λ; inf on the separatrix
     turn: Pair  # the turns of ψ − a_j G t in it but for whole ones
 
