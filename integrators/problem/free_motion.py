@@ -55,18 +55,18 @@ def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
     high = ij * squares[j] + ik * squares[k]  # a_i G² − D
     middle = jk * squares[k] - ij * squares[i]  # a_j G² − D
     odd = (i, j, k) in ((0, 2, 1), (2, 1, 0), (1, 0, 2))
-    alpha, beta, gamma = (float(_root(v)) for v in (low / ik, low / jk, high / ik))
+    alpha, beta, gamma = (float(root(v)) for v in (low / ik, low / jk, high / ik))
     alpha, gamma = math.copysign(alpha, L[i]), math.copysign(gamma, L[k])
     turn = (-1.0 if odd else 1.0) * math.copysign(1.0, alpha) * math.copysign(1.0, gamma) * (1.0 if ik > 0 else -1.0)
     beta *= turn  # L_j' = ± (a_i − a_k) L_k L_i
-    sine, cosine = (float(_root(v / low)) for v in (squares[j] * jk, squares[i] * ik))
+    sine, cosine = (float(root(v / low)) for v in (squares[j] * jk, squares[i] * ik))
     return FreeMotion(
         axes=(i, j, k),
         amplitudes=(alpha, beta, gamma),
         start=(turn * math.copysign(sine, L[j]), cosine),
         complement=float(ik * middle / (jk * high)),
-        rate=_root(jk * high),
-        momentum=_root(sum(squares, Fraction(0))),
+        rate=root(jk * high),
+        momentum=root(sum(squares, Fraction(0))),
         inverse=(a[i], a[j], a[k]),
         low=low,
         middle=middle,
@@ -74,7 +74,8 @@ def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
     )
 
 
-def _root(square: Fraction) -> Fraction:
+def root(square: Fraction) -> Fraction:
+    """To 128 bits."""
     p, q = square.numerator, square.denominator
     shift = max(0, MARGIN - p.bit_length() + q.bit_length())
     shift += shift & 1
