@@ -102,7 +102,8 @@ def free_constants(body: Any, y: Any) -> dict[str, Any]:
     frame = np.copysign(1.0, (motion.amplitudes[0], 1.0, motion.amplitudes[2]))[:, None] * body.axes[order]
     side = np.sign(np.linalg.det(frame))  # of axis j
     frame[1] *= side
-    formula, whole = free_body.formula(motion), {}
+    formula = free_body.formula(motion)
+    whole: dict[str, Any] = {}
     with workdps(DIGITS):
         for word in ("slow", "half", "turn"):
             whole |= parts(word, mp.fsum(getattr(formula, word)))

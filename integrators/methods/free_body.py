@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from fractions import Fraction
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -95,11 +95,14 @@ def formula(motion: FreeMotion) -> Formula:
     half, turn = first_period_and_turn(*map(pair, (z1, Fraction(0), z3, J, below, above, slope, steady)))
     size = math.hypot(s, c)
     s, c = s / size, c / size
-    numbers = rate, middle / (G * rate), (a_i - a_j) * G / rate, (a_i - a_j) * G**2 / high, middle / high
     return Formula(
-        (s, c),
-        s * float(elliprf(c * c, c * c + motion.complement * s * s, 1.0)),
-        *map(float, numbers),
+        start=(s, c),
+        phase=s * float(elliprf(c * c, c * c + motion.complement * s * s, 1.0)),
+        rate=float(rate),
+        fast=float(middle / (G * rate)),
+        bend=float((a_i - a_j) * G / rate),
+        ratio=float((a_i - a_j) * G**2 / high),
+        rest=float(middle / high),
         slow=div(pair(a_j * G), TWO_PI),
         half=half if math.isinf(half[0]) else div(half, pair(rate)),
         turn=turn,
@@ -111,7 +114,7 @@ def pair(v: Fraction) -> Pair:
     return float(v), float(v - Fraction(float(v)))
 
 
-def bent(f: Formula, s: Array, c: Array, d: Array) -> Array:
+def bent(f: Formula, s: Any, c: Any, d: Any) -> Any:
     """ψ − a_j G t, from sn, cn and dn."""
     from scipy.special import elliprj
 
@@ -121,7 +124,7 @@ def bent(f: Formula, s: Array, c: Array, d: Array) -> Array:
     return f.fast * C + np.arctan2(f.bend * s * c, d)
 
 
-def turned(n: Array, turns: Pair) -> Array:
+def turned(n: Array, turns: Pair) -> Any:
     """The angle of n times so many turns, but for whole ones."""
     p, e = two_prod(n, turns[0])
     return 2.0 * math.pi * ((p - np.rint(p)) + (e + n * turns[1]))
