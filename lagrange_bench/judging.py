@@ -19,6 +19,7 @@ from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.hints import HEAD, SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
+from lagrange_bench.integrators.problem import kinds
 
 Array = np.ndarray
 Blocks = Callable[
@@ -280,8 +281,8 @@ def asked(case: str | Case | None, body: str | Case | RigidBody | None = None, s
         raise ValueError(f"start must be case or first-row; got {start!r}")
     if body is not None and start != "case":
         raise ValueError("a body without a start is not followed: for --start first-row give a case")
-    if isinstance(body, RigidBody):
-        return Asked(Case("body", body, np.eye(3), np.zeros(3)), None)
+    if kinds.rigid_body(body):
+        return Asked(Case("body", body, np.eye(3), np.zeros(3)), None)  # type: ignore[arg-type]
     known = case is not None and start == "case"
     return Asked(find(case if body is None else body, known), start if body is None else None)  # type: ignore[arg-type]
 

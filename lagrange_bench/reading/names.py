@@ -160,12 +160,13 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
     (
         "",
         r"acc|force|torque|\btau|moment|mom\b|impuls|\berr|target|desired|command|cmd|\bref|\bcov|magn|scale|size|bias|gravity|jerk"
-        r"|\bstd|direction|\bdir$|forward|\bup$|\bang$|\balpha$|\bspin$|\bbasis",
+        r"|\bstd|direction|\bdir$|forward|\bup$|\bang$|\balpha$|\bspin$|\bbasis|\bmag$|dot\b|\bd(omega|w|q)$"
+        r"|\btrue$|truth|exact|expect",
     ),
     ("", r"\binertias?$|energy|(^|\w{3} )[afhjl]$|\bb [aw]\b|normal$"),
     ("qpos", r"\bqpos$"),
     ("qvel", r"\bqvel$"),
-    ("omega", r"omega|\bom$|ang(ular)? ?(vel|rate|speed)|\bgyr|\brates?\b|\bangular\b|\bw$"),
+    ("omega", r"omega|\bom$|ang(ular)? ?(vel|rate|speed)|\bgyr|\brates?\b|\bangular\b|\bwb?n?$"),
     ("velocity", r"\bvel|linvel|\blinear\b|\bv$|speed"),
     ("axis and angle", r"\baxis"),
     ("quaternion", r"quat|versor|\bq$|\be$|\bep$|euler param"),

@@ -77,6 +77,7 @@ Julia | t q*~₀₁₂₃ ω*~₁₂₃ | t wxyz w |
 Gazebo | sec nsec ~x,y,z | sec nanosec x | t0=0
 Euler parameters | Time p*[-]~0123 om*[deg/s]~xyz | t wxyz dw |
 Bullet | step t ori.~xyzw ang.~xyz up.~xyz | k t xyzw - - |
+others beside | t wb_~xyz domega_~xyz wdot_~xyz mag_~xyz x_true y_true z_true | t w - - - - |
 Webots | time translation_~xyz rotation_~xyz rotation_angle[deg] | t x v dangle |
 PyBullet | time pos[*]~012 orn[*]~0123 | t x wxyz |
 Euler | t phi theta psi | t dZXZ | angles=ZXZ units=angles:deg
