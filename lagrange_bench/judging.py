@@ -247,7 +247,8 @@ def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Opt
     try:
         judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
     except (ValueError, StepError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        of_reading = str(error).startswith(str(path))
+        raise ValueError(f"{error}" if of_reading else f"{path}: {error}") from None
     return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 

@@ -26,23 +26,7 @@ SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
 RULE = re.compile(r"[-=+|:\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
-MISSING = {
-    "",
-    "-",
-    "na",
-    "n/a",
-    "#n/a",
-    "null",
-    "none",
-    "<na>",
-    "nan",
-    "+nan",
-    "-nan",
-    "nan(ind)",
-    "-nan(ind)",
-    "missing",
-    "nat",
-}
+MISSING = {"", "na", "n/a", "#n/a", "null", "none", "<na>", "nan", "nan(ind)", "missing", "nat"}  # behind a sign, too
 ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
@@ -82,7 +66,7 @@ def number(word: str, comma: bool = False) -> float:
     ValueError : it is no number.
     """
     plain = word.strip(" \t\r\n()[]{}").replace("−", "-")  # brackets around a vector or a row
-    if plain.lower() in MISSING:
+    if plain.lower().lstrip("+-") in MISSING:
         return math.nan
     if (match := NUMBER.fullmatch(plain)) and (comma or "," not in match[1]):
         unit = unit_of(match[4]) if match[4] else UNITS["1"]
