@@ -58,6 +58,7 @@ CHECKS = [  # of each check what does not pass, and one caller
     ("Y0", [Y0, FIVE[:, :5], FIVE + 0j], lambda v: ensemble(Y0=v)),
     ("h", STEPS, lambda v: prepare(TOP, Y0, v)),
     ("h_scaled", STEPS, lambda v: integrate(TOP, Y0, h_scaled=v, steps=10)),
+    ("threads", [0], lambda v: ensemble(threads=v)),
     ("t", [1.0, [[1.0]], [1.0, [2.0]], ["1"], [True], [1j], [NAN], [INF], [None]], lambda v: integrate(TOP, Y0, t=v)),
     ("top", [None, 1.0, LagrangeTop], lambda v: integrate(v, Y0, 0.1, 10)),
     ("alpha", ALPHAS, LagrangeTop),
