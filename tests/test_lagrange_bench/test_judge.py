@@ -105,9 +105,14 @@ def test_all_groups_of_columns_are_judged(tmp_path, answer):
 @pytest.mark.parametrize("factor", [0.0, 2.0, 1.01, [1, 1, -1], [1, 1, 0]], ids=str)
 def test_a_matrix_that_is_no_rotation_violates_every_bound(factor, tmp_path, run):
     file = write(tmp_path / "run.csv", f"t {NINE} wx wy wz", T, (M * factor).reshape(-1, 9), OMEGA)
-    for name in ("axis", "rotation", "spin", "energy", "momentum"):
-        code, out, _ = run("judge", file, "--case", "bruels", "--bounds", f"{name}=1e9")
-        assert (code, f"{name} is off by nan" in out, "The start is right" in out) == (1, True, False)
+    names = ("axis", "rotation", "spin", "energy", "momentum")
+    words = ("judge", file, "--case", "bruels", "--bounds", ",".join(f"{name}=1e9" for name in names))
+    code, out, _ = run(*words)
+    assert (code, "The start is right" in out) == (1, False)
+    assert [name for name in names if f"{name} is off by nan" not in out] == []
+
+
+def test_a_matrix_in_few_digits_is_a_rotation(tmp_path, run):
     assert judge(T, rotation=M * 1.0004, case="bruels").rotation.max == pytest.approx(4e-4 * 1.5**0.5)
     coarse = write(tmp_path / "coarse.csv", f"t {NINE}", T[::20], M[::20].reshape(-1, 9), digits=2)
     assert run("judge", coarse, "--case", "bruels", "--bounds", "rotation=0.03")[0] == 0
@@ -116,7 +121,7 @@ def test_a_matrix_that_is_no_rotation_violates_every_bound(factor, tmp_path, run
 def test_spin_at_half_a_turn():
     for angle in np.pi - np.array([0, 1e-16, 1e-12, 1e-8, -1e-8, 1e-3]):
         for spun in (R * Rotation.from_rotvec([0, angle, 0]), -M * [1, -1, 1]):
-            judged = judge(T, rotation=spun, case="bruels")
+            judged = judge(T[::20], rotation=spun[::20], case="bruels")
             assert judged.spin.max == pytest.approx(min(angle, 2 * np.pi - angle), abs=2e-3), angle
 
 
