@@ -8,7 +8,6 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from math import tau
 from typing import Any
 
@@ -24,12 +23,8 @@ from lagrange_bench.integrators.problem import kinds
 LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}
 SPEEDS = {"degrees per second": ("deg/s", tau / 360), "revolutions per minute": ("rpm", tau / 60)}
 SPEEDS |= {"revolutions per second": ("rev/s", tau)}
-CLOCKS = {
-    "milliseconds": ("ms", 1e-3),
-    "microseconds": ("us", 1e-6),
-    "nanoseconds": ("ns", 1e-9),
-    "minutes": ("min", 60.0),
-}
+CLOCKS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
+CLOCKS |= {"minutes": ("min", 60.0)}
 LATE = {
     "second": "ω is half a step late: it is what turned the row before into its own, as in leapfrog and semi-implicit Euler.",
     "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
@@ -50,18 +45,17 @@ SINGLE = 2e-7  # likewise, of a start in single precision
 class Hints:
     """What may be wrong with rows: conventions under which they are much nearer to the exact motion.
 
-    exact : the motion at the times t. good : the rows without NaN. Some of them, from all over the run, are looked at.
+    exact : the motion at the times of the rows. good : the rows without NaN. Some of them, from all over the run, are looked at.
     way : the option that takes quaternions in another order, if --quat does not.
     """
 
-    def __init__(
-        self, frames: Frames, trajectory: Mapping[str, Array], t: Array, exact: Exact, good: Array, way: str = ""
-    ):
+    def __init__(self, frames: Frames, trajectory: Mapping[str, Array], exact: Exact, good: Array, way: str = ""):
         self.frames, self.sizes, self.way = frames, frames.sizes, way
         self.first = _rows(trajectory, slice(1)) if len(good) and good[0] == 0 else {}
         self.head = _rows(trajectory, good[:HEAD]), _at(exact, good[:HEAD])
         some = good[np.linspace(0, len(good) - 1, min(HEAD, len(good))).astype(int)]
-        self.trajectory, self.t, self.exact = _rows(trajectory, some), t[some], _at(exact, some)
+        self.trajectory, self.exact = _rows(trajectory, some), _at(exact, some)
+        self.t = self.trajectory["time"][:, 0]
         self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.trajectory, self.exact).items()}
 
     def written(self) -> list[str]:
@@ -252,11 +246,10 @@ class Hints:
     def _starts(self) -> Iterator[str]:
         """The start of another case."""
         if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
-            how = replace(self.frames.convention, axis=None) if self.frames.axis is None else self.frames.convention
+            how = self.frames.convention
             for case in CASES.values():
-                if case.body.axis is None and how.axis is not None:
-                    continue
-                if self._starts_as(Frames(case.body, how, case=case)):
+                judged = how.axis is None or case.body.axis is not None
+                if judged and self._starts_as(Frames(case.body, how, case=case)):
                     yield f"this is the start of the case {case.name}."
 
     def first_row(self) -> list[str]:
@@ -327,22 +320,16 @@ class Hints:
 
 
 def find_hints(
-    frames: Frames,
-    trajectory: Mapping[str, Array],
-    t: Array,
-    exact: Exact,
-    good: Array,
-    rows: Rows | None,
-    way: str = "",
+    frames: Frames, trajectory: Mapping[str, Array], exact: Exact, good: Array, rows: Rows | None, way: str = ""
 ) -> list[str]:
     """Hints of the whole run; else of its first rows. `rows` themselves tell the frame of ω, and missing torques."""
-    whole = Hints(frames, trajectory, t, exact, good, way)
+    whole = Hints(frames, trajectory, exact, good, way)
     hints = whole.written() or whole.turned()
     if not hints and len(good) and good[0] == 0:
         # one step of Euler's changes ω as much in either frame: there only places and attitudes tell
         still = {name: array for name, array in trajectory.items() if name != "omega"}
         shown = [(still, 2), *((trajectory, n) for n in PREFIXES)]
-        prefixes = (Hints(frames, run, t, exact, good[:n], way) for run, n in shown if n < len(good))
+        prefixes = (Hints(frames, run, exact, good[:n], way) for run, n in shown if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
     others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
     hints = (

@@ -350,10 +350,10 @@ def _judged(
         if own_start:
             hints = own_hints(frames, seen, rows, way)
             if exact is not None and len(good) and not hints:
-                hints = Hints(frames, seen, seen["time"][:, 0], exact, good, way).bodies()
+                hints = Hints(frames, seen, exact, good, way).bodies()
         else:
             assert exact is not None
-            hints = find_hints(frames, seen, seen["time"][:, 0], exact, good, rows, way) if len(good) else []
+            hints = find_hints(frames, seen, exact, good, rows, way) if len(good) else []
         if measured.mirrored:
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
 

@@ -34,26 +34,12 @@ KNOWN = (
     "t x y z px py pz ux uy uz qw qx qy qz q0 q1 q2 q3 q4 e0 e1 e2 e3 r11 r12 r13 r21 r22 r23 r31 r32 r33 rx ry rz roll pitch yaw"
     " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz"
 )
-OF_UNITS = {  # what --units names -> the groups
-    **{name: (name,) for name in ("time", "position", "displacement", "omega", "angles", "rotation vector")},
-    **{
-        "t": ("time",),
-        "length": ("position", "displacement"),
-        "angle": ("angles", "axis and angle", "rotation vector"),
-    },
-}
-JUDGED = (
-    "time",
-    "position",
-    "displacement",
-    "quaternion",
-    "matrix",
-    "rotation vector",
-    "angles",
-    "axis and angle",
-    "mrp",
-    "omega",
-)
+# what --units names -> the groups
+OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "angles", "rotation vector")}
+OF_UNITS |= {"t": ["time"], "length": ["position", "displacement"]}
+OF_UNITS |= {"angle": ["angles", "axis and angle", "rotation vector"]}
+JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
+JUDGED += ["mrp", "omega"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
 WHOLE = 1e-3  # quaternions are as near to length 1
 

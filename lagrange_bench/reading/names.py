@@ -213,18 +213,8 @@ class Group:
     twice: bool = False
 
 
-QUATERNIONS = (
-    "w x y z",
-    "s x y z",
-    "scalar x y z",
-    "real x y z",
-    "w i j k",
-    "s i j k",
-    "r i j k",
-    "real i j k",
-    "0 1 2 3",
-    "1 2 3 4",
-)
+SCALAR_FIRST = (*(f"{w} x y z" for w in ("w", "s", "scalar", "real")), *(f"{w} i j k" for w in ("w", "s", "r", "real")))
+QUATERNIONS = (*SCALAR_FIRST, "0 1 2 3", "1 2 3 4")
 VECTORS = ("x y z", "0 1 2", "1 2 3")
 NINE = tuple(" ".join(a + b for a in row for b in row) for row in ("123", "012", "xyz"))
 FLAT = tuple(" ".join(map(str, range(k, k + 9))) for k in (0, 1))
@@ -234,7 +224,7 @@ SHAPES: dict[
     "": (),
     None: (
         ("quaternion or position", ("w x y z",)),
-        ("quaternion", QUATERNIONS[1:-2]),
+        ("quaternion", SCALAR_FIRST[1:]),
         ("position", ("x y z",)),
         ("angles", ROLES[1:4]),
         ("omega", ("p q r",)),

@@ -91,30 +91,10 @@ columns given beside others | t position.~xyz a b c | t - x | columns=x:a,y:b,z:
 a late clock | t x y z | late x | t0=0
 no names | | t x | columns=t:0,x:1,y:2,z:3
 """
-NUMBERS = {
-    **{
-        "t": T,
-        "k": K,
-        "ns": K * 1e8,
-        "sec": 1700000000 + K // 10,
-        "nanosec": K % 10 * 1e8,
-        "late": 1700 + T,
-        "-": X - W,
-    },
-    **{
-        "x": X,
-        "mm": 1e3 * X,
-        "w": W,
-        "dw": W * DEG,
-        "rpm": W * 30 / np.pi,
-        "wxyz": Q,
-        "xyzw": R.as_quat(),
-        "m": M,
-        "v": V,
-    },
-    **{"mrp": R.as_mrp(), "rxyz": R.as_euler("xyz"), "dangle": R.magnitude() * DEG},
-    **{f"d{axes}": R.as_euler(axes, degrees=True) for axes in ("xyz", "YXZ", "ZYX", "ZXZ")},
-}
+NUMBERS = {"t": T, "k": K, "ns": K * 1e8, "sec": 1700000000 + K // 10, "nanosec": K % 10 * 1e8, "late": 1700 + T}
+NUMBERS |= {"x": X, "mm": 1e3 * X, "-": X - W, "w": W, "dw": W * DEG, "rpm": W * 30 / np.pi, "m": M, "v": V}
+NUMBERS |= {"wxyz": Q, "xyzw": R.as_quat(), "mrp": R.as_mrp(), "rxyz": R.as_euler("xyz"), "dangle": R.magnitude() * DEG}
+NUMBERS |= {f"d{axes}": R.as_euler(axes, degrees=True) for axes in ("xyz", "YXZ", "ZYX", "ZXZ")}
 VECTOR = dict.fromkeys(("v", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
 GROUP = {**VECTOR, "x": "position", "mm": "position", "w": "omega", "dw": "omega", "rpm": "omega", "m": "matrix"}
 GROUP |= {"wxyz": "quaternion", "xyzw": "quaternion"}
