@@ -230,8 +230,15 @@ def judge(
 
 def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
     """The judgement of a file. what : it is compared with this. how : the file is written like this."""
-    layout, way = reading.survey(path, how), ""
-    convention = replace(convention, angles=how.angles or convention.angles)
+    try:
+        judgement = _as_laid_out(reading.survey(path, how), what, convention)
+    except (ValueError, StepError) as error:
+        raise ValueError(f"{path}: {error}") from None
+    return replace(judgement, file=str(path))
+
+
+def _as_laid_out(layout: reading.Layout, what: Asked, convention: Convention) -> Judgement:
+    way, convention = "", replace(convention, angles=layout.how.angles or convention.angles)
     if layout.guessed:
         convention = replace(convention, quat="xyzw")
     elif layout.named:  # --quat has no effect there
@@ -244,12 +251,8 @@ def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Opt
                 rows["quaternion"] = np.roll(rows["quaternion"], -1, axis=1)
             yield rows
 
-    try:
-        judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
-    except (ValueError, StepError) as error:
-        of_reading = str(error).startswith(str(path))
-        raise ValueError(f"{error}" if of_reading else f"{path}: {error}") from None
-    return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
+    judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
+    return replace(judgement, notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:

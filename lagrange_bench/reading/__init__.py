@@ -71,7 +71,6 @@ class Layout:
     of the first row. columns : the groups and their names, and what is not used, to be read.
     """
 
-    path: Path
     table: Table
     how: Options
     groups: dict[str, list[int]]
@@ -96,14 +95,14 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     how = how or Options()
     table = open_table(path, [int(where) for where in how.columns.values() if where.isdecimal()])
     header = table.names or [""] * table.width
-    names, given = _names(path, header, table, how)
-    rows, within = _where(path, header, table, how)
+    names, given = _names(header, table, how)
+    rows, within = _where(header, table, how)
     sample = [row for row in table.sample if _chosen(row, rows)]
     labels = [
         i for i in range(table.width) if i not in rows and i not in given and _label(header[i], table.sample, i, how)
     ]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
-    chosen = _choose(path, groups, header, sample, how, notes)
+    chosen = _choose(groups, header, sample, how, notes)
     if (
         how.step is not None
         and "time" in chosen
@@ -117,12 +116,12 @@ def survey(path: Path, how: Options | None = None) -> Layout:
             else f"it has no header of {table.width} names"
         )
         raise ValueError(
-            f"{path}: no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
+            f"no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
         )
     if how.step is not None and "time" in chosen:
-        raise ValueError(f"{path}: --step is for files without times; column {chosen['time'].places[0]} has them")
+        raise ValueError(f"--step is for files without times; column {chosen['time'].places[0]} has them")
     if not set(chosen) - {"time"}:
-        raise ValueError(_nothing(path, names, notes, table.names))
+        raise ValueError(_nothing(names, notes, table.names))
     named, guessed, order = False, False, chosen.get("quaternion")
     if order is not None:
         named = order.order[0] not in "01"
@@ -131,7 +130,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     factors: dict[int, float] = {}
     for kind, group in chosen.items():
-        factors |= _factors(path, kind, group, header, names, table, how, notes)
+        factors |= _factors(kind, group, header, names, table, how, notes)
     used = {i for group in chosen.values() for i in group.places}
     words = [
         f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}"
@@ -150,14 +149,14 @@ def survey(path: Path, how: Options | None = None) -> Layout:
         floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
     for i in labels:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
-            raise ValueError(f"{path}: {_several(header, table, i)}")
+            raise ValueError(_several(header, table, i))
     places = {kind: group.places for kind, group in chosen.items()}
     return Layout(
-        path, table, how, places, named, guessed, floor, first_floor, notes, "; ".join(words), factors, rows, labels
+        table, how, places, named, guessed, floor, first_floor, notes, "; ".join(words), factors, rows, labels
     )
 
 
-def _names(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
+def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
     names = {i: parse(word) for i, word in enumerate(header) if word}
     given: set[int] = set()
@@ -168,18 +167,16 @@ def _names(path: Path, header: list[str], table: Table, how: Options) -> tuple[d
         same = [i for i, word in enumerate(header) if word == where]
         i = same[0] if same else int(where) if where.isdecimal() else table.width
         if i >= table.width:
-            raise ValueError(f"{path}: --columns {name}={where}: there is no such column among {table.width}")
+            raise ValueError(f"--columns {name}={where}: there is no such column among {table.width}")
         if len(same) > 1:
-            raise ValueError(
-                f"{path}: --columns {name}={where}: {len(same)} columns have this name; give an index from 0"
-            )
+            raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
         old = names.get(i)
         names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
         given.add(i)
     return names, given
 
 
-def _where(path: Path, header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Any]:
+def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Any]:
     """The columns that choose rows, and whether a name belongs to the body that is asked for."""
     rows: dict[int, str] = {}
     bodies: list[str] = []
@@ -190,11 +187,11 @@ def _where(path: Path, header: list[str], table: Table, how: Options) -> tuple[d
             rows[place] = value
             if not any(_chosen(row, {place: value}) for row in table.sample):
                 values = sorted({row[place] for row in table.sample})[:20]
-                raise ValueError(f"{path}: --where {name}={value}: no row has it; there are {', '.join(values)}")
+                raise ValueError(f"--where {name}={value}: no row has it; there are {', '.join(values)}")
         else:
             tokens = list(parse(f"{value}.x").stem)
             if not any(tokens == list(parse(word).stem[: len(tokens)]) or value in word for word in header):
-                raise ValueError(f"{path}: --where {name}={value}: there is no column {name}, and no column of {value}")
+                raise ValueError(f"--where {name}={value}: there is no column {name}, and no column of {value}")
             bodies.append(tokens[0] if tokens else value)
     return rows, lambda name: not bodies or name.part == "t" or any(body in name.stem for body in bodies)
 
@@ -230,7 +227,7 @@ def _several(header: Sequence[str], table: Table, i: int) -> str:
 
 
 def _choose(
-    path: Path, groups: list[Group], header: list[str], sample: list[list[str]], how: Options, notes: list[str]
+    groups: list[Group], header: list[str], sample: list[list[str]], how: Options, notes: list[str]
 ) -> dict[str, Group]:
     """One group for each quantity; ValueError where two may be it."""
     for group in groups:
@@ -256,14 +253,14 @@ def _choose(
             listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
             short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
             raise ValueError(
-                f"{path}: several columns may be the {kind}: {listed[:300]}. Say which: --columns {short}=…, or --where body=…"
+                f"several columns may be the {kind}: {listed[:300]}. Say which: --columns {short}=…, or --where body=…"
             )
         if best and best[0].twice and kind != "time":
             word = header[best[0].places[0]]
-            raise ValueError(f"{path}: names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
+            raise ValueError(f"names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
         if best:
             chosen[kind] = best[0]
-    _order_angles(path, chosen, header, how, notes)
+    _order_angles(chosen, header, how, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
             words = " ".join(header[i] for i in group.places)
@@ -273,7 +270,7 @@ def _choose(
     return chosen
 
 
-def _order_angles(path: Path, chosen: dict[str, Group], header: list[str], how: Options, notes: list[str]) -> None:
+def _order_angles(chosen: dict[str, Group], header: list[str], how: Options, notes: list[str]) -> None:
     """Angles in the order in which --angles names their axes; without it only roll, pitch and yaw are known."""
     angles, axes = chosen.get("angles"), how.angles
     if axes is not None:
@@ -283,7 +280,9 @@ def _order_angles(path: Path, chosen: dict[str, Group], header: list[str], how: 
         ):
             raise ValueError(f"--angles {axes}: three axes are needed, such as ZXZ or xyz")
         if angles is None:
-            raise ValueError(f"--angles {axes}: {path} has no angles; name them: --columns angle1=…,angle2=…,angle3=…")
+            raise ValueError(
+                f"--angles {axes}: the file has no angles; name them: --columns angle1=…,angle2=…,angle3=…"
+            )
         if len(set(axes)) == 3 and angles.order in ROLES[:3]:  # roll is about x, pitch about y, yaw about z
             angles.places = [angles.places["xyz".index(axis)] for axis in axes.lower()]
     elif angles is not None and angles.order != "roll pitch yaw":
@@ -309,7 +308,6 @@ def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
 
 
 def _factors(
-    path: Path,
     kind: str,
     group: Group,
     header: list[str],
@@ -342,7 +340,7 @@ def _factors(
         if unit.kind not in (expected, "1"):
             shown = kind if kind in OF_UNITS else "angle"
             raise ValueError(
-                f"{path}: {header[i] or i} is {kind}, but its unit is {own or how.units}: say --units {shown}={expected}"
+                f"{header[i] or i} is {kind}, but its unit is {own or how.units}: say --units {shown}={expected}"
             )
         if name.strange and not said:
             notes.append(
@@ -352,12 +350,12 @@ def _factors(
     return factors
 
 
-def _nothing(path: Path, names: Mapping[int, Name], notes: list[str], header: list[str]) -> str:
+def _nothing(names: Mapping[int, Name], notes: list[str], header: list[str]) -> str:
     if {(("j",), "1"), (("3",), "x")} <= {(name.stem, name.part) for name in names.values()}:
-        return f"{path}: a run of the bench in J and x has no position or rotation; its `error()` compares it"
+        return "a run of the bench in J and x has no position or rotation; its `error()` compares it"
     nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
     there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
-    return f"{path}: {nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
+    return f"{nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
 
 
 def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:
@@ -432,7 +430,7 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
         if new.any():
             yield {kind: values[new] for kind, values in given.items()}
     if not rows:
-        raise ValueError(f"{layout.path}: there are no rows to judge")
+        raise ValueError("there are no rows to judge")
     note = f"{same} row{'s are' if same > 1 else ' is'} equal to the one before, and left out."
     if same and note not in layout.notes:
         layout.notes.append(note)
@@ -457,7 +455,7 @@ def _again(layout: Layout, given: Mapping[str, Array]) -> Array:
         same[i] = all(np.array_equal(rows[i], rows[i - 1], equal_nan=True) for rows in given.values())
     if layout.labels and np.any(~(late > 0) & ~same):
         header = layout.table.names or [""] * layout.table.width
-        raise ValueError(f"{layout.path}: {_several(header, layout.table, layout.labels[0])}")
+        raise ValueError(_several(header, layout.table, layout.labels[0]))
     return same
 
 
@@ -479,5 +477,5 @@ def _turned(layout: Layout, given: dict[str, Array]) -> None:
         vectors = turns.as_rotvec()
         vectors[bad] = math.nan
         if "rotation vector" in given:
-            raise ValueError(f"{layout.path}: {kind} and a rotation vector are there; choose one by --columns")
+            raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
         given["rotation vector"], layout.floor["rotation vector"] = vectors, layout.floor.get(kind, 0.0)

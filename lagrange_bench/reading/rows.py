@@ -101,29 +101,29 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
     """
     with path.open("rb") as file:
         if not file.seekable():
-            raise ValueError(f"{path}: a pipe cannot be read twice; write a file")
+            raise ValueError("a pipe cannot be read twice; write a file")
         start = file.read(512)
     if not start.strip():
-        raise ValueError(f"{path}: the file is empty")
+        raise ValueError("the file is empty")
     if path.suffix.lower() == ".npz" or start.startswith(b"\x93NUMPY"):
         with np.load(path) as arrays:
-            return _of_arrays(path, dict(arrays) if path.suffix.lower() == ".npz" else {"": np.asarray(arrays)})
+            return _of_arrays(dict(arrays) if path.suffix.lower() == ".npz" else {"": np.asarray(arrays)})
     if start.startswith(b"PAR1"):
         import pandas as pd
 
-        return _of_arrays(path, pd.read_parquet(path).to_dict("series"))
+        return _of_arrays(pd.read_parquet(path).to_dict("series"))
     if start.startswith(b"MATLAB 5.0"):
         from scipy.io import loadmat
 
         stored = loadmat(path, simplify_cells=True)
-        return _of_arrays(path, {name: value for name, value in stored.items() if not name.startswith("__")})
+        return _of_arrays({name: value for name, value in stored.items() if not name.startswith("__")})
     for magic, what in OTHERS.items():
         if start.startswith(magic):
-            raise ValueError(f"{path}: this is {what}")
+            raise ValueError(f"this is {what}")
     return Text(path, start).table(indices)
 
 
-def _of_arrays(path: Path, data: Mapping[str, Any]) -> Table:
+def _of_arrays(data: Mapping[str, Any]) -> Table:
     """Columns of arrays that have a row for each time, in their first or their last dimension."""
     arrays: dict[str, Array] = {}
 
@@ -140,7 +140,7 @@ def _of_arrays(path: Path, data: Mapping[str, Any]) -> Table:
     try:
         collect("", data)
     except ValueError:
-        raise ValueError(f"{path}: its rows have not all the same numbers") from None
+        raise ValueError("its rows have not all the same numbers") from None
     lengths = Counter(n for array in arrays.values() for n in {array.shape[0], array.shape[-1]} if n > 1)
     clock = next((arrays[name] for name in ("t", "time") if name in arrays), None)
     n = clock.size if clock is not None else max(lengths, key=lambda k: (lengths[k], k), default=1)
@@ -151,16 +151,13 @@ def _of_arrays(path: Path, data: Mapping[str, Any]) -> Table:
         for place in np.ndindex(array.shape[1:]) if len(array) == n else ():
             columns[name + "".join(f"[{i}]" for i in place)] = array[(slice(None), *place)]
     if not columns:
-        raise ValueError(f"{path}: there are no arrays of numbers in it with a row for each time")
+        raise ValueError("there are no arrays of numbers in it with a row for each time")
     values = list(columns.values())
 
     def load(wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
         for first in range(0, n, CHUNK):
             part = {i: values[i][first : first + CHUNK] for i in (*wanted, *words)}
-            try:
-                yield {i: array.astype(str if i in words else float) for i, array in part.items()}
-            except ValueError as error:
-                raise ValueError(f"{path}: {error}") from None
+            yield {i: array.astype(str if i in words else float) for i, array in part.items()}
 
     sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
     return Table([] if "" in data else list(columns), len(values), sample, load)
@@ -183,7 +180,7 @@ class Text:
         if len(text) == HEAD:
             text = text[: text.rfind("\n") + 1]
         if "\0" in text or not text:
-            raise ValueError(f"{path}: this is no text in UTF-8 with one row a line")
+            raise ValueError("this is no text in UTF-8 with one row a line")
         self.lines = text.split("\n")
         self.separator: str | None = None
         self.comma = False
@@ -202,7 +199,7 @@ class Text:
         split = [(i, _words(INLINE.sub("", line), self.separator)) for i, line in rows]
         a, b = _block([self._numeric(words, indices) for _, words in split])
         if a == b:
-            raise ValueError(f"{self.path}: there is no line of numbers in it; write a table with a row for each time")
+            raise ValueError("there is no line of numbers in it; write a table with a row for each time")
         block = split[a:b]
         self.comma = self.comma and not any(
             "." in word for _, words in block for word in words if is_number(word, True)
@@ -214,7 +211,7 @@ class Text:
             block = [(i, words[:width]) for i, words in block]
         for i, words in block[:SAMPLE]:
             if len(words) != width:
-                raise ValueError(f"{self.path}, line {i + 1}: {len(words)} columns instead of {width}")
+                raise ValueError(f"line {i + 1}: {len(words)} columns instead of {width}")
         numbers = {k for k, word in enumerate(block[0][1]) if word and is_number(word, self.comma)}
         for i, words in split[:a] + split[b:]:
             like = len(words) == width and all(words[k] and is_number(words[k], self.comma) for k in numbers)
@@ -222,7 +219,7 @@ class Text:
                 word = next((word for word in words if not is_number(word, self.comma)), "")
                 text = f"{word[:40]!r} is no number" if word else f"{len(words)} columns instead of {width}"
                 text = text if i > skip else f"numbers above the line of text {block[0][0]}"
-                raise ValueError(f"{self.path}, line {i + 1}: {text}; {NO_ROW}")
+                raise ValueError(f"line {i + 1}: {text}; {NO_ROW}")
         self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
         above = "\n".join(self.lines[:skip])
         return Table(header, width, self.sample, self._load, units, above)
@@ -295,10 +292,8 @@ class Text:
             data = data[0] if isinstance(data, list) and len(data) == 1 else data
             data = pd.json_normalize(data).to_dict("series") if isinstance(data, list) else data
         except (ValueError, TypeError, AttributeError) as error:
-            raise ValueError(
-                f"{self.path}: this is no JSON with a row a line, or an array for each name: {error}"
-            ) from None
-        return _of_arrays(self.path, data)
+            raise ValueError(f"this is no JSON with a row a line, or an array for each name: {error}") from None
+        return _of_arrays(data)
 
     def _load(self, wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
@@ -332,7 +327,7 @@ class Text:
                     for i in places:
                         columns[i].append(row[i] if i in words else number(row[i], self.comma))
                 except ValueError as error:
-                    raise ValueError(f"{self.path}, line {line}: {error}; {NO_ROW}") from None
+                    raise ValueError(f"line {line}: {error}; {NO_ROW}") from None
             yield {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
 
     def _decimal(self, wanted: Sequence[int]) -> bool:
@@ -345,7 +340,7 @@ class Text:
                     words = _words(INLINE.sub("", text), self.separator)
                     if len(words) < self.width or any(words[self.width :]):
                         text = f"{len(words)} columns instead of {self.width}"
-                        raise ValueError(f"{self.path}, line {line}: {text}; {NO_ROW}")
+                        raise ValueError(f"line {line}: {text}; {NO_ROW}")
                     yield line, words
 
 

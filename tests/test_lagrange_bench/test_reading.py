@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -210,9 +211,8 @@ REFUSED = {  # what is in a file → what the line says
 @pytest.mark.parametrize("text", REFUSED, ids=lambda text: repr(text[:30]))
 def test_what_cannot_be_read_gets_a_line_that_says_what_to_do(text, tmp_path):
     (tmp_path / "run.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(ValueError, match=r"run\.csv") as error:
+    with pytest.raises(ValueError, match=re.escape(REFUSED[text])) as error:
         read(survey(tmp_path / "run.csv"))
-    assert REFUSED[text] in str(error.value)
     assert "\n" not in str(error.value)
 
 
