@@ -245,6 +245,8 @@ class Text:
     ) -> tuple[list[str], dict[int, str]]:
         """The names in the last line over the rows that has as many words, and the units in a line below it."""
         width, ends = len(block[0][1]), all(not words[-1] for _, words in block)
+        index = [words[0] for _, words in block]
+        counted = len(index) > 1 and index in ([str(k + first) for k in range(len(index))] for first in (0, 1))
         names: list[str] = []
         units: dict[int, str] = {}
         groups: list[list[str]] = []
@@ -261,6 +263,10 @@ class Text:
             for words in splits:
                 while len(words) > width and not words[-1]:
                     words.pop()
+                if (
+                    counted and len(words) == width - 1
+                ):  # rows that are numbered, without a name for that, as of R and pandas
+                    words = ["", *words]
                 fits = len(words) == width or (ends and len(words) == width - 1)
                 if not fits or not any(word and not is_number(word, True) for word in words):
                     continue

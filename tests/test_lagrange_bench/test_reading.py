@@ -164,6 +164,7 @@ WAYS = {  # how text is written → the bytes of the file
     "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
     "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
     "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
+    "numbered rows": lambda: table("t x y z", K + 1, T, X, separator=" "),
     "equal rows": lambda: table(PLAIN, T[K.repeat(2)], X[K.repeat(2)]),
 }  # fmt: skip
 
