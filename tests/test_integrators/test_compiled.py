@@ -15,6 +15,7 @@ from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
+from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
 from lagrange_bench.integrators.problem import kirchhoff
 from lagrange_bench.integrators.registry import find_top
 from lagrange_bench.support import announce, source_digest
@@ -80,6 +81,70 @@ def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path):
     assert kept() == before
 
 
+# what somebody else compiles in the same process: results, and how often each came from a cache; and what this package changed
+VISITOR = """
+import sys
+import numba
+from numba.extending import overload
+
+def names():
+    modules = [module for name, module in sorted(sys.modules.items()) if name.partition(".")[0] == "numba"]
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    return {(thing.__name__, name): value for thing in (*modules, *kinds) for name, value in list(vars(thing).items())}
+
+before = names()
+from lagrange_bench.integrators import TOPS, integrate
+after = names()
+changed = {name for name, value in before.items() if value is not after.get(name) and not name[1].startswith("__")}
+
+def twice(x):
+    return 2.0 * x
+
+@overload(twice)
+def overloaded(x):
+    return lambda x: 2.0 * x
+
+def adding(number):
+    @numba.njit(cache=True)
+    def add(x):
+        return twice(x) + number
+    return add
+
+@numba.njit(cache=True, parallel=True)
+def total(n):
+    found = 0.0
+    for k in numba.prange(n):
+        found += k
+    return found
+
+@numba.cfunc("float64(float64)", cache=True)
+def negative(x):
+    return -x
+
+def report():
+    named = TOPS["generic"]
+    add = adding(1.0)
+    integrate(named.top, named.state, 0.3, 20, "rk4")
+    print(add(3.0), total(4), negative.ctypes(1.0), changed)
+    integrate(named.top, named.state, 0.3, 20, "strang")
+    print(sum(add.stats.cache_hits.values()), sum(total.stats.cache_hits.values()), negative.cache_hits)
+"""
+
+
+def test_what_a_visitor_compiles_works_beside(tmp_path):
+    """His functions are kept where Numba keeps them, in the second process as in the first; nothing in Numba is another's."""
+    (tmp_path / "visiting.py").write_text(VISITOR, encoding="utf-8")
+
+    def run():
+        settings = {"NUMBA_CACHE_DIR": ""}
+        return python("import visiting; visiting.report()", cache=tmp_path / "cache", cwd=tmp_path, **settings)
+
+    assert run() == "7.0 6.0 -1.0 set()\n0 0 0\n"
+    assert run() == "7.0 6.0 -1.0 set()\n1 1 1\n"
+    assert any((tmp_path / "__pycache__").glob("visiting.adding.locals.add-*.nbc"))
+    assert not any((tmp_path / "cache").rglob("visiting*"))
+
+
 EDIT = """
 from pathlib import Path
 from lagrange_bench.integrators.torus import plain_step
@@ -127,6 +192,29 @@ def test_kept_code_depends_on_kernels_that_come_as_arguments(monkeypatch):
     monkeypatch.setattr(files, "known", {})
     monkeypatch.setattr(numba.config, "BOUNDSCHECK", 7)
     assert len({*digests, _sources(place)}) == 3
+
+
+# last states of runs that begin one after the other, and whether their set-up is compiled at the end
+RUNS = """
+import sys
+from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench.integrators.compiling import interpreted
+from lagrange_bench.integrators.methods import backlund
+method = sys.argv[1]
+named, h = (TOPS["generic"], 20.0) if method == "backlund" else (PERTURBED_TOPS["weak_tide"], 0.1)
+ends = {integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex() for _ in range(int(sys.argv[2]))}
+print(*ends, bool(backlund.real_map.exact_constants.overloads))
+interpreted.PATIENCE = 0.0
+print(integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["backlund", "backlund_splitting"])
+def test_a_script_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_path, method):
+    first, second = (python(RUNS, method, calls, cache=tmp_path).split() for calls in ("50", "1"))
+    assert first == [first[0], "False", first[0]]
+    assert second == [first[0], str(method == "backlund"), first[0]]  # out of the cache, from the first call on
 
 
 def test_where_python_raises_compiled_code_begins_anew(monkeypatch):
@@ -210,3 +298,13 @@ def test_steppers_of_kernels_go_to_other_processes(tmp_path):
     stepper = prepare(found.top, found.y0, 0.1, "strang")
     sent = pickle.dumps((stepper, np.array(found.y0))).hex()
     assert python(ARRIVED, sent, cache=tmp_path).strip() == stepper.advance(found.y0, 10).tobytes().hex()
+
+
+def test_kernels_that_cannot_be_compiled_are_refused():
+    def plain(s, c, counters):
+        return s[:5]
+
+    with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):
+        FixedStepper("mine", 0.5, np.ones(1), plain)
+    with pytest.raises(KernelError, match=r"^the kernel plain returns 5 numbers, 6 are needed$"):
+        FixedStepper("mine", 0.5, np.ones(1), compiled(plain))

@@ -1,11 +1,12 @@
 """What goes wrong on real machines: nothing confirmed is lost, half-written or false, and the message says what to do.
 
-The store by itself is tested in `test_store`, a cluster in `test_cluster`.
+The store by itself is tested in `test_store`, a cluster in `test_cluster`. LAGRANGE_BENCH_KILLS=50 kills more often.
 """
 
 import contextlib
 import json
 import os
+import random
 import signal
 import sys
 import time
@@ -19,6 +20,7 @@ from lagrange_bench.results.store import Store
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
 pytestmark = [linux, pytest.mark.processes]
+KILLS = int(os.environ.get("LAGRANGE_BENCH_KILLS", 8))
 
 
 def finish(run):
@@ -45,6 +47,32 @@ def check_complete(toy, cells, folder):
     assert len({r["key"] for r in records}) == len(records) == len(cells)
     toy(cells)
     assert comparable(folder) == comparable(toy.store.folder)
+
+
+@pytest.mark.slow
+def test_killed_at_random_moments_and_resumed(toy, tmp_path):
+    """SIGKILL: no handler, no clean-up. The moments are spread over the whole run, its start included."""
+    cells = [*squares(*range(40), seconds=0.05), *squares(*range(40, 46), timing=True)]
+    path, draw = tmp_path / "killed" / f"{TOY}.jsonl", random.Random(7)
+    died, most = 0, 0
+    for kill in range(KILLS):
+        run = start(cells, path.parent)
+        if kill % 4:  # after some cell of this run; else at any time after its start
+            lines = path.read_bytes().count(b"\n") if path.exists() else 0
+            with contextlib.suppress(AssertionError):  # it was done before
+                wait_for_lines(path, lines + 1, run)
+        time.sleep(draw.uniform(0, 0.1 if kill % 4 else 0.8))
+        run.kill()
+        run.communicate()
+        died += run.returncode == -signal.SIGKILL
+        assert nobody_left(run.pid)  # workers notice that they are alone
+        most = max(most, stored := len(comparable(path.parent)))
+        if stored > 0.8 * len(cells):  # start afresh; what was lost would be seen here
+            check_complete(toy, cells, path.parent)
+            path.unlink()
+    assert died > KILLS / 2
+    assert most > 0
+    check_complete(toy, cells, path.parent)
 
 
 def test_a_run_that_is_killed_goes_on_where_it_was(toy, in_process, tmp_path):
