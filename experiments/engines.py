@@ -13,7 +13,8 @@ steps of a mass on a rail take: of the engine beside the top, and of the loop in
 have the steps of games and robots, more columns, and no times.
 
 Settings: “default” is what an engine does if nobody chooses, “recommended” what its documentation advises. “best” is what its
-documentation says is more accurate, or what was measured to be; ENGINES has the source of each.
+documentation says is more accurate, the highest order or accuracy on offer, or what was measured to be better; the comment
+above ENGINES says which.
 
 Engines are no part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn, the others install by the
 names in ENGINES. `make web` installs the engines of the web and runs them. Cells of an engine that is not there are skipped.
@@ -44,7 +45,7 @@ from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.interface import Array, StepError
 
 VERSION = 1
-MEASURED = {"": ("rotation",)}  # a run whose numbers become infinite fails, and says when
+MEASURED = {"": ("rotation",)}  # a run whose numbers become infinite fails
 TIMES = ("version", "date")  # not compared by `verify`, as times are not
 UNTIL = 2.0  # s, of the sweep
 POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # of 2, steps: so many times h is 2 s exactly
@@ -129,7 +130,7 @@ _EXUDYN = {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, 
 _DRAKE = {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER}
 _MERSON = "Runge-Kutta-Merson"
 _ON_A_CPU = "not measured: on a processor a run takes minutes"
-# Why a setting is called best. Documented: MuJoCo (implicitfast), Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard
+# Why a setting is called best. Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard
 # joint), PhysX (flag, TGS and more iterations), Jolt (flag), cannon-es (iterations). The highest order or accuracy on offer, or
 # more iterations: RK4 of MuJoCo, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations.
 # The better one of two that were measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
@@ -218,7 +219,7 @@ def followed(
     seconds = perf_counter() - begin
     for n, row in enumerate(rows, 1):
         if not all(np.isfinite(part).all() for part in row):
-            raise StepError(who, f"its numbers are not finite from {n * every * h:.3g} s on")
+            raise StepError(who, f"its numbers are not finite after {n * every * h:.3g} s")
     return seconds, rows
 
 

@@ -22,12 +22,11 @@ from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 
 Array = np.ndarray
-Blocks = Callable[
-    [], Iterator[Mapping[str, Array]]
-]  # the rows of a trajectory from the first on, as often as it is called
-# sums of steps round: times that all are that near, relative to the last one, to multiples of a billionth of it are these; with
-# fewer rows than FEW they must be nearer
-DECIMALS, NEAR, SOME, FEW = 9, 1e-10, 5e-13, 100
+# the rows of a trajectory from the first on, as often as it is called
+Blocks = Callable[[], Iterator[Mapping[str, Array]]]
+# sums of steps round: times that all are that near, relative to the last one, to its decimals of the eighth place are these;
+# with fewer rows than FEW they must be nearer. Half a unit of that place is more than NEAR, so that not all numbers are near.
+DECIMALS, NEAR, SOME, FEW = 8, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
 MOST = 3 * HEAD  # rows that hints are taken from, of the first ones and of all others
 BLOCK = 1 << 14  # rows that are compared at once
@@ -38,7 +37,7 @@ ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not 
 
 
 class Error(NamedTuple):
-    """The largest error of all rows, and that of the last row; NaN where a row holds NaN."""
+    """The largest error of all rows, and the error of the last row; NaN where a row holds NaN, or only part of the rows tell."""
 
     max: float
     end: float
@@ -90,7 +89,8 @@ class Judgement:
             ]
         else:
             off = [f"{name} off by {self.errors[name].end:.1e} {UNITS[name]}{self._growing(name)}"]
-        lines = [f"After {self.span[1] - self.span[0]:.4g} s, {self.turns:.3g} turns: {'; '.join(off)}."] if off else []
+        turns = "" if math.isnan(self.turns) else f", {self.turns:.3g} turns"
+        lines = [f"After {self.span[1] - self.span[0]:.4g} s{turns}: {'; '.join(off)}."] if off else []
         near, bound = ("position", 0.1 * self.sizes["position"]) if "position" in self.errors else ("rotation", 0.1)
         if near in self.errors and self.errors[near].max > bound:
             t, error = self.curves[near]
@@ -357,7 +357,7 @@ def _judged(
         else:
             assert exact is not None
             hints = find_hints(frames, seen, exact, good, rows, way) if len(good) else []
-        if measured.mirrored:
+        if 2 * measured.mirrored > run.rows:
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
 
     def floors_of(known: Mapping[str, float]) -> dict[str, float]:
@@ -369,7 +369,9 @@ def _judged(
     floors = floors_of(floor)
     notes = [*_notes(measured, run.rows), *_own_notes(frames, rows, hints)]
     if max(zero - first, end - zero) > frames.known:
-        notes.append(f"No closed form is known of this motion: rows after t = {frames.known:.6g} s are not compared.")
+        notes.append(
+            f"No closed form is known of this motion: rows after t = {zero + frames.known:.6g} s are not compared."
+        )
     if what.start == "first-row":
         notes.append(f"The motion starts as the first row does, at t = {first:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
@@ -384,7 +386,8 @@ def _judged(
         start = {"t": first, **off}
         for word, least in (("right", START), ("single", SINGLE)):
             start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
-    turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], rows)
+    whole = rows if rows is not None and rows.rows == run.rows else None
+    turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], whole)
     judged = Judgement(
         case.name,
         run.rows,
@@ -408,14 +411,10 @@ def _judged(
 
 
 def _turns(t: Array, omega: Array | None, rows: Rows | None) -> float:
-    """How often the body turns, ∫|ω| dt/2π; without ω by the attitudes, NaN without either."""
+    """How often the body turns, ∫|ω| dt/2π; without ω by all attitudes, NaN without either."""
     if omega is not None:
-        speed = np.linalg.norm(omega, axis=1)
-    elif rows is not None:
-        t, speed = rows.t[1:], rows.speed()
-    else:
-        return math.nan
-    return float(np.trapezoid(speed, t)) / math.tau
+        return float(np.trapezoid(np.linalg.norm(omega, axis=1), t)) / math.tau
+    return math.nan if rows is None else float(np.sum(rows.speed() * rows.dt[:, 0])) / math.tau
 
 
 class _Run(NamedTuple):
@@ -456,30 +455,29 @@ def _look(blocks: Blocks) -> _Run:
 
 
 class _Measured(NamedTuple):
-    """The errors of all rows and of the first one, their curves; how many rows hold a NaN, and the time of the first of these."""
+    """The errors of all rows and of the first one, their curves; how many rows hold a NaN, and the time of the first of these.
+
+    mirrored : rows with a matrix of negative determinant.
+    """
 
     errors: dict[str, Error]
     first: dict[str, float]
     curves: dict[str, Array]
     bad: int
     bad_from: float
-    mirrored: bool
+    mirrored: int
 
 
 def _measured(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> _Measured:
-    """The largest errors of n rows in blocks; each block is compared together with the row before it."""
-    marks, at, before = np.linspace(0, n, min(n, POINTS) + 1).astype(int), 0, dict[str, Array]()
+    """The largest errors of n rows in blocks."""
+    marks, at = np.linspace(0, n, min(n, POINTS) + 1).astype(int), 0
     t_marks, curves = np.full(len(marks) - 1, math.inf), dict[str, Array]()
     first: dict[str, float] = {}
     last: dict[str, float] = {}
-    bad, bad_from, mirrored = 0, math.nan, False
-    for block in blocks:
-        rows = {name: np.concatenate((before[name], part)) if at else part for name, part in block.items()}
-        t, new, before = (
-            block["time"][:, 0],
-            slice(int(at > 0), None),
-            {name: part[-1:] for name, part in block.items()},
-        )
+    told: dict[str, int] = {}  # in how many rows
+    bad, bad_from, mirrored = 0, math.nan, 0
+    for rows, new in _overlapping(blocks, n):
+        t = rows["time"][new, 0]
         part_of = np.searchsorted(marks, np.arange(at, at + len(t)), side="right") - 1
         starts = np.flatnonzero(np.diff(part_of, prepend=-1))
         parts = part_of[starts]
@@ -490,22 +488,41 @@ def _measured(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> 
             error, curve = error[new], curves.setdefault(name, np.zeros(len(marks) - 1))
             curve[parts] = np.maximum(curve[parts], np.maximum.reduceat(error, starts))
             first.setdefault(name, float(error[0]))
-            last[name] = float(error[-1])
+            last[name], told[name] = float(error[-1]), told.get(name, 0) + len(t)
             here |= ~np.isfinite(error)
         here &= np.abs(t) <= frames.known
         bad_from = float(t[here][0]) if here.any() and not bad else bad_from
         bad, at = bad + int(np.count_nonzero(here)), at + len(t)
-        if "matrix" in block:
-            mirrored |= bool(np.any(np.linalg.det(block["matrix"].reshape(-1, 3, 3)) < 0))
+        if "matrix" in rows:
+            mirrored += int(np.count_nonzero(np.linalg.det(rows["matrix"][new].reshape(-1, 3, 3)) < 0))
     if not curves:
         raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
-    errors = {name: Error(float(curves[name].max()), last[name]) for name in UNITS if name in curves}
+    errors = {
+        name: Error(float(curves[name].max()), last[name]) if told[name] == n else Error(math.nan, math.nan)
+        for name in UNITS
+        if name in curves
+    }
     drawn = {name: np.stack([t_marks, curve]) for name, curve in curves.items()}
     return _Measured(errors, first, drawn, bad, bad_from, mirrored)
 
 
+def _overlapping(blocks: Iterator[Mapping[str, Array]], n: int) -> Iterator[tuple[dict[str, Array], slice]]:
+    """Blocks of the first n rows with two rows before and one after their own, which slopes need; and where their own are."""
+    rows: dict[str, Array] = {}
+    first = at = 0  # of `rows` that were not compared yet, and of the trajectory
+    for block in blocks:
+        new = {name: part[: n - at] for name, part in block.items()}  # a file may grow while it is read
+        rows = {name: np.concatenate((rows[name], part)) if rows else part for name, part in new.items()}
+        at += len(new["time"])
+        end = len(rows["time"]) - (at < n)
+        if end > first:
+            yield rows, slice(first, end)
+        first = min(end, 2)
+        rows = {name: part[end - first :] for name, part in rows.items()}
+
+
 def _decimals(t: Array) -> Array:
-    """The multiples of a billionth of the last time that are next to times; a sum of steps is not far from them."""
+    """Times rounded to the eighth decimal place of the last of them; a sum of steps is not far from such decimals."""
     last = float(np.max(np.abs(t)))
     # per second; a power of ten, so that decimals are its multiples
     unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0

@@ -26,7 +26,7 @@ from lagrange_bench.reading.names import (
     parse,
     unit_of,
 )
-from lagrange_bench.reading.rows import Table, is_number, number, open_table
+from lagrange_bench.reading.rows import CHUNK, Table, is_number, number, open_table
 from lagrange_bench.support.words import suggestion
 
 Array = np.ndarray
@@ -391,7 +391,10 @@ def _time_floor(words: list[str]) -> float:
 
 def read(layout: Layout) -> dict[str, Array]:
     """All rows of `blocks` at once."""
-    parts = list(blocks(layout))
+    return _joined(list(blocks(layout)))
+
+
+def _joined(parts: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
 
 
@@ -407,6 +410,7 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
     how, table, rows, same = layout.how, layout.table, 0, 0
     start: Array | None = None
     before: dict[str, Array] = {}
+    waiting: list[dict[str, Array]] = []  # where few rows are chosen, those of many blocks are joined
     for columns in table.load(sorted({i for places in layout.groups.values() for i in places}), list(layout.rows)):
         keep = np.full(len(next(iter(columns.values()))), True)
         for i, value in layout.rows.items():
@@ -428,7 +432,12 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
         _turned(layout, given)
         rows, same, before = rows + n, same + n - int(np.count_nonzero(new)), last
         if new.any():
-            yield {kind: values[new] for kind, values in given.items()}
+            waiting.append({kind: values[new] for kind, values in given.items()})
+        if sum(len(part["time"]) for part in waiting) >= CHUNK:
+            yield _joined(waiting)
+            waiting = []
+    if waiting:
+        yield _joined(waiting)
     if not rows:
         raise ValueError("there are no rows to judge")
     note = f"{same} row{'s are' if same > 1 else ' is'} equal to the one before, and left out."

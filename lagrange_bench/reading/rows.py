@@ -314,7 +314,9 @@ class Text:
 
             settings: dict[str, Any] = {"sep": self.separator or r"\s+", "header": None, "skipinitialspace": True}
             settings |= {"usecols": places if len(places) < self.width else None, "decimal": "," if comma else "."}
-            settings |= {"dtype": {i: str if i in words else float for i in places}, "na_values": ["-"]}
+            settings |= {"dtype": {i: str if i in words else float for i in places}, "keep_default_na": False}
+            # a label may be empty, or "NA"; other words for a missing number are read line by line
+            settings |= {"na_values": {i: ["", "-", "nan", "NaN"] for i in places if i not in words}}
             try:
                 with self.open() as file:
                     for _ in range(self.skip):

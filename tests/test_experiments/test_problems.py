@@ -160,7 +160,7 @@ def test_an_engine_that_gives_up_is_a_result(monkeypatch):
     def fails(n):
         raise RuntimeError("singular joint. See the manual")
 
-    for engine, kind, why in ((fake(fails), "one", "singular joint$"), (fake(), "nan", "not finite from 2 s on")):
+    for engine, kind, why in ((fake(fails), "one", "singular joint$"), (fake(), "nan", "not finite after 2 s")):
         monkeypatch.setitem(engines.ENGINES, "fake", engine)
         for timing in (True, False):
             with pytest.raises(StepError, match=why):

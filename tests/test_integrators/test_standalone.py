@@ -47,6 +47,7 @@ SPECIAL = {  # moments, angular velocity; height of the centre of mass, rotation
     "nearly a ball": ((1, 1, 1 + 1e-12), (1, 2, -3)),
     **{f"two equal moments, {n}": (np.roll((1, 1, 1.5), n), (1, 2, -3)) for n in range(3)},
     "separatrix": ((3, 4, 6), (-1 / 3, 0.5, 1 / 6)),
+    "long on the separatrix": ((6, 8, 12), (0.25, 0, 0.125), 0.0, TURNED, 2e4),
     "middle of the separatrix": ((3, 4, 6), (1 / 3, 0, -1 / 6)),
     **{f"near the middle axis, {n}": ((3, 5, 7), (10.0**-n, 1, 10.0**-n), 0.0, TURNED, 40.0) for n in (3, 6, 9, 12)},
     "steady": (TOP, (0, 1, 4), 0.5),

@@ -80,6 +80,14 @@ def test_races_count_what_an_error_costs(short_races, ask, tops):
     assert [line.get_label() for line in ax.get_lines() if line.get_linewidth() == 9] == ["_frontier"]
 
 
+def test_errors_of_a_whole_body():
+    frame = heavy_top(["rk4"], "slow").to_frame()
+    assert len(frame) == 8
+    assert frame.rotation.min() < 1e-9
+    assert frame.h.max() == pytest.approx(2 / 2**5)
+    assert (frame.h_scaled > frame.h).all()
+
+
 def made(methods=("rk4", "strang"), tops=("generic", "fast")):
     h = 2.0 ** -np.arange(6)
     rows = [
@@ -160,6 +168,22 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
+
+
+def test_beside_an_axis_on_the_right_names_are_inside_or_in_a_legend_or_nowhere():
+    figure, ax = plt.subplots(figsize=(9, 4))
+    figure.subplots_adjust(right=0.6)
+    made().plot(tops=["generic"], ax=ax)
+    figure.canvas.draw()
+    assert all(text.get_window_extent().x0 > ax.bbox.x1 for text in ax.texts)
+    twin = ax.twinx()
+    made().plot(y="height", tops=["generic"], ax=twin, names=False, linestyle=":")
+    assert {line.get_linestyle() for line in twin.lines} == {":"}
+    assert not twin.texts
+    figure.canvas.draw()
+    assert all(text.get_window_extent().x1 <= ax.bbox.x1 for text in ax.texts)
+    ax = made().plot(tops=["generic"], names="legend")
+    assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]

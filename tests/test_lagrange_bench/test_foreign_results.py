@@ -1,10 +1,14 @@
-"""Somebody else's packages join; somebody else's results run no code."""
+"""Somebody else's packages join; somebody else's results run no code, and are never shown in silence."""
 
+import json
+import re
 import shutil
 import sys
 import tomllib
 from contextlib import ExitStack
+from html import unescape
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from test_cli import STUDY
@@ -14,7 +18,8 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import INVARIANTS, METHODS, POTENTIALS
 from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.results import store
+from lagrange_bench.report import page
+from lagrange_bench.results import sources, store
 from lagrange_bench.results.store import Store, make_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "example_plugin"
@@ -146,3 +151,53 @@ def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
     code, out, err = run("verify", "own", "--quiet", "--module", "evilpkg.method")
     assert (code, "not computed" in out + err) == (1, False)  # the stored rows are made up
     catalogue.installed.cache_clear()
+
+
+NAME = "toy.study"
+
+
+@pytest.fixture
+def study(one_core, monkeypatch, tmp_path):
+    """An experiment of six cells whose rows are in ./out, computed with VERSION 1; the page has nothing else."""
+    module = ModuleType(NAME, "A study of squares.\n\nNothing more.")
+    exec(STUDY, vars(module))
+    monkeypatch.setitem(sys.modules, NAME, module)
+    monkeypatch.setattr(page, "EXPERIMENTS", (NAME,))
+    monkeypatch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # it has no file
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    append(module, *range(6))
+    return module
+
+
+def append(module, *numbers):
+    for i in numbers:
+        Store("out").append(make_record(NAME, module.VERSION, i, {"i": i}, rows=module.measure({"i": i})))
+
+
+def shown():
+    text = page.html(page.assemble(Path("out")))
+    return unescape(re.sub("<[^>]*>", "", text))
+
+
+AGAIN = "Compute them again: lagrange-bench run toy.study --profile quick --results out --again"
+FIGURE = ("figure", f"{NAME}_squares", "--results", "out")
+
+
+def test_old_rows_and_damaged_lines_are_named(run, study):
+    for i in (1, 2):
+        Store("out").append(make_record(NAME, 1, i, {"i": i}, rows=study.measure({"i": i}), sources="0" * 24))
+    path = Store("out").path(NAME)
+    path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
+    damaged = "toy.study.jsonl, line 6: damaged; skipped, its cell counts as not computed"
+    other = f"{NAME}: 2 stored cells were computed with other source code than this. {AGAIN}"
+    code, out, err = run(*FIGURE)
+    assert (code, err.endswith(f"{damaged}\n{other}\n")) == (0, True), err
+    assert damaged in shown().splitlines()
+    assert "2 stored cells were computed with other source code than this" in shown()
+    assert json.loads(run(*FIGURE, "--json")[1])["notes"] == [damaged, other]
+    assert run(*FIGURE, "--quiet")[2] == ""
+    path.write_bytes(b"{}\n")
+    code, out, err = run(*FIGURE)
+    assert (code, out) == (2, "")
+    assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err

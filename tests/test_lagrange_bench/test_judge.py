@@ -320,6 +320,55 @@ def test_no_row_is_lost_between_the_blocks_of_a_long_file(head, tmp_path, answer
     assert judge(sums, rotation=BRUELS.solution(np.arange(1, 401) / 200).rotation, case="bruels").rotation.max < 1e-12
 
 
+@pytest.mark.parametrize(("parts", "end"), [(1024, 8.0), (60, 6.0)])
+def test_times_that_are_no_decimals_are_not_rounded(parts, end):
+    t = np.arange(round(parts * end) + 1) / parts
+    motion = BRUELS.solution(t)
+    exact = judge(t, rotation=motion.rotation, omega=motion.omega_body, case="bruels")
+    assert (exact.rotation.max, exact.omega.max) < (1e-12, 1e-10)
+
+
+def test_what_needs_neighbours_does_not_depend_on_the_blocks(monkeypatch):
+    """Neither ω as the slope of rotations nor the number of turns; one bad matrix mirrors nothing."""
+    body, bad = BRUELS.body, M.copy()
+    bad[200, 0] *= -1
+    whole = judge(T, rotation=R, omega=OMEGA, body=body)
+    for size in (1, 2, 16, 200, 400):
+        monkeypatch.setattr(judging, "BLOCK", size)
+        part = judge(T, rotation=R, omega=OMEGA, body=body)
+        assert (part.kinematics, part.turns) == (whole.kinematics, pytest.approx(whole.turns))
+        assert math.isnan(judge(T, rotation=R, body=body).turns)
+        mirrored = judge(T, rotation=bad, case="bruels")
+        assert "1 of 401 rows" in mirrored.notes[0]
+        assert not any("determinant" in hint for hint in mirrored.hints)
+    monkeypatch.undo()
+    assert judge(T, rotation=R, body=body).turns == pytest.approx(whole.turns, rel=1e-3)
+
+
+def test_a_file_that_grows_while_it_is_read_is_judged_to_its_first_end(monkeypatch, tmp_path, answer):
+    file = write(tmp_path / "run.csv", "t x y z", T[:300], X[:300])
+    measured = judging._measured
+
+    def later(frames, blocks, n):
+        write(file, "t x y z", T, X)
+        return measured(frames, blocks, n)
+
+    monkeypatch.setattr(judging, "_measured", later)
+    (found,) = answer("judge", file, "--case", "bruels")["files"]
+    assert (found["rows"], found["position"]["max"] < 1e-14) == (300, True)
+
+
+def test_rows_of_one_body_are_chosen_from_a_long_file(monkeypatch, tmp_path, answer):
+    """Read by pandas in short blocks; labels may be empty, or words that pandas takes for a missing number."""
+    rows = [",".join(map(str, (t, *x))) for t, x in zip(T.tolist(), X.tolist(), strict=True)]
+    lines = [f"{label},{row}" for row in rows for label in ("top", "", "NA")]
+    (tmp_path / "run.csv").write_text("\n".join(["body,t,x,y,z", *lines]), encoding="utf-8")
+    for name, value in (("HEAD", 1 << 14), ("CHUNK", 10)):
+        monkeypatch.setattr(reading_rows, name, value)
+    (found,) = answer("judge", tmp_path / "run.csv", "--case", "bruels", "--where", "body=top")["files"]
+    assert (found["rows"], found["position"]["max"] < 1e-14) == (401, True)
+
+
 def test_times_of_few_digits_hide_errors(tmp_path, answer):
     """In four digits they are off by up to 5e-5 s, in which the body turns by 0.0075 rad."""
     t = np.arange(40) / 750

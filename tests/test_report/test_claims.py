@@ -263,6 +263,17 @@ def test_the_line_of_python_gives_the_promised_error(stored):
         assert eval(line, {"integrate": integrate}).error()[-1] <= target, line
 
 
+def test_a_recommended_method_is_named_if_it_takes_at_most_a_fifth_more_and_rk4_beside_the_best_rival():
+    columns = ["method", "seconds", "setup_seconds"]
+    runs = [("theta_functions", 1.0, 0.0), ("addition_theorem", 1.5, 0.0), ("strang", 4.0, 0.0), ("rk4", 9.0, 0.0)]
+    for price, named in ((1.19, "backlund"), (1.21, "theta_functions")):
+        rows = pd.DataFrame([*runs, ("backlund", price, 0.0)], columns=columns)
+        rows = rows.assign(h=1.0, error=1e-13, state="generic", span=1e4, status="done")
+        answer = chooser.answers({"work_precision": rows}).iloc[0]
+        assert answer["name"] == named
+    assert answer["beside it"] == "best that is not exact: Strang, 4 times as long; RK4, 9 times as long"
+
+
 def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     position = [1e-5, float("nan"), 1e-9]
     rows = pd.DataFrame({"method": ["rk4", "rk4", "rkmk4"], "h": [0.1, 0.2, 0.05], "position": position})

@@ -435,3 +435,21 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
     ):
         with pytest.raises(ValueError, match=said):
             Choice(("backlund",)).check(cells)
+
+
+def test_default_results(monkeypatch, tmp_path):
+    root = Path(store.__file__).resolve().parent.parent
+    assert store.default_results("quick") == root / "results" / "local" / "quick"
+    assert store.default_results() == root / "results" / "reference"
+    monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
+    monkeypatch.chdir(tmp_path)
+    assert store.default_results("quick") == Path("results/quick")
+    assert store.default_results() == store.REFERENCE == root / "results" / "reference"
+    (tmp_path / "results" / "quick").mkdir(parents=True)
+    assert store.default_results() == Path("results/quick")
+    (tmp_path / "results" / "full").mkdir()
+    assert store.default_results() == Path("results/full")
+    with pytest.raises(FileNotFoundError, match="nothing is stored in results/full"):
+        store.find_results(None)
+    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
+        store.find_results(Path("nowhere"))
