@@ -1,12 +1,14 @@
 """Named motions of rigid bodies, with their exact solution as a CSV file.
 
-For those who test a program that follows rigid bodies, in any language. List the named cases, or write the exact motion of one:
-centre of mass, quaternion, rotation matrix and angular velocity at equal times, in SI units.
+For those who test a program that follows rigid bodies, in any language. A case is a body with its start. Without a NAME the
+command lists the cases. With a NAME it writes the exact motion: centre of mass, quaternion, rotation matrix and angular velocity
+at equal distances in time, in SI units.
 
-With --code a case is one file of C or Python, without dependencies, that gives the same motion at any time: for your own tests.
+With --code it writes a file of C or Python that gives the same motion at any time. The file needs no library: put it into the
+tests of your program.
 
-Up to 17 digits are those of doubles: the last one or two are round-off. Up to 40 digits come from a Taylor series in integers,
-which takes some seconds for a hundred turns. Lines that begin with # explain the columns.
+Up to 17 digits are those of doubles: the last one or two are round-off. More digits, up to 40, come from a Taylor series in
+integers, which takes some seconds for a hundred turns. Lines that begin with # explain the columns.
 pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
 
 examples:

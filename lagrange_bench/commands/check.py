@@ -1,17 +1,18 @@
 """Test what a method claims.
 
-For authors of methods. Test each claim of a method: its order, its symmetry, its invariants, and whether a step is a Poisson
-map. Test also the rules that every stepper must follow. Print one verdict for each claim:
+For authors of integrators, here called methods. It tests each claim of a method: its order, its symmetry, its invariants, and
+whether a step is a Poisson map. It also tests the rules that every method must follow. It prints one verdict for each:
 
   pass, fail    the claim is true, or false
   not claimed   it was measured for your information; there is no bound
   not judged    it could not be measured; the reason follows the table
 
-Drifts of invariants are relative: 1 is as large as the terms of the invariant. "Largest at" names the top and the step with the
-largest value; steps are in units of the top's time scale. A method that takes tops in a potential is tested there, too ("in a
-field: …"). If a method cannot take its first step, the only verdict shows the line that fails, or what Numba says.
+"Measured" is what was found, "bound" what is allowed. A drift, the change of an invariant, is relative: 1 is as large as the terms
+of the invariant. "Largest at" names the top and the step with the largest value; steps are in units of the top's time scale. A
+method that takes tops in a potential is tested there, too ("in a field: …"). If a method cannot take its first step, the only
+verdict shows the line that fails, or what Numba says.
 
-With --problem the claims are tested only on that problem, at a state and near it. To keep bounds on drift in your own tests, see
+With --problem the claims are tested only on that problem, at a state and near it. To test bounds on drift in your own tests, see
 docs/ci.md.
 
 examples:
@@ -87,5 +88,5 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     command.add_argument("--state", type=numbers, metavar="y1,y2,…", help="a state of the problem, for --problem")
     command.add_argument("--quick", action="store_true", help="fewer and shorter runs, while you are developing")
-    text = "say how each claim was measured, not only those that fail"
+    text = "say how each claim was measured, not only the claims that fail"
     command.add_argument("--verbose", action="store_true", help=text)

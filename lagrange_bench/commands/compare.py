@@ -1,8 +1,9 @@
 """Differences between two results.
 
-Compare two results cell by cell. List the cells that were added, removed or changed, and by how much each column differs.
-Everything but times must be equal. With --times, the times of each method are compared over all its cells, by Wilcoxon's
-signed-rank test.
+For those who changed the code, or the machine, and ask what changed in the results. Compare two results of lagrange-bench run
+cell by cell. (A cell is the smallest piece that is measured and stored.) List the cells that were added, removed or changed, and by
+how much each column differs. Everything but times must be equal, unless --rtol or --atol allows a difference. With --times, the
+times of each method are compared over all its cells, by Wilcoxon's signed-rank test.
 
 examples:
   lagrange-bench compare reference full
@@ -28,10 +29,10 @@ MOST = 10  # so many cells of each kind are listed
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("old", type=results_folder, metavar="OLD", help="results: reference, quick, full, or a folder")
     command.add_argument("new", type=results_folder, metavar="NEW", help="other results")
-    text = "relative difference that is allowed, also if the absolute one is not (default: 0)"
+    text = "relative difference that is allowed, even where --atol does not allow it (default: 0)"
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
-    command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="absolute difference (default: 0)")
-    command.add_argument("--times", action="store_true", help="test times too")
+    command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="the same, absolute (default: 0)")
+    command.add_argument("--times", action="store_true", help="also test whether times differ")
     command.add_argument("--verbose", action="store_true", help="list every cell that was added or removed")
     text = "times with a ratio up to 1 + R count as the same (default: 0.1)"
     command.add_argument("--threshold", type=tolerance, metavar="R", default=0.1, help=text)

@@ -1,7 +1,8 @@
 """Errata of the paper, printed and corrected.
 
-For readers of the paper that the Bäcklund methods come from. List its errata: wrong formulas, and wrong sentences beside right
-formulas. Each is evaluated at random points, as printed and as corrected; the residuals are printed beside it.
+For readers of the paper that the Bäcklund methods come from (Kuznetsov, Petrera, Ragnisco 2004). List its errata: wrong formulas,
+and wrong sentences beside right formulas. Each is evaluated at random points, as printed and as corrected. A residual says by how
+much it fails: 0, but for rounding, if it is right.
 
 examples:
   lagrange-bench errata

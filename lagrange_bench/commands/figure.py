@@ -1,7 +1,7 @@
 """One figure, for a paper.
 
-Draw a figure of the page again, for a paper: as SVG, PDF (with fonts) or PNG, as wide as a column or a page. The same rows give
-the same bytes. With --x and --y, draw any column of the stored rows against any other.
+For authors of papers. Draw a figure of the page again: as SVG, PDF (with fonts) or PNG, as wide as a column or a page. The same
+stored numbers give the same bytes. With --x and --y, draw any column of the stored numbers against any other.
 
 examples:
   lagrange-bench figure --list
@@ -27,17 +27,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
     what = command.add_mutually_exclusive_group(required=True)
     text = "the name printed below a figure of the page, e.g. phase_h; with --x and --y also an experiment"
     what.add_argument("name", nargs="?", metavar="NAME", help=text)
-    text = "every figure, in every format and width unless one is given"
+    text = "every figure, in every format and width, or only in those that are given"
     what.add_argument("--all", action="store_true", help=text)
     what.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
     command.add_argument("--format", choices=FORMATS, help="format of the file (default: its suffix, else svg)")
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     for flag in ("--x", "--y"):
-        text = "draw these columns of the rows, a panel for each top; see lagrange_bench.load for their names"
+        text = "draw these columns of the stored numbers, a panel for each top; results/README.md lists their names"
         command.add_argument(flag, metavar="COLUMN", help=text)
     for flag in ("--xlim", "--ylim"):
         command.add_argument(flag, type=limits, metavar="A,B", help="limits of this axis, in every panel")
-    text = "what lagrange-bench run stored (default: as for lagrange-bench report)"
+    text = "results: reference, quick, full, or a folder (default: as for lagrange-bench report)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "the file, or the folder for --all (default: NAME.FORMAT, or ./figures)"
     command.add_argument("--output", type=location, metavar="PATH", help=text)

@@ -1,8 +1,9 @@
 """Follow one top with one method.
 
-Follow one top with one method. Print the final state, the invariants and their drift, the error against the exact solution, and
-the work done. If there is no exact solution, a reference solution in quadruple precision takes its place. --output saves the
-trajectory, --draw draws the path of the axis on its sphere.
+For those who want a trajectory and its error. Follow one top, or a problem of your own, with one integrator (a method). Print the
+final state, the invariants and their drift, the error against the exact solution, and the work done. If there is no exact
+solution, a reference solution in quadruple precision takes its place. --output saves the trajectory, --draw draws the path of the
+axis on its sphere.
 
 examples:
   lagrange-bench integrate --top generic --h 0.1 --steps 10000
@@ -58,9 +59,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "the same in its time scale, 1/(|J| + √(|alpha||x|)) at the start"
     step.add_argument("--h-scaled", type=arguments.number, metavar="H", help=text)
     grid.add_argument("--steps", type=arguments.count, metavar="N", help="number of steps")
-    text = "record every K-th state; K divides N (default: 1 with a file to write, else start and end only)"
+    text = "record every K-th state; K divides N (default: 1 if a file is written, else start and end only)"
     grid.add_argument("--every", type=arguments.count, metavar="K", help=text)
-    text = "n equidistant times from t0 to t1, both included, or a list: for methods with dense output or jumps"
+    text = "n equidistant times from t0 to t1, both included, or a list; for methods that give states at any time"
     grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
 
     method = command.add_argument_group("the method")

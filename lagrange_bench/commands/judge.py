@@ -1,12 +1,13 @@
 """Judge the trajectory of any program by the exact motion of a rigid body.
 
-Read the trajectory of a rigid body that any program wrote as text, heavy or free, symmetric or not, with a fixed point or flying.
-Print its errors: position, direction of the axis, rotation, spin about the axis, length, orthogonality, angular velocity, energy
-and angular momentum, as far as the file has them. Also says whether the start is right, and which convention is perhaps another
-one.
+For those who have a multibody program, a physics engine or a simulator, in any language. Read the trajectory of a rigid body that
+the program wrote: heavy or free, symmetric or not, with a fixed point or flying. Print its errors: position, direction of the
+axis, rotation, spin about the axis, length, orthogonality, angular velocity, energy and angular momentum, as far as the file has
+them. Say whether the start is right, and which convention the file perhaps has in place of the one that was assumed.
+docs/tutorials/is-my-multibody-code-right.md has scripts for MuJoCo, Drake, Unity and others.
 
 Columns are found by what their names mean, not by a list: topic.pose.orientation.x, quat_x and qx are the same. Capitals, points,
-slashes, underscores and brackets do not matter; a group may have a name before it, such as that of the body.
+slashes, underscores and brackets do not matter. A name may begin with another one, such as the name of the body.
   t | time | timestamp | …       s; header.stamp.sec and .nanosec are added
   px | position.x | top.x …      m, position of the centre of mass; ux uy uz: its displacement
   qw | rotation.w | quat_w …     quaternion, body to world; q0 … q3, q[0] … in the order of --quat; q1 … q4: scalar last
@@ -15,18 +16,20 @@ slashes, underscores and brackets do not matter; a group may have a name before 
   roll pitch yaw                 about the fixed axes x, y, z in this order; all other angles need --angles
   wx | angvel.x | gyro_x …       rad/s, in the frame of --omega
   qpos, qvel                     of a free or a ball joint of MuJoCo
-Units in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names are converted. Of text, the names are in
-the last line over the numbers that has as many words; commas, semicolons, tabs, bars or blanks separate them. Decimal commas,
-exponents with D, UTF-16, .gz, JSON (lines, rows or arrays), .npz, .parquet and .mat are read. What may be two things is refused,
-with the option that decides. A program that has the axis of symmetry elsewhere, or another axis upwards: --axis z, --up y, or
---up=-y. The smallest turn leads from there to the frames of the case; where that is half a turn, it is about x.
+Units are converted if they are in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names. In a text file
+the names are in the last line above the numbers that has as many words as a row has numbers. Commas, semicolons, tabs, bars or
+blanks separate them. Decimal commas, exponents with D, UTF-16, .gz, JSON (lines, rows or arrays), .npz, .parquet and .mat are
+read. If a column may mean two things, the file is refused, and the message names the option that decides. If your body has
+another axis of symmetry, or another axis of your world points up, add --axis z, --up y, or --up=-y. The smallest turn leads from
+there to the frames of the case; if that is half a turn, it is about x.
 
-Times that are next to decimals of nine digits (to 1e-10 of the last one, with fewer than 100 rows 5e-13) are taken as these,
-for sums of steps round. q and -q are the same rotation. Where a file has quaternions and matrices, or positions and
-displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
-Without a start, --body judges what the motion keeps, by the first row, and whether ω fits the rotations (kinematics, of fourth
-order in the distance of the rows). With --bounds a file violates them if one number in it is not finite, or if it ends before
-the case does (--until).
+Sums of steps are rounded. So times that are very near to decimals of nine digits are taken as these (nearer than 1e-10 of the
+last time, with fewer than 100 rows 5e-13). q and -q are the same rotation. If a file has quaternions and matrices, or positions
+and displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
+
+Without a start, --body compares the energy and all else that the motion conserves with the first row, and judges whether ω fits
+the rotations (kinematics, of fourth order in the distance of the rows). With --bounds, a file also fails if a number in it is not
+finite, or if it ends before the case does (--until).
 
 examples:
   lagrange-bench judge run.csv --case bruels
@@ -65,7 +68,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "the motion of --case starts as the case says (default), or as the first row does"
     command.add_argument("--start", default="case", choices=("case", "first-row"), help=text)
     how = command.add_argument_group("how the files are written")
-    text = "the columns of these names: words of the header, or indices from 0"
+    text = "which column is which quantity: a word of the header, or an index from 0"
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
     text = "units that the file does not say, of t, position, angles, omega: s, ms, ns, mm, ft, deg, deg/s, rpm, …"
     how.add_argument("--units", type=pairs, default={}, metavar="omega=deg/s,t=ns", help=text)
@@ -75,7 +78,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--angles", metavar="AXES", help=text)
     text = "only rows with this word in this column, named or by index; or only columns whose names begin with it"
     how.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
-    text = "the rows are so far apart in time; for files without times"
+    text = "time between two rows; for files without times"
     how.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
     how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
     text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
@@ -88,9 +91,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "the steps of the files, for the orders (default: the distances of their rows)"
     how.add_argument("--steps", type=numbers, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")
-    text = "exit with 1 if the largest error of a quantity is above this"
+    text = "exit with 1 if the largest error of a quantity is above its bound"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
-    text = "exit with 1 if a file ends before (default with --bounds: the end of the case)"
+    text = "exit with 1 if a file ends before this time (default with --bounds: the end of the case)"
     results.add_argument("--until", type=seconds, metavar="SECONDS", help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
