@@ -1,9 +1,9 @@
 """Differences between two results.
 
 For those who changed the code, or the machine, and ask what changed in the results. Compare two results of lagrange-bench run
-cell by cell. (A cell is the smallest piece that is measured and stored.) List the cells that were added, removed or changed, and by
-how much each column differs. Everything but times must be equal, unless --rtol or --atol allows a difference. With --times, the
-times of each method are compared over all its cells, by Wilcoxon's signed-rank test.
+cell by cell. (A cell is the smallest piece that is measured and stored.) List the cells that were added, removed or changed, and
+by how much each column differs. Everything but times must be equal, unless --rtol or --atol allows a difference. With --times,
+the times of each method are compared over all its cells, by Wilcoxon's signed-rank test.
 
 examples:
   lagrange-bench compare reference full

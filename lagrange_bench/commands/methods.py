@@ -1,7 +1,8 @@
 """The integrators and what they claim.
 
-List the integration methods and their claims: order, symmetry, Poisson map, invariants that are conserved up to round-off. With
---top or --potential, say which methods take this top, and why the others do not.
+List the integrators, here called methods, and their claims: order, whether a step is symmetric and a Poisson map, and which
+invariants are conserved up to round-off. H is the energy, J3 the vertical angular momentum, C1 = |x|², C2 = x·J. With --top or
+--potential, say which methods take this top, and why the others do not.
 
 examples:
   lagrange-bench methods

@@ -1,7 +1,7 @@
 """Run a section of the paper: a picture and the residuals.
 
-For readers of the paper. Evaluate the formulas of a section, in their corrected form, along the orbit of a named top. Draw a
-picture, and list by how much each formula misses. Without a section, list the sections.
+For readers of the paper that the Bäcklund methods come from. Evaluate the formulas of a section, in their corrected form, along
+the orbit of a named top. Draw a picture, and list by how much each formula fails. Without a section, list the sections.
 
 examples:
   lagrange-bench paper                          the sections
@@ -12,7 +12,7 @@ examples:
 The formulas are functions of lagrange_bench.integrators.paper. docs/equations.md lists them by equation, and
 lagrange-bench errata lists the misprints.
 
-exit codes: 0 done · 1 a formula misses by more than is allowed · 2 bad input, or the section does not apply to this top
+exit codes: 0 done · 1 a formula fails by more than is allowed · 2 bad input, or the section does not apply to this top
 """
 
 import argparse

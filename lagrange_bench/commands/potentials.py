@@ -1,7 +1,7 @@
 """The potentials a top can be in.
 
-List the potentials V(x) that can be added to the weight of a top: their parameters, in the order of --parameters, and the formula
-with its units.
+For those whose top stands in an uneven field, such as the tide of a distant mass. List the potentials V(x) that can be added to
+the weight of a top: their parameters, in the order of --parameters, and the formula with its units.
 
 The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x). V has the units of J², and the axis x has any length.
 

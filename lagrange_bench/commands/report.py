@@ -1,6 +1,7 @@
 """Page, figures and tables of results.
 
-Turn stored results into one offline page (index.html), figures (SVG) and tables (Markdown, LaTeX, CSV).
+Turn the results that lagrange-bench run stored into one page that needs no network (index.html), figures (SVG) and tables
+(Markdown, LaTeX, CSV). Nothing is measured.
 
 examples:
   lagrange-bench report                                        the published results
@@ -9,7 +10,7 @@ examples:
   lagrange-bench report --results quick --methods mine:METHOD,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete · 1 a part could not be drawn; the page says so in its place · 2 no such results, or files
-cannot be written. A refuted claim is a result: the page and stderr say it, and the exit code stays 0.
+cannot be written. A refuted claim is a result: the page and stderr name it, and the exit code stays 0.
 """
 
 import argparse

@@ -1,8 +1,9 @@
-"""Measure what is missing.
+"""Run experiments: measure what is not stored yet.
 
-Measure the cells of experiments that are not stored yet, and store each as soon as it is done. The same command continues a run
-that was stopped, and tries failed cells again. A cell that hangs or crashes fails alone. Stored cells whose source code has
-changed since are counted; --again computes them afresh.
+An experiment asks one question about many methods, tops and steps. It is divided into cells, the smallest pieces that are
+measured and stored. Measure the cells that are not stored yet, and store each as soon as it is done. The same command continues
+a run that was stopped, and tries failed cells again. A cell that hangs or crashes fails alone. lagrange-bench report draws the
+results.
 
 examples:
   lagrange-bench run                            everything, quick: a few minutes on two cores
@@ -11,14 +12,14 @@ examples:
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
 
-After you have edited a method or an experiment, lagrange-bench run --again computes the cells that depend on it. The bench knows
-them by a digest, which is stored with each cell: of the experiment, the method, and all that these import. New rows are added to
-the journal, and the old ones stay in it. Methods and potentials in files of your own need no --again: after an edit a plain run
-computes their cells. If a file is edited while the run goes on, or is another one on a worker, its rows are not stored; they are
-counted as set aside.
+After you have edited a method or an experiment, the run says how many stored cells depend on it, and --again computes them again.
+The bench knows them by a digest (a hash) that is stored with each cell: of the experiment, the method, and all files that these
+import. New results are added to the file of the experiment, and the old ones stay in it. Methods and potentials in files of your
+own need no --again: after an edit a plain run computes their cells. If a file is edited while the run goes on, or if a worker has
+another version of it, the results are not stored; they are counted as set aside.
 
-Timing cells are measured on this machine, one at a time, after all others, whatever --jobs and --scheduler say. --no-timings
-leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
+Timing cells, which measure times, run on this machine, one at a time, after all others, whatever --jobs and --scheduler say.
+--no-timings leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
 
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
 

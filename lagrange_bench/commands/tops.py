@@ -1,10 +1,11 @@
 """The named tops.
 
-List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion and nutation period. For tops
-in a potential, list its parameters and what the motion conserves.
+List the named tops: weight parameter alpha, initial state (J1, J2, J3, x1, x2, x3), kind of motion and nutation period, the time
+that the axis takes to nod. For a top in a potential, list the parameters of the potential and what the motion conserves.
 
-The equations are J' = alpha e3 × x, x' = J × x. You choose the units; alpha has the units of J²/x. A period is inf (null in JSON)
-on the separatrix, and where x3 is constant and unstable. For tops in a potential, see lagrange-bench potentials.
+The equations are J' = alpha e3 × x, x' = J × x, with e3 upwards. You choose the units; alpha has the units of J²/x. A period is
+inf (null in JSON) on the separatrix, and where x3 is constant and unstable. lagrange-bench potentials has the formulas of
+potentials.
 
 For a top of your own, write MINE = NamedTop(…) in a file my_tops.py and give --top my_tops:MINE. A top of your package joins this
 list through the entry-point group lagrange_bench.tops (name = package.module:TOP).

@@ -1,8 +1,8 @@
 """Compute stored cells again.
 
-For those who doubt stored results. Compute a sample of their cells again on this machine, and compare. Counts, and the invariants
-of compiled methods, must be the same to the bit. Numbers that depend on a library or on the exact solution must agree within
-round-off. Times are not compared.
+For those who doubt stored results. Compute a sample of their cells, the smallest pieces that were measured, again on this
+machine, and compare. Counts, and the invariants of compiled methods, must be the same to the bit. Numbers that depend on a
+library or on the exact solution must agree within round-off. Times are not compared.
 
 examples:
   lagrange-bench verify                              sixty cells of the published results
@@ -10,7 +10,7 @@ examples:
   lagrange-bench verify quick --sample 20 --json
   lagrange-bench verify full --old --sample 10000   did your edit change any row?
 
-The sample is drawn in turn from every part and method of every experiment.
+The sample has cells from every part and method of every experiment, taken in turn.
 
 exit codes: 0 the same · 1 changed · 2 no such results, no cell can be computed again, or an experiment has a newer VERSION
 """
@@ -27,7 +27,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     where = command.add_mutually_exclusive_group()
     text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
     where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
-    where.add_argument("--results", type=results_folder, metavar="DIR", help="the same, as in the other commands")
+    where.add_argument("--results", type=results_folder, metavar="DIR", help="the same; other commands have it, too")
     text = "how many cells (default: 60, less than a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
