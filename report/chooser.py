@@ -1,4 +1,4 @@
-"""Which method should I take? The cheapest for each problem, length, error and conservation law, from stored rows."""
+"""Which method should I take? From stored rows: the cheapest for each problem, length of run, error and conserved quantity."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -109,9 +109,9 @@ def _problem(place: Place) -> tuple[Any, Any]:
 
 
 def line(code: str, run: pd.Series, unit: float) -> str:
-    """The line of Python that makes a stored run again, with its step in the unit of `integrate`.
+    """The line of Python that repeats a stored run, with its step in the unit of `integrate`.
 
-    code : the name of the problem. unit : that of stored times, in the time of the problem.
+    code : the name of the problem. unit : the unit of stored times, in the problem's own unit of time.
     """
     steps = round(run.span / run.h) if pd.notna(run.get("h")) else STEPS
     options = {name: run.get(name) for name in (*ACCURACY_OPTIONS[1:], *SCHEME_OPTIONS) if pd.notna(run.get(name))}
@@ -126,7 +126,7 @@ def _literal(value: Any) -> str:
 
 
 def _answer(best: pd.DataFrame) -> tuple[Any, ...]:
-    """The run; its method, and its cost; beside it the best rival, of an exact method one that is not exact, and FAMOUS."""
+    """The run, its method and cost, the best rival (of an exact method: the best that is not exact), and the FAMOUS."""
     preferred = best[best.method.isin(RECOMMENDED) & (best.price <= PREFERRED * best.price.iloc[0])]
     first = (preferred if len(preferred) else best).iloc[0]
     cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"

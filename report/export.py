@@ -115,13 +115,13 @@ def _remarks(section: sections.Section) -> list[str]:
 
 
 def _methods_without_rows(section: sections.Section) -> list[str]:
-    """The chosen methods that its figures do not show because it has no rows of them."""
+    """The chosen methods that the figures of an experiment do not show, because it has no rows of them."""
     chosen = replace(section.origin.choice, methods=tuple(section.without_rows))
     return [_no_rows(section.experiment, chosen)] if section.without_rows else []
 
 
 def _without(name: str, section: sections.Section) -> list[str]:
-    """The chosen tops that a figure does not show, because the part of the experiment that it is of has no rows of them."""
+    """The chosen tops that a figure does not show, because its part of the experiment has no rows of them."""
     rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
     rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
     there = {*rows.get("state", ()), *rows.get("top", ())}

@@ -1,4 +1,4 @@
-"""The numbers that show that no method is handicapped: from stored rows and records of methods. The page has the rules."""
+"""Numbers that show that no method is at a disadvantage, from stored rows and records of methods. The page has the rules."""
 
 from collections.abc import Mapping
 from typing import Any

@@ -51,7 +51,7 @@ class Origin:
         return f"lagrange-bench report{self.option}"
 
     def reaching(self, profile: str) -> Origin:
-        """This, or the usual folder of a larger profile: two profiles in one folder would be drawn into one figure."""
+        """This origin, or the folder of a larger profile: two profiles in one folder would be drawn into one figure."""
         return self if profile in (PROFILES[0], self.profile) else Origin(named(default_results(profile)), profile)
 
 
@@ -82,7 +82,7 @@ def find(folder: Path, profiles: Sequence[Collection[str] | None]) -> Origin:
 
 
 def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...] | None:
-    """The profiles all stored cells belong to; None if the experiment cannot be asked."""
+    """The profiles that have all stored cells; None if the experiment cannot list its cells."""
     stored = {_canonical(record["cell"]) for record in records}
     try:
         return tuple(p for p in PROFILES if stored <= {_canonical(clean(cell)) for cell in module.cells(p)})
@@ -91,7 +91,7 @@ def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...
 
 
 def again(folder: Path, experiment: str, records: Sequence[Record]) -> str:
-    """The command that computes what is stored of an experiment in a folder again."""
+    """The command that computes again the stored cells of an experiment in a folder."""
     return f"{find(folder, [profiles_of(load_stored(experiment), records)]).run(experiment)} --again"
 
 
@@ -112,7 +112,7 @@ def days(cells: pd.DataFrame) -> str:
 
 
 def commits(cells: pd.DataFrame) -> pd.Series:
-    """Of each cell, short; and whether there were changes."""
+    """The commit of each cell, short, and whether the tree had changes."""
     return cells["commit"].fillna("unknown").str.slice(0, 12) + cells["dirty"].map({True: " with changes"}).fillna("")
 
 

@@ -1,7 +1,7 @@
 """From stored rows to one offline page, and to figures and tables as files. Nothing here integrates.
 
-The one list that is not stored, the errata of the paper, is evaluated while the page is built: at fixed random points, by
-formulas, and printed in powers of ten, so that the same bytes come out every time.
+Only the errata of the paper are not stored: their formulas are evaluated while the page is built. The random points are fixed and
+the results are printed as powers of ten, so that the same bytes come out every time.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def assemble(
     choice: Choice = ALL,
     beside: Path | None = None,
 ) -> Report:
-    """Everything the page shows, from the journals in `results`; never raises for a part that cannot be drawn.
+    """Everything the page shows, from the stored lines in `results`; never raises for a part that cannot be drawn.
 
     modules : those of the user's own that were imported for it; processes of the drawing import them, too.
     choice : of methods and tops. The user's own experiments come first. Where there is nothing else, or a choice was made,
@@ -179,7 +179,7 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Jud
 
 
 def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
-    """The verdict of other results on each claim; what those are, and how the claims fare by them."""
+    """The verdict of other results on each claim; then, in words, which results these are and how the claims fare by them."""
     if folder is None:
         return [], ""
     store = Store(folder)

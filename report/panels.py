@@ -1,6 +1,7 @@
 """What the panel of a method shows beside its row in the list: its curves on a few tops, and how its claims fare.
 
-All curves together, so that each is seen among the others: as decimal logarithms, in twentieths of a decade.
+The curves of all methods are stored together, so that a panel shows its own among the others. Numbers are decimal logarithms, in
+twentieths of a decade.
 """
 
 import json

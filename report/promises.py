@@ -147,7 +147,7 @@ def _worst(numbers: pd.Series) -> Any:
 def lead(
     rows: pd.DataFrame, errors: Sequence[tuple[float, float, float]], closed: bool = False, every: float = np.inf
 ) -> Reading:
-    """How many times as long the best method takes that is not exact in time as the best Bäcklund map, set-up counted.
+    """The time of the best method that is not exact in time, over the time of the best Bäcklund map; set-up is counted.
 
     errors : (length of the runs, largest, smallest error) asked for. closed : the closed forms instead, which are exact in
     time. every : the longest step that counts. The ratio is 0 where no Bäcklund map gets there, ∞ where no other method does.
@@ -174,7 +174,7 @@ def lead(
 
 
 def per_state(rows: pd.DataFrame) -> Reading:
-    """Time of heyoka over that of the exact step, from one output state to the next."""
+    """The time that heyoka takes from one output state to the next, over the time of the exact step."""
     ratio, steps, ours, theirs = values(rows, "ratio", "steps", "backlund_s", "heyoka_s", part="headline").T
     ours, theirs = (span(numbers / steps) for numbers in (1e9 * ours, 1e6 * theirs))
     return Reading(ratio, f"a state takes {ours} ns, with heyoka {theirs} µs")
@@ -187,26 +187,26 @@ def span(numbers: np.ndarray) -> str:
 
 
 def relative_error(rows: pd.DataFrame) -> np.ndarray:
-    """Errors of the exact step over those of heyoka."""
+    """Errors of the exact step over the errors of heyoka."""
     ours, theirs = values(rows, "backlund_error", "heyoka_error", part="headline").T
     return np.asarray(ours / theirs)
 
 
 def setup_in_steps(rows: pd.DataFrame) -> np.ndarray:
-    """Set-ups of the exact step, in the quickest of its steps."""
+    """Times to prepare the exact step, over the time of its quickest step."""
     setups, steps = values(rows, "setup_us", "ns_per_step", part=("step", "periods"), method="backlund").T
     return np.asarray(1e3 * setups / steps.min())
 
 
 def batch_ratios(rows: pd.DataFrame, rivals: Sequence[str]) -> np.ndarray:
-    """The price of a top and a unit of time of the rivals, over that of the best exact step with no larger error."""
+    """What a top and a unit of time cost with the rivals, over what they cost with the best exact step with no larger error."""
     those = "backlund", tuple(rivals)
     ours, theirs = (values(rows, "ns_per_time", "error", part="rival", method=names) for names in those)
     return np.array([price / min(ours[ours[:, 1] <= error, 0], default=np.inf) for price, error in theirs])
 
 
 def long_run_lead(rows: pd.DataFrame) -> Reading:
-    """The error of the exact step after its last step over heyoka's where that stops, after as long on the clock."""
+    """Both had the same hours: the error of the exact step at its last time, over the error of heyoka at its last time."""
     runs = [select(rows, part="long", method=name).sort_values("t") for name in ("backlund", "taylor")]
     if any(run.empty for run in runs):
         raise NoData("the exact step and heyoka did not both run")
@@ -220,7 +220,7 @@ def long_run_lead(rows: pd.DataFrame) -> Reading:
 def error_ratios(
     rows: pd.DataFrame, where: dict[str, Any], above: Sequence[tuple[str, str]], below: Sequence[tuple[str, str]]
 ) -> np.ndarray:
-    """Errors over others at one step. above, below : pairs of a method and a measured column."""
+    """The errors `above` over the errors `below`, at one step. Each is pairs of a method and a measured column."""
     over, under = (
         np.array([values(rows, column, **{**where, "method": name}).ravel() for name, column in pairs])
         for pairs in (above, below)

@@ -70,7 +70,7 @@ def picture() -> str:
 
 
 def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
-    """The axis from above after each of 24 steps, and where two methods have it; the other takes four steps for one of ours."""
+    """The axis from above after each of 24 steps (rings), and two methods (dots); the other takes four steps for one of ours."""
     named = TOPS["generic"]
     h, steps = SHARE * exact.nutation_period(named.top, named.state), 24
     orbit = exact.solution(named.top, named.state, np.linspace(0, steps * h, 3000))[:, 3:5].T

@@ -78,26 +78,26 @@ class Section:
 
     @property
     def absent(self) -> bool:
-        """Whether nothing of it is stored, and nothing else is to be said of it."""
+        """Whether nothing of the experiment is stored, and there is no error and no note to show."""
         return self.rows.empty and not self.errors and not self.notes
 
     @property
     def command(self) -> str:
-        """What computes it."""
+        """The command that computes the section."""
         return self.origin.run(self.experiment)
 
     @property
     def again(self) -> str:
-        """What computes and draws it."""
+        """The commands that compute and draw it."""
         return f"{self.command} && {self.origin.report}{self._module}"
 
     def redraw(self, figure: str) -> str:
-        """What draws one of its figures from the same rows."""
+        """The command that draws one of its figures from the same rows."""
         return f"lagrange-bench figure {self.file(figure)}{self.origin.option}{self._module}"
 
     @property
     def _module(self) -> str:
-        """What lets those modules be imported that are not the bench's own, if they were for this page."""
+        """The options that import the user's own modules again, if they were imported for this page."""
         named = [str(name) for word in ("method", "potential") for name in self.rows.get(word, ())]
         own = [name.partition(":")[0] for name in named if ":" in name]
         own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
@@ -106,7 +106,7 @@ class Section:
 
     @property
     def measured(self) -> str:
-        """How many cells, when, how long, from which commit."""
+        """How many cells there are, when and how long they were computed, and from which commit."""
         p = self.provenance
         if p.empty:
             return ""
@@ -117,11 +117,11 @@ class Section:
 
     @property
     def old(self) -> str:
-        """How many cells are not known to come from the source code that is here."""
+        """How many cells come from other source code than the present one, or from unknown code."""
         return sources.summary(self.source_ages)
 
     def ended(self, declined: bool) -> pd.DataFrame:
-        """The cells whose method declined the step, a result, or that failed by accident: their fields, and the reason."""
+        """The cells whose method declined the step (a result), or those that failed by accident: their fields, the reason."""
         if self.failures.empty:
             return self.failures
         cells = self.failures[(self.failures["error_type"] == DECLINED) == declined]
@@ -137,7 +137,7 @@ class Section:
 def compute_all(
     jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]
 ) -> list[Any]:
-    """What each job returns, in so many processes at most: laying figures out takes longer than all else.
+    """What each job returns, computed in up to `processes` processes: laying figures out takes longer than all else.
 
     Modules are looked for where this process looks. Ctrl-C ends the processes at once.
     """
@@ -255,7 +255,7 @@ def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
 
 
 def described(error: Exception) -> str:
-    """Of what kind an error is, and its message."""
+    """The kind of an error, and its message."""
     return f"{type(error).__name__}: {error}"
 
 
@@ -289,7 +289,7 @@ def write_experiment(experiment: str, results: Path, output: Path, choice: Choic
 
 
 def stored_rows(section: Section) -> str:
-    """The rows of an experiment as CSV, every digit: what its figures are drawn from. Columns without a value left out."""
+    """The rows that the figures of an experiment are drawn from, as CSV with every digit, without empty columns."""
     return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))
 
 
