@@ -1,8 +1,8 @@
 """How a claim is checked against stored rows; `promises` reads the claims themselves.
 
 A claim is a sentence and the bounds it sets. Each bound names the rows it is about. If all these rows are stored, the claim is
-confirmed or refuted. If some are missing, the others can agree with it (consistent) or refute it, but not confirm it. A failed
-row refutes it: an accident, a step that a method declined, or NaN in a row that is done.
+confirmed or refuted. If some are missing, the others can agree with it (consistent), but not confirm it. A failed row always
+refutes it: an accident, a step that a method declined, or NaN in a row that is done.
 """
 
 import operator

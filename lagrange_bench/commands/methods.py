@@ -6,7 +6,7 @@ invariants are conserved up to round-off. H is the energy, J3 the vertical angul
 
 examples:
   lagrange-bench methods
-  lagrange-bench methods --archive               those of the archive, too, which figures and quick runs leave out
+  lagrange-bench methods --archive               also the methods that figures and quick runs leave out
   lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
   lagrange-bench methods --top weak_tide        methods for this top, and the invariants that they conserve on it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'
@@ -98,6 +98,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "only methods that take this top: a name, see lagrange-bench tops, or package.module:TOP"
     command.add_argument("--top", metavar="NAME", help=text)
     add_potential(command)
-    text = "also those of the archive, which quick runs and figures of many methods leave out"
+    text = "also the methods of the archive, which quick runs and figures of many methods leave out"
     command.add_argument("--archive", action="store_true", help=text)
     command.add_argument("--verbose", action="store_true", help="also print each method's source, options and family")
