@@ -101,7 +101,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     """The errors of each file, the orders, and the bounds that are violated."""
-    from lagrange_bench import conventions, judging, reading
+    from lagrange_bench import conventions, judgement, judging, reading
     from lagrange_bench.runner import progress
 
     bounds = options.bounds
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> Answer:
     written = reading.Options(**{name: getattr(options, name) for name in names})
     with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
         judged = [judging.judge_file(path, asked, convention, written) for path in options.files]
-    orders = judging.orders(judged, options.steps or [each.step for each in judged])
+    orders = judgement.orders(judged, options.steps or [each.step for each in judged])
     until = asked.case.until if known else -math.inf
     until = until if options.until is None else options.until
     bounded = bool(bounds) or options.until is not None
@@ -128,10 +128,10 @@ def run(options: argparse.Namespace) -> Answer:
     steps = {f"{each.step:.6g}" for each in judged}
     if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
-    if any(judging.converges_elsewhere(found) for found in orders.values()):
+    if any(judgement.converges_elsewhere(found) for found in orders.values()):
         lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
-    drawn = [judging.draw(options.draw, judged)] if options.draw is not None else []
+    drawn = [judgement.draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounded else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import judge, judging
+from lagrange_bench import judge, row_blocks
 from lagrange_bench.experiments import heavy_top
 from lagrange_bench.integrators import CASES, RigidBody, integrate
 from lagrange_bench.judging import find
@@ -312,7 +312,7 @@ def test_no_row_is_lost_between_the_blocks_of_a_long_file(head, tmp_path, answer
     for size in (1, 7, 50):
         monkeypatch.setattr(reading_rows, "CHUNK", size)
         assert found() == (whole, bare)
-        monkeypatch.setattr(judging, "BLOCK", size)
+        monkeypatch.setattr(row_blocks, "BLOCK", size)
         late = judge(T + 0.0, X + 1e-3 * (np.arange(401) == 349)[:, None], R, case="bruels")
         assert (late.position.max, late.rows) == (pytest.approx(1e-3 * 3**0.5), 401)
         assert late.curves["position"][0] == pytest.approx(T, abs=1e-15)
@@ -334,7 +334,7 @@ def test_what_needs_neighbours_does_not_depend_on_the_blocks(monkeypatch):
     bad[200, 0] *= -1
     whole = judge(T, rotation=R, omega=OMEGA, body=body)
     for size in (1, 2, 16, 200, 400):
-        monkeypatch.setattr(judging, "BLOCK", size)
+        monkeypatch.setattr(row_blocks, "BLOCK", size)
         part = judge(T, rotation=R, omega=OMEGA, body=body)
         assert (part.kinematics, part.turns) == (whole.kinematics, pytest.approx(whole.turns))
         assert math.isnan(judge(T, rotation=R, body=body).turns)
@@ -347,13 +347,13 @@ def test_what_needs_neighbours_does_not_depend_on_the_blocks(monkeypatch):
 
 def test_a_file_that_grows_while_it_is_read_is_judged_to_its_first_end(monkeypatch, tmp_path, answer):
     file = write(tmp_path / "run.csv", "t x y z", T[:300], X[:300])
-    measured = judging._measured
+    measured = row_blocks.measure
 
     def later(frames, blocks, n):
         write(file, "t x y z", T, X)
         return measured(frames, blocks, n)
 
-    monkeypatch.setattr(judging, "_measured", later)
+    monkeypatch.setattr(row_blocks, "measure", later)
     (found,) = answer("judge", file, "--case", "bruels")["files"]
     assert (found["rows"], found["position"]["max"] < 1e-14) == (300, True)
 
