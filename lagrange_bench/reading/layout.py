@@ -1,0 +1,386 @@
+"""Which columns of a file are what, in which units and conventions: by its names, by its first rows, by what the user says."""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagrange_bench.reading.names import (
+    EXPECTED,
+    ROLES,
+    SHAPES,
+    UNITS,
+    Group,
+    Name,
+    Unit,
+    groups_of,
+    kind_of,
+    parse,
+    unit_of,
+)
+from lagrange_bench.reading.rows import Table, is_number, number, open_table
+from lagrange_bench.support.words import suggestion
+
+Array = np.ndarray
+KNOWN = (
+    "t x y z px py pz ux uy uz qw qx qy qz q0 q1 q2 q3 q4 e0 e1 e2 e3 r11 r12 r13 r21 r22 r23 r31 r32 r33 rx ry rz roll pitch yaw"
+    " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz"
+)
+# what --units names -> the groups
+OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "angles", "rotation vector")}
+OF_UNITS |= {"t": ["time"], "length": ["position", "displacement"]}
+OF_UNITS |= {"angle": ["angles", "axis and angle", "rotation vector"]}
+JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
+JUDGED += ["mrp", "omega"]
+BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
+WHOLE = 1e-3  # quaternions are as near to length 1
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the user says of a file.
+
+    columns : name → word of the header, or index from 0. units : group → unit. angles : the axes of three angles, as SciPy names
+    them. where : column → the word in its rows that are read. step : s, where there are no times. t0 : s, the first time. quat :
+    the order of quaternions without names.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    angles: str | None = None
+    where: Mapping[str, str] = field(default_factory=dict)
+    step: float | None = None
+    t0: float | None = None
+    quat: str | None = None
+
+
+@dataclass
+class Layout:
+    """How a file is written.
+
+    groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar; guessed : of four
+    that are counted from 1, the last. floor : half a unit of the last printed digit; first_floor : of numbers as large as those
+    of the first row. columns : the groups and their names, and what is not used, to be read.
+    """
+
+    table: Table
+    how: Options
+    groups: dict[str, list[int]]
+    named: bool
+    guessed: bool
+    floor: dict[str, float]
+    first_floor: dict[str, float]
+    notes: list[str]
+    columns: str
+    factors: dict[int, float]
+    rows: dict[int, str]
+    labels: list[int]
+
+
+def survey(path: Path, how: Options | None = None) -> Layout:
+    """How a file is written, from its beginning.
+
+    Raises
+    ------
+    ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things.
+    """
+    how = how or Options()
+    table = open_table(path, [int(where) for where in how.columns.values() if where.isdecimal()])
+    header = table.names or [""] * table.width
+    names, given = _names(header, table, how)
+    rows, within = _where(header, table, how)
+    sample = [row for row in table.sample if chosen(row, rows)]
+    labels = [
+        i for i in range(table.width) if i not in rows and i not in given and _label(header[i], table.sample, i, how)
+    ]
+    groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
+    chosen = _choose(groups, header, sample, how, notes)
+    if (
+        how.step is not None
+        and "time" in chosen
+        and not all(is_number(row[chosen["time"].places[0]]) for row in sample)
+    ):
+        del chosen["time"]  # dates
+    if how.step is None and "time" not in chosen:
+        there = (
+            f"its columns are {' '.join(table.names)[:200]}"
+            if table.names
+            else f"it has no header of {table.width} names"
+        )
+        raise ValueError(
+            f"no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
+        )
+    if how.step is not None and "time" in chosen:
+        raise ValueError(f"--step is for files without times; column {chosen['time'].places[0]} has them")
+    if not set(chosen) - {"time"}:
+        raise ValueError(_nothing(names, notes, table.names))
+    named, guessed, order = False, False, chosen.get("quaternion")
+    if order is not None:
+        named = order.order[0] not in "01"
+        if order.order == "1 2 3 4" and how.quat is None:
+            order.places, named, guessed = [*order.places[3:], *order.places[:3]], True, True
+            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
+    factors: dict[int, float] = {}
+    for kind, group in chosen.items():
+        factors |= _factors(kind, group, header, names, table, how, notes)
+    used = {i for group in chosen.values() for i in group.places}
+    words = [
+        f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}"
+        for kind, group in chosen.items()
+    ]
+    if unused := [name for i, name in enumerate(header) if i not in used and i not in rows and name]:
+        words.append(f"not used: {' '.join(unused)[:200]}")
+    floor: dict[str, float] = {}
+    first_floor: dict[str, float] = {}
+    for kind, group in chosen.items():
+        printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
+        digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
+        floor[kind], first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
+    if "time" in chosen:
+        i = chosen["time"].places[0]
+        floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
+    for i in labels:
+        if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
+            raise ValueError(several(header, table, i))
+    places = {kind: group.places for kind, group in chosen.items()}
+    return Layout(
+        table, how, places, named, guessed, floor, first_floor, notes, "; ".join(words), factors, rows, labels
+    )
+
+
+def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
+    """The names in their parts, with those that the user says in place of others, and where these are."""
+    names = {i: parse(word) for i, word in enumerate(header) if word}
+    given: set[int] = set()
+    for name, where in how.columns.items():
+        said = parse(name)
+        if not said.part or (said.part != "t" and not SHAPES.get(kind_of(said.stem), ())):
+            raise ValueError(f"--columns: unknown {name!r}{suggestion(name, KNOWN.split())} Known: {KNOWN}")
+        same = [i for i, word in enumerate(header) if word == where]
+        i = same[0] if same else int(where) if where.isdecimal() else table.width
+        if i >= table.width:
+            raise ValueError(f"--columns {name}={where}: there is no such column among {table.width}")
+        if len(same) > 1:
+            raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
+        old = names.get(i)
+        names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
+        given.add(i)
+    return names, given
+
+
+def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Any]:
+    """The columns that choose rows, and whether a name belongs to the body that is asked for."""
+    rows: dict[int, str] = {}
+    bodies: list[str] = []
+    for name, value in how.where.items():
+        place = next((i for i, word in enumerate(header) if word and word == name), None)
+        place = int(name) if place is None and name.isdecimal() and int(name) < table.width else place
+        if place is not None:
+            rows[place] = value
+            if not any(chosen(row, {place: value}) for row in table.sample):
+                values = sorted({row[place] for row in table.sample})[:20]
+                raise ValueError(f"--where {name}={value}: no row has it; there are {', '.join(values)}")
+        else:
+            tokens = list(parse(f"{value}.x").stem)
+            if not any(tokens == list(parse(word).stem[: len(tokens)]) or value in word for word in header):
+                raise ValueError(f"--where {name}={value}: there is no column {name}, and no column of {value}")
+            bodies.append(tokens[0] if tokens else value)
+    return rows, lambda name: not bodies or name.part == "t" or any(body in name.stem for body in bodies)
+
+
+def chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
+    return all(
+        row[i] == value or (is_number(row[i]) and is_number(value) and number(row[i]) == number(value))
+        for i, value in rows.items()
+    )
+
+
+def _label(name: str, sample: Sequence[Sequence[str]], i: int, how: Options) -> bool:
+    """Whether a column may say of which body a row is: it has a few words or whole numbers in turn."""
+    words = [row[i] for row in sample if i < len(row)]
+    values = set(words)
+    if not 2 <= len(values) < min(len(words), 50) or "" in values:
+        return False
+    if any(not is_number(word) for word in values):
+        return True
+    return all(word.isdecimal() for word in values) and (
+        not name or bool(BODIES & set(parse(name).stem)) or _cyclic(words)
+    )
+
+
+def _cyclic(words: Sequence[str]) -> bool:
+    n = len(set(words))
+    return len(words) > n > 1 and all(word == words[i % n] for i, word in enumerate(words))
+
+
+def several(header: Sequence[str], table: Table, i: int) -> str:
+    name, values = header[i] or f"{i}", list(dict.fromkeys(row[i] for row in table.sample))
+    return f"the column {name} has {', '.join(values[:10])} in turn; say which rows: --where {name}={values[-1]}"
+
+
+def _choose(
+    groups: list[Group], header: list[str], sample: list[list[str]], how: Options, notes: list[str]
+) -> dict[str, Group]:
+    """One group for each quantity; ValueError where two may be it."""
+    for group in groups:
+        if group.kind == "quaternion or position":
+            _, x, y, z = group.places
+            if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
+                group.kind, words = "quaternion", " ".join(header[i] for i in group.places)
+                if group.rank:
+                    notes.append(
+                        f"{words} is taken for a quaternion, for it has length 1; else say --columns px={x},py={y},pz={z}."
+                    )
+            else:
+                group.kind, group.places, group.order = "position", [x, y, z], "x y z"
+        if group.kind == "three of a rotation" and how.angles:
+            group.kind = "angles"
+    chosen: dict[str, Group] = {}
+    for kind in JUDGED:
+        same = [group for group in groups if group.kind == kind]
+        best = [group for group in same if group.rank == min(each.rank for each in same)]
+        if kind == "time" and len(best) > 1:
+            best = _clock(best, header) or best
+        if len(best) > 1:
+            listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
+            short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
+            raise ValueError(
+                f"several columns may be the {kind}: {listed[:300]}. Say which: --columns {short}=…, or --where body=…"
+            )
+        if best and best[0].twice and kind != "time":
+            word = header[best[0].places[0]]
+            raise ValueError(f"names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
+        if best:
+            chosen[kind] = best[0]
+    _order_angles(chosen, header, how, notes)
+    for group in groups:
+        if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
+            words = " ".join(header[i] for i in group.places)
+            notes.append(
+                f"{words} are no quaternion: if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
+            )
+    return chosen
+
+
+def _order_angles(chosen: dict[str, Group], header: list[str], how: Options, notes: list[str]) -> None:
+    """Angles in the order in which --angles names their axes; without it only roll, pitch and yaw are known."""
+    angles, axes = chosen.get("angles"), how.angles
+    if axes is not None:
+        if not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]", axes.lower()) or axes not in (
+            axes.lower(),
+            axes.upper(),
+        ):
+            raise ValueError(f"--angles {axes}: three axes are needed, such as ZXZ or xyz")
+        if angles is None:
+            raise ValueError(
+                f"--angles {axes}: the file has no angles; name them: --columns angle1=…,angle2=…,angle3=…"
+            )
+        if len(set(axes)) == 3 and angles.order in ROLES[:3]:  # roll is about x, pitch about y, yaw about z
+            angles.places = [angles.places["xyz".index(axis)] for axis in axes.lower()]
+    elif angles is not None and angles.order != "roll pitch yaw":
+        words = " ".join(header[i] or f"{i}" for i in angles.places)
+        notes.append(f"{words} are angles: say about which axes, --angles ZYX (that move) or xyz (that do not).")
+        del chosen["angles"]
+
+
+def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
+    """Seconds and nanoseconds of one time stamp; else the column that is just named t or time."""
+    stamps = {parse(header[i]).unit[:1]: i for group in clocks for i in group.places}
+    if len(clocks) == 2 and set(stamps) == {"s", "n"} and clocks[0].stem == clocks[1].stem:
+        return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t t", 1)]
+    plain = [group for group in clocks if group.stem in (("t",), ("time",))]
+    return plain if len(plain) == 1 else []
+
+
+def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
+    values = np.array(
+        [[number(row[i], True) if is_number(row[i], True) else math.nan for i in places] for row in sample]
+    )
+    return bool(np.nanmax(np.abs(np.linalg.norm(values, axis=1) - 1), initial=0.0) < WHOLE)
+
+
+def _factors(
+    kind: str,
+    group: Group,
+    header: list[str],
+    names: Mapping[int, Name],
+    table: Table,
+    how: Options,
+    notes: list[str],
+) -> dict[int, float]:
+    """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
+    for what, word in how.units.items():
+        if what not in OF_UNITS:
+            raise ValueError(f"--units: unknown {what!r}{suggestion(what, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
+        if unit_of(word) is None:
+            raise ValueError(f"--units {what}={word}: unknown unit; such as s, ms, mm, ft, deg, deg/s, rpm")
+    if kind not in EXPECTED:
+        return dict.fromkeys(group.places, 1.0)
+    expected = EXPECTED[kind]
+    said = next((unit_of(word) for what, word in how.units.items() if kind in OF_UNITS[what]), None)
+    degrees = re.search(r"indegrees\s*[=,:]?\s*(yes|true)", table.above, re.IGNORECASE)
+    lengths = re.search(r"length units?\W+(\w+)", table.above, re.IGNORECASE)
+    general = UNITS["deg"] if degrees and expected == "rad" else None
+    general = unit_of(lengths[1]) if lengths and expected == "m" else general
+    factors = {}
+    for i, part in zip(group.places, group.order.split(), strict=False):
+        name = names[i]
+        own = name.unit or table.units.get(i, "")
+        unit: Unit = said or (unit_of(own) if own else general) or UNITS["1"]
+        if kind == "axis and angle" and part != "angle":
+            unit = UNITS["1"]
+        if unit.kind not in (expected, "1"):
+            shown = kind if kind in OF_UNITS else "angle"
+            raise ValueError(
+                f"{header[i] or i} is {kind}, but its unit is {own or how.units}: say --units {shown}={expected}"
+            )
+        if name.strange and not said:
+            notes.append(
+                f"{header[i]}: {name.strange!r} is no known unit, {expected} is taken; else say --units {kind}=…."
+            )
+        factors[i] = unit.factor
+    return factors
+
+
+def _nothing(names: Mapping[int, Name], notes: list[str], header: list[str]) -> str:
+    if {(("j",), "1"), (("3",), "x")} <= {(name.stem, name.part) for name in names.values()}:
+        return "a run of the bench in J and x has no position or rotation; its `error()` compares it"
+    nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
+    there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
+    return f"{nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
+
+
+def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:
+    """Half a unit of the last digit of the numbers with most digits; 0 where these are 15, or where numbers are too few.
+
+    like : of numbers only that are no larger than these.
+    """
+    numbers = _decimals(words)
+    most = max((len(number.as_tuple().digits) for number in numbers), default=15)
+    if most >= 15 or len(numbers) < 10:
+        return 0.0
+    top = max((number.adjusted() for number in _decimals(like or ())), default=math.inf)
+    long = [number.as_tuple() for number in numbers if number.adjusted() <= top]
+    exponents = [int(number.exponent) for number in long if len(number.digits) == most]
+    return float(10.0 ** max(exponents, default=-math.inf) / 2)
+
+
+def _decimals(words: Sequence[str]) -> set[Decimal]:
+    plain = {re.sub(r"[dDqQ]", "e", word).replace(",", ".") for word in words}
+    known = {word for word in plain if re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?", word, re.IGNORECASE)}
+    return set(map(Decimal, known))
+
+
+def _time_floor(words: list[str]) -> float:
+    """What the times are rounded by; 0 where their digits are exact, as those of equal steps are."""
+    digit, t = _floor(words), np.unique([number(word, True) for word in words if is_number(word, True)])
+    if len(t) < 10:
+        return 0.0
+    steps, ulp, span = np.diff(t), float(np.spacing(np.abs(t).max())), float(np.ptp(t))
+    rounded = np.ptp(steps) > max(1e-3 * digit, 4 * ulp) and 1e3 * digit < span
+    return max(digit * rounded, ulp / 2 * (ulp > 1e-10 * span))
