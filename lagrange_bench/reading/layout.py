@@ -94,7 +94,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     header = table.names or [""] * table.width
     names, given = _names(header, table, how)
     rows, within = _where(header, table, how)
-    sample = [row for row in table.sample if chosen(row, rows)]
+    sample = [row for row in table.sample if is_chosen(row, rows)]
     labels = [
         i for i in range(table.width) if i not in rows and i not in given and _label(header[i], table.sample, i, how)
     ]
@@ -182,7 +182,7 @@ def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str
         place = int(name) if place is None and name.isdecimal() and int(name) < table.width else place
         if place is not None:
             rows[place] = value
-            if not any(chosen(row, {place: value}) for row in table.sample):
+            if not any(is_chosen(row, {place: value}) for row in table.sample):
                 values = sorted({row[place] for row in table.sample})[:20]
                 raise ValueError(f"--where {name}={value}: no row has it; there are {', '.join(values)}")
         else:
@@ -193,7 +193,7 @@ def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str
     return rows, lambda name: not bodies or name.part == "t" or any(body in name.stem for body in bodies)
 
 
-def chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
+def is_chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
     return all(
         row[i] == value or (is_number(row[i]) and is_number(value) and number(row[i]) == number(value))
         for i, value in rows.items()

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from lagrange_bench.reading import rows
-from lagrange_bench.reading.layout import Layout, chosen, several
+from lagrange_bench.reading.layout import Layout, is_chosen, several
 
 Array = np.ndarray
 
@@ -36,7 +36,7 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
     for columns in table.load(sorted({i for places in layout.groups.values() for i in places}), list(layout.rows)):
         keep = np.full(len(next(iter(columns.values()))), True)
         for i, value in layout.rows.items():
-            keep &= np.isin(columns[i], [word for word in set(columns[i]) if chosen({i: word}, {i: value})])
+            keep &= np.isin(columns[i], [word for word in set(columns[i]) if is_chosen({i: word}, {i: value})])
         given = {kind: _in_units(layout, columns, places)[keep] for kind, places in layout.groups.items()}
         if not (n := int(np.count_nonzero(keep))):
             continue
