@@ -130,10 +130,10 @@ _EXUDYN = {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, 
 _DRAKE = {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER}
 _MERSON = "Runge-Kutta-Merson"
 _ON_A_CPU = "not measured: on a processor a run takes minutes"
-# Why a setting is called best. Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard
-# joint), PhysX (flag, TGS and more iterations), Jolt (flag), cannon-es (iterations). The highest order or accuracy on offer, or
-# more iterations: RK4 of MuJoCo, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations.
-# The better one of two that were measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
+# Why a setting is called best. Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard joint), PhysX (flag, TGS
+# and more iterations), Jolt (flag), cannon-es (iterations). The highest order or accuracy on offer, or more iterations: RK4 of
+# MuJoCo, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations. The better one of two that were
+# measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
 ENGINES = {
     OURS: Engine(adapters.bench, OURS, dict.fromkeys(METHODS, OTHER), timed=True),
     "MuJoCo": Engine(

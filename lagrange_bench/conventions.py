@@ -70,7 +70,7 @@ class Frames:
         if case is None:
             self.sizes = {"position": self.length or 1.0}
             self.energy, self.momentum, self.spin_rate = np.array(np.nan), np.full(3, np.nan), np.nan
-            self.flown = np.full(3, np.nan), np.full(3, np.nan)
+            self.launch = np.full(3, np.nan), np.full(3, np.nan)
             return
         if not (kinds.free_body(body) or kinds.symmetric_body(body)):
             scale = float(body.scales(body.split_state(case.state)[0])[2])
@@ -135,14 +135,14 @@ class Frames:
             t, span = trajectory["time"][some], np.ptp(trajectory["time"]) or 1.0
             terms = np.column_stack((np.ones_like(t), t / span))
             place, way = np.linalg.lstsq(terms, x[some] - self._fall(t), rcond=None)[0]
-            self.flown = place, way / span
+            self.launch = place, way / span
 
     def _fall(self, t: Array) -> Array:
         return t**2 / 2 * self.moving.gravity  # type: ignore[no-any-return]
 
     def flight(self, t: Array) -> Array:
         """The parabola x₀ + v t + g t²/2, (N, 3), at times (N, 1)."""
-        return self.flown[0] + t * self.flown[1] + self._fall(t)  # type: ignore[no-any-return]
+        return self.launch[0] + t * self.launch[1] + self._fall(t)  # type: ignore[no-any-return]
 
     def exact(self, t: ArrayLike) -> Exact:
         """The motion of the case, NaN where its series would take too long."""

@@ -168,7 +168,7 @@ def _from_first_row(case: Case, frames: Frames, trajectory: Mapping[str, Array])
     R, omega = frames.motion(first)
     if omega is None or not frames.attitudes(first) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
         raise ValueError("--start first-row: the first row needs a rotation and an angular velocity")
-    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.flown), strict=True))
+    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.launch), strict=True))
     return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
 
 

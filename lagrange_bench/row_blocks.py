@@ -87,7 +87,7 @@ def measure(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> Me
     t_marks, curves = np.full(len(marks) - 1, math.inf), dict[str, Array]()
     first: dict[str, float] = {}
     last: dict[str, float] = {}
-    told: dict[str, int] = {}  # in how many rows
+    judged: dict[str, int] = {}  # the number of rows that have this quantity
     bad, bad_from, mirrored = 0, math.nan, 0
     for rows, new in _overlapping(blocks, n):
         t = rows["time"][new, 0]
@@ -101,7 +101,7 @@ def measure(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> Me
             error, curve = error[new], curves.setdefault(name, np.zeros(len(marks) - 1))
             curve[parts] = np.maximum(curve[parts], np.maximum.reduceat(error, starts))
             first.setdefault(name, float(error[0]))
-            last[name], told[name] = float(error[-1]), told.get(name, 0) + len(t)
+            last[name], judged[name] = float(error[-1]), judged.get(name, 0) + len(t)
             here |= ~np.isfinite(error)
         here &= np.abs(t) <= frames.known
         bad_from = float(t[here][0]) if here.any() and not bad else bad_from
@@ -111,7 +111,7 @@ def measure(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> Me
     if not curves:
         raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
     errors = {
-        name: Error(float(curves[name].max()), last[name]) if told[name] == n else Error(math.nan, math.nan)
+        name: Error(float(curves[name].max()), last[name]) if judged[name] == n else Error(math.nan, math.nan)
         for name in UNITS
         if name in curves
     }

@@ -11,11 +11,6 @@ from lagrange_bench.reading.layout import Layout, is_chosen, several
 Array = np.ndarray
 
 
-def read(layout: Layout) -> dict[str, Array]:
-    """All rows of `blocks` at once."""
-    return _joined(list(blocks(layout)))
-
-
 def _joined(parts: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
     return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
 
@@ -37,24 +32,24 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
         keep = np.full(len(next(iter(columns.values()))), True)
         for i, value in layout.rows.items():
             keep &= np.isin(columns[i], [word for word in set(columns[i]) if is_chosen({i: word}, {i: value})])
-        given = {kind: _in_units(layout, columns, places)[keep] for kind, places in layout.groups.items()}
+        groups = {kind: _in_units(layout, columns, places)[keep] for kind, places in layout.groups.items()}
         if not (n := int(np.count_nonzero(keep))):
             continue
         if how.step is not None:
-            given = {"time": how.step * np.arange(count, count + n, dtype=float)[:, None], **given}
-        start = given["time"][:1] if start is None else start
+            groups = {"time": how.step * np.arange(count, count + n, dtype=float)[:, None], **groups}
+        start = groups["time"][:1] if start is None else start
         if how.t0 is not None:  # first the difference, for its digits
-            given["time"] = given["time"] - start
-        given["time"] = given["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
-        last = {kind: values[-1:] for kind, values in given.items()}
+            groups["time"] = groups["time"] - start
+        groups["time"] = groups["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
+        last = {kind: values[-1:] for kind, values in groups.items()}
         again = _again(
-            layout, {kind: np.concatenate((before.get(kind, values[:0]), values)) for kind, values in given.items()}
+            layout, {kind: np.concatenate((before.get(kind, values[:0]), values)) for kind, values in groups.items()}
         )
         new = ~again[len(again) - n :]
-        _turned(layout, given)
+        _turned(layout, groups)
         count, same, before = count + n, same + n - int(np.count_nonzero(new)), last
         if new.any():
-            waiting.append({kind: values[new] for kind, values in given.items()})
+            waiting.append({kind: values[new] for kind, values in groups.items()})
         if sum(len(part["time"]) for part in waiting) >= rows.CHUNK:
             yield _joined(waiting)
             waiting = []
@@ -78,26 +73,26 @@ def _in_units(layout: Layout, columns: Mapping[int, Array], places: Sequence[int
     return values
 
 
-def _again(layout: Layout, given: Mapping[str, Array]) -> Array:
+def _again(layout: Layout, groups: Mapping[str, Array]) -> Array:
     """Which rows are equal to those before; ValueError where rows are of several bodies."""
-    late = np.diff(given["time"][:, 0], prepend=-math.inf)
+    late = np.diff(groups["time"][:, 0], prepend=-math.inf)
     same = late == 0
     for i in np.flatnonzero(same):
-        same[i] = all(np.array_equal(part[i], part[i - 1], equal_nan=True) for part in given.values())
+        same[i] = all(np.array_equal(part[i], part[i - 1], equal_nan=True) for part in groups.values())
     if layout.labels and np.any(~(late > 0) & ~same):
         header = layout.table.names or [""] * layout.table.width
         raise ValueError(several(header, layout.table, layout.labels[0]))
     return same
 
 
-def _turned(layout: Layout, given: dict[str, Array]) -> None:
+def _turned(layout: Layout, groups: dict[str, Array]) -> None:
     """Write Rodrigues parameters, axis and angle as rotation vectors."""
     from scipy.spatial.transform import Rotation
 
     for kind in ("mrp", "axis and angle"):
-        if kind not in given:
+        if kind not in groups:
             continue
-        values = given.pop(kind)
+        values = groups.pop(kind)
         bad = ~np.isfinite(values).all(axis=1)
         values = np.where(bad[:, None], 1.0, values)
         if kind == "mrp":
@@ -107,6 +102,6 @@ def _turned(layout: Layout, given: dict[str, Array]) -> None:
             turns = Rotation.from_rotvec(values[:, :3] / np.where(lengths > 0, lengths, 1.0) * values[:, 3:])
         vectors = turns.as_rotvec()
         vectors[bad] = math.nan
-        if "rotation vector" in given:
+        if "rotation vector" in groups:
             raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
-        given["rotation vector"], layout.floor["rotation vector"] = vectors, layout.floor.get(kind, 0.0)
+        groups["rotation vector"], layout.floor["rotation vector"] = vectors, layout.floor.get(kind, 0.0)

@@ -11,7 +11,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
-from lagrange_bench.reading import Options, read, survey
+from lagrange_bench.reading import Options, blocks, survey
 from lagrange_bench.reading.names import unit_of
 
 T = np.arange(12) / 10
@@ -27,6 +27,11 @@ def table(header, *parts, separator=",", number="{:.17g}", end="\n"):
     rows = np.column_stack(parts)
     lines = [separator.join(number.format(value) for value in row) for row in rows]
     return end.join([*([header] if header else []), *lines, ""])
+
+
+def read(layout):
+    parts = list(blocks(layout))
+    return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
 
 
 def check(path, how=None, groups=("position",)):

@@ -1,0 +1,218 @@
+"""Hints of `judge`: a wrong convention, unit or clock, or another body, is named, from whole runs or from their first rows."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from test_judge import BOX, INTO, OMEGA, M, Q, R, T, X, write
+
+from lagrange_bench import judge
+from lagrange_bench.integrators import CASES, RigidBody
+
+
+@pytest.mark.parametrize(
+    ("what", "hint"),
+    [
+        ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
+        ({"rotation": R.as_quat()}, "--quat xyzw"),
+        ({"rotation": R.inv().as_quat()}, "order is xyzw, and they are conjugate"),
+        ({"rotation": R, "omega": R.apply(OMEGA)}, "--omega world"),
+        ({"rotation": M * [1, 1, -1]}, "determinant is negative"),
+        ({"position": X - X[0]}, "name it ux, uy, uz"),
+        ({"position": X @ INTO}, "--up=y"),
+        ({"rotation": M @ INTO.T}, "--axis=z"),
+        ({"position": X * [1, -1, -1]}, "--up=-z"),
+        ({"position": 0 * X}, "those of the fixed point"),
+        ({"position": X + np.arange(1, 4)}, "off by (1, 2, 3) m: another origin"),
+        ({"position": 1e3 * X}, "position is in mm"),
+        ({"position": X / 0.0254}, "position is in inches"),
+        ({"omega": -OMEGA}, "omega is of the other sign"),
+        ({"t": T + 2, "position": 3 * X}, ""),
+        ({"rotation": 0 * M + np.eye(3)}, ""),
+        ({"position": X[:1] + 0 * X}, ""),
+        ({"position": X * (T[2] != T)[:, None]}, ""),
+        ({"position": np.where((T[-9] == T)[:, None], np.nan, X @ INTO)}, "--up=y"),
+        ({"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M, "position": X}, "turn the world of the rows"),
+        (
+            {"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M},
+            "turn the world of the rows by the rotation vector (",
+        ),
+        (
+            {"rotation": R * Rotation.from_rotvec([0, 0.5, 0])},
+            "turn the body of the rows by the rotation vector (0, -0.5, 0)",
+        ),
+        # two rows later the fast spin has made almost this turn
+        ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "turn the body of the rows by"),
+        ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
+        (
+            {"omega": np.rad2deg(R.apply(OMEGA))},
+            "per second: --units omega=deg/s. It is in the world frame, too: --omega world",
+        ),
+        ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
+        ({"t": 1e3 * T, "position": X}, "milliseconds"),
+        ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
+        ({"position": np.roll(X, -1, 0)}, "1 row later"),
+        ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
+    ],
+)
+def test_a_wrong_convention_is_named(what, hint):
+    what = {name: value[2:-2] for name, value in {"t": T, **what}.items()}
+    judged = judge(**what, case="bruels")
+    (found,) = judged.hints or [""]
+    assert hint in found
+    assert bool(hint) == bool(found)
+    assert ("perhaps" in repr(judged)) == bool(hint)
+
+
+def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_path, answer):
+    both = judge(T, 1e3 * X @ INTO, case="bruels")
+    assert [hint[:18] for hint in both.hints] == ["position is in mm:", "the axis y points "]
+    both = judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels")
+    assert [hint.partition(":")[2] for hint in both.hints[:2]] == [" --up=y.", " --axis=z."]
+    assert judge(T, X @ INTO, INTO.T @ M @ INTO.T, case="bruels", up="y", axis="z").rotation.max < 1e-12
+    file = write(tmp_path / "run.csv", "t rx ry rz", T, R.as_euler("XYZ", degrees=True))
+    (found,) = answer("judge", file, "--case", "bruels")["files"]
+    assert found["hints"] == [
+        "rx, ry, rz are no rotation vector, but angles about moving axes x, y, z in degrees: "
+        "--columns angle1=…,angle2=…,angle3=… --angles XYZ --units angle=deg."
+    ]
+    file = write(tmp_path / "rpy.csv", "t roll pitch yaw", T, R.as_euler("XYZ", degrees=True))
+    (hint,) = answer("judge", file, "--case", "bruels")["files"][0]["hints"]
+    assert hint == "the angles are about axes that move with the body: --angles XYZ; and in degrees: --units angle=deg."
+    (found,) = answer("judge", file, "--case", "bruels", "--angles", "XYZ")["files"]
+    assert found["hints"] == ["the angles are in degrees: --units angle=deg."]
+    (found,) = answer("judge", file, "--case", "bruels", "--angles", "XYZ", "--units", "angle=deg")["files"]
+    assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True)
+    assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
+    assert judge(T + 5, X, case="bruels").hints == [
+        "the first row is the start of the case: subtract 5 s from the times."
+    ]
+    named = write(tmp_path / "named.csv", "t pose.position.x y z q_w q_x q_y q_z", T, X, R.as_quat())
+    (found,) = answer("judge", named, "--case", "bruels", "--quat", "xyzw")["files"]
+    (hint,) = found["hints"]
+    way = hint.split("--columns ")[1].rstrip(".")
+    (found,) = answer("judge", named, "--case", "bruels", "--columns", way)["files"]
+    assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True), hint
+    counted = write(tmp_path / "counted.csv", "t q(1) q(2) q(3) q(4)", T, Q)  # scalar first, as MATLAB has it
+    (found,) = answer("judge", counted, "--case", "bruels")["files"]
+    assert found["hints"] == ["the quaternions are in the order wxyz: --quat wxyz, or other names."]
+    single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
+    assert (single.start["right"], single.start["single"], single.hints) == (False, True, [])
+
+
+def poor(case, h, until=2.0, damping=0.0, cap=np.inf, gyroscopic=True):
+    """A run of first order, as engines make it: rows of t, x, R and ω in the world, each a step."""
+    body, R, omega = case.body, case.solution([0.0]).rotation.as_matrix()[0], np.array(case.omega_body)
+    inertia = body.axes.T @ np.diag(body.inertia) @ body.axes
+
+    def rate(w):
+        torque = body.mass * np.cross(body.com, R.T @ body.gravity) - np.cross(w, inertia @ w)
+        return np.linalg.solve(inertia, torque if gyroscopic else torque + np.cross(w, body.inertia_com @ w))
+
+    rows = []
+    for k in range(round(until / h) + 1):
+        rows.append((k * h, R @ body.com, R, R @ omega))
+        half = omega + h / 2 * rate(omega)
+        new = (omega + h * rate(half)) * math.exp(-h * damping)
+        new[1] = math.copysign(min(abs(new[1]), cap), new[1])
+        R, omega = R @ Rotation.from_rotvec(h * new).as_matrix(), new
+    return [np.array(column) for column in zip(*rows, strict=True)]
+
+
+@pytest.mark.parametrize(("name", "h"), [("slow", 1 / 60), ("slow", 1 / 240), ("bruels", 1 / 240)])
+def test_conventions_of_poor_runs_are_named(name, h):
+    """Runs that are lost within a second: their first rows, or the rows themselves, tell."""
+    t, x, M, omega = poor(CASES[name], h)
+    right = judge(t, x, M, omega, case=name, omega_frame="world")
+    assert right.position.max > 0.01
+    assert right.hints == []
+    q = Rotation.from_matrix(M).as_quat()
+    for given, hint in (
+        ({"rotation": M, "omega": omega}, "--omega world"),
+        ({"rotation": q, "omega": omega, "omega_frame": "world"}, "--quat xyzw"),
+        ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
+        ({"position": x @ INTO, "rotation": INTO.T @ M}, "--up=y"),
+    ):
+        found = judge(t, **given, case=name).hints
+        assert any(hint in each for each in found), (hint, found)
+
+
+def test_the_first_row_or_the_rows_themselves_tell_what_a_run_that_is_lost_hides():
+    """At 2.5 rad a step: by a start that is right in one convention only, and by q' = q ω/2."""
+    t, x, M, omega = poor(CASES["bruels"], 1 / 60, until=0.1)
+    q = Rotation.from_matrix(M).as_quat(scalar_first=True)
+    rows = {"t": t, "omega": omega, "omega_frame": "world", "case": "bruels"}
+    assert judge(rotation=q, **rows).hints == []
+    for given, hint in (
+        ({"rotation": q[:, [1, 2, 3, 0]]}, "--quat xyzw"),
+        ({"position": x @ INTO, "rotation": INTO.T @ M, "omega": omega @ INTO}, "--up=y"),
+    ):
+        assert hint in judge(**{**rows, **given}).hints[0]
+    for omega_frame in ("body", "world"):  # the first step alone, where three rows are lost
+        t, _, M, omega = poor(CASES["bruels"], 1 / 64, until=0.1)
+        turned = omega if omega_frame == "world" else np.einsum("nji,nj->ni", M, omega)
+        rows = {"t": t, "omega": turned, "omega_frame": omega_frame, "case": "bruels"}
+        assert judge(rotation=M, **rows).hints == []
+        assert "transposed" in judge(rotation=M.transpose(0, 2, 1), **rows).hints[0]
+    box = CASES["box"]
+    other = type(box)("other", box.body, box.rotation, (3, 0.5, 2)).solution(BOX.t)
+    assert "transposed" in judge(BOX.t, rotation=other.rotation.inv(), omega=other.omega_body, case="box").hints[0]
+    assert judge(BOX.t, rotation=other.rotation, omega=other.omega_body, case="box").hints == []
+
+
+def test_what_engines_do_to_a_spin_is_named():
+    slow = CASES["slow"]
+    for engine, words in (
+        ({"damping": 0.1}, "exp(−0.1 t): damping?"),
+        ({"cap": 4.0}, "from 10 to 4 rad/s in the first step: a cap"),
+    ):
+        t, x, M, omega = poor(slow, 1 / 240, **engine)
+        judged = judge(t, x, M, omega, case=slow, omega_frame="world")
+        assert any(words in note for note in judged.notes), judged.notes
+        assert judged.spin_rate.max > 1.0
+    t, x, M, omega = poor(slow, 1 / 240, gyroscopic=False)
+    judged = judge(t, x, M, omega, case=slow, omega_frame="world")
+    assert judged.hints == ["the program leaves out the gyroscopic torque ω × I ω: an option of many engines."]
+    lost = np.concatenate((omega[:1], 0 * omega[1:]))
+    still = np.concatenate((M[:1], np.repeat(M[:1], len(M) - 1, axis=0)))
+    assert any("equal" in note for note in judge(t, rotation=still, omega=lost, case=slow).notes)
+    assert "After 2 s, 3.59 turns: axis off by" in judged.summary()[0]
+    assert "within 0.1 m until t =" in judged.summary()[1]
+
+
+MIRROR = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, as in Unity
+
+
+@pytest.mark.parametrize("name", ["slow", "bruels"])
+def test_another_body_another_clock_and_another_hand_are_named(name):
+    case, t = CASES[name], np.arange(0, 2, 1 / 240)
+    body, right = case.body, case.solution(np.arange(0, 2, 1 / 240))
+    arm = body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+    for change, hint in (
+        ({"gravity": -body.gravity}, "gravity is reversed"),
+        (
+            {"inertia_com": body.inertia_com + arm},
+            "about the fixed point were taken for those about the centre of mass",
+        ),
+    ):
+        other = RigidBody(**{"mass": body.mass, "com": body.com, "inertia_com": body.inertia_com, **change})
+        run = type(case)(name, other, case.rotation, case.omega_body).solution(t)
+        for rows in ({"position": run.position}, {"rotation": run.rotation, "omega": run.omega_body}):
+            (found,) = judge(t, **rows, case=name).hints
+            assert hint in found
+    M, mirrored = right.rotation.as_matrix(), {"position": right.position @ MIRROR, "omega": -right.omega_body @ MIRROR}
+    for given, hint in (
+        ({"t": 1e6 * t}, "microseconds: --units t=us"),
+        ({"t": t / 60}, "minutes: --units t=min"),
+        ({"position": 1e3 * right.position}, "mm: --units position=mm"),
+        ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
+        ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
+    ):
+        rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}
+        (found,) = judge(**rows, case=name).hints
+        assert hint in found
+    still = np.repeat(BOX.omega_body[:1], len(BOX.t), axis=0)
+    assert "leaves out the gyroscopic torque" in judge(BOX.t, omega=still, case="box").hints[0]
+    k = CASES["kovalevskaya"].solution(np.linspace(0, 10, 9))
+    assert any("No closed form" in note for note in judge(1e6 * k.t, rotation=k.rotation, case="kovalevskaya").notes)
