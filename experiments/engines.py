@@ -39,6 +39,7 @@ from lagrange_bench.experiments import adapters, heavy_top
 from lagrange_bench.experiments.adapters import CONTROLLED, DISCRETE, DOUBLES, EXPLICIT
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.integrators import CASES, RigidBody
 from lagrange_bench.integrators.cases import Case
@@ -236,8 +237,9 @@ def errors(case: Case, t: Array, rows: list[Any]) -> dict[str, Any]:
     """The errors at the end of rows at times t (N,), how long they are NEAR, and the precision of the numbers.
 
     position : m, of a top only. rotation : rad. spin : rad/s, error of the angular velocity about AXIS. energy : its change,
-    relative to the start. until : s, how long the rows are NEAR. turns_over : s, of a free body, when its angular velocity
-    about AXIS changes its sign; NaN if it never does.
+    relative to the start. energy_growth : the exponent p of its growth like t^p; NaN while it stays at round-off. until : s, how
+    long the rows are NEAR. turns_over : s, of a free body, when its angular velocity about AXIS changes its sign; NaN if it never
+    does.
     """
     place, turns, omega = (np.array(part, dtype=float) for part in zip(*rows, strict=True))
     exact, start = case.solution(t), case.solution([0.0])
@@ -252,8 +254,10 @@ def errors(case: Case, t: Array, rows: list[Any]) -> dict[str, Any]:
     }
     far = np.flatnonzero(~(found["position" if top else "rotation"] <= NEAR))
     row: dict[str, Any] = {name: rounded(values[-1]) for name, values in found.items()}
-    row |= {"until": rounded(t[far[0]] if len(far) else case.until)}
-    row |= {"precision": "single" if np.all(turns.astype(np.float32) == turns) else "double"}
+    single = bool(np.all(turns.astype(np.float32) == turns))
+    floor = 4 * np.finfo(np.float32 if single else np.float64).eps  # of energies of numbers with this precision
+    row |= {"energy_growth": rounded(metrics.growth_exponent(t, found["energy"], floor=float(floor)).p)}
+    row |= {"until": rounded(t[far[0]] if len(far) else case.until), "precision": "single" if single else "double"}
     if not top:
         over = np.flatnonzero(own[:, AXIS] < 0)
         row["turns_over"] = rounded(t[over[0]]) if len(over) else np.nan
@@ -293,7 +297,16 @@ def runs(rows: pd.DataFrame, sweep: bool = True) -> pd.DataFrame:
     return rows.assign(integrator=named, setting=rows.setting.astype(object).fillna(""), seconds=seconds)
 
 
-FOLLOWED = ("position", "rotation", "spin", "energy", "until", "precision", "turns_over")  # of rows without times
+FOLLOWED = (
+    "position",
+    "rotation",
+    "spin",
+    "energy",
+    "energy_growth",
+    "until",
+    "precision",
+    "turns_over",
+)  # of rows without times
 ORDERS_APART = 1e3  # engines at the same step: worth a headline
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
 KNOWN = (  # one of each family of results, and the two that run on graphics cards
@@ -399,8 +412,26 @@ def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
     return line | {"ns per step": group.ns_per_step.min(), "of these overhead": group.overhead_ns_per_step.min()}
 
 
+ENERGY_CAPTION = (
+    "The energy of `slow` in engines with steps of 1/1024 s: how much of it is gained after 2 s, the exponent p of a change like "
+    "t^p (none: it stays at round-off), and the precision of the numbers. Least error: of the position (m), with the step (s) "
+    "that has it; smaller steps make it larger, unless it is the smallest that was taken"
+)
+
+
+@by_group(("engine", "integrator"), "", ENERGY_CAPTION)
+def energy(engine: str, kind: str, group: pd.DataFrame) -> dict:
+    slow = group[group.case == "slow"].set_index("h")
+    if SHOWN not in slow.index:
+        return {}
+    run, least = slow.loc[SHOWN], slow.loc[slow.position.idxmin()]
+    line = {"setting": run.setting, "energy gained": run.energy, "exponent p": run.energy_growth}
+    return line | {"precision": run.precision, "least error": least.position, "its step": least.name}
+
+
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     named, engines = tabulated(orders)(runs(rows)), overview(rows)
+    named |= tabulated(energy)(runs(rows, sweep=False))
     if len(engines):
         engines.attrs["caption"] = OVERVIEW_CAPTION
         named["overview"] = engines

@@ -119,7 +119,7 @@ def stored(name, how, errors, spin=0.0, turns_over=2.6):
     line = {"engine": name, "integrator": how, "setting": how, "version": "1", "status": "done", "until": 0.5}
     line["precision"] = "double" if name == "level" else "single"
     rows = [
-        {**line, "case": "slow", "h": h, "position": error, "spin": spin}
+        {**line, "case": "slow", "h": h, "position": error, "spin": spin, "energy": -1e-3, "energy_growth": 1.0}
         for h, error in zip((1 / 60, 1 / 1024, 1 / 4096), errors, strict=True)
     ]
     return [*rows, {**line, "case": "racket", "h": 1 / 60, "turns_over": turns_over}]
@@ -136,6 +136,16 @@ def test_what_an_engine_tends_to():
         "other": (stored("other", "", falling), None),
     }
     rows = pd.DataFrame([row for found, _ in kinds.values() for row in found])
+    named = engines.tables(rows)
+    assert set(named) == {"overview", "energy"}
+    assert named["energy"].set_index("engine").loc["damped"].tolist()[1:] == [
+        "best",
+        -1e-3,
+        1.0,
+        "single",
+        0.06,
+        1 / 4096,
+    ]
     lines = engines.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
     assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
@@ -204,6 +214,21 @@ def test_an_energy_and_a_spin_that_are_lost():
     found = engines.errors(engines.RACKET, np.arange(1, 11) * 0.01, rows)
     assert (found["energy"], found["spin"]) == (pytest.approx(-0.75, abs=1e-6), pytest.approx(-2.5, abs=1e-3))
     assert np.isnan(found["turns_over"])
+    assert found["energy_growth"] == pytest.approx(0.0, abs=1e-6), "lost at once"
+
+
+def test_an_energy_that_grows():
+    t = np.arange(1, 513) / 256
+    exact = engines.RACKET.solution(t)
+    turns, omega = exact.rotation.as_matrix(), exact.omega_world
+
+    def growth(factors):
+        rows = [(np.zeros(3), *row) for row in zip(turns, omega * factors[:, None], strict=True)]
+        return engines.errors(engines.RACKET, t, rows)["energy_growth"]
+
+    assert growth(1 + 1e-6 * t) == pytest.approx(1.0, abs=1e-3)
+    assert growth(1 + 1e-6 * t**2) == pytest.approx(2.0, abs=1e-2)
+    assert np.isnan(growth(np.ones(512))), "round-off is no growth"
 
 
 def test_each_engine_says_what_it_needs():
