@@ -74,13 +74,23 @@ class Judgement:
             off = [f"{name} off by {self.errors[name].end:.1e} {UNITS[name]}{self._growing(name)}"]
         turns = "" if math.isnan(self.turns) else f", {self.turns:.3g} turns"
         lines = [f"After {self.span[1] - self.span[0]:.4g} s{turns}: {'; '.join(off)}."] if off else []
-        near, bound = ("position", 0.1 * self.sizes["position"]) if "position" in self.errors else ("rotation", 0.1)
-        if near in self.errors and self.errors[near].max > bound:
+        near, bound = self._near()
+        if self.leaves:
             t, error = self.curves[near]
             first = int(np.argmax(~(error <= bound)))
             until = f"until t = {t[first]:.3g} s" if first else "at no time"
             lines.append(f"The {near} is within {bound:.2g} {UNITS[near]} {until}.")
         return lines
+
+    @property
+    def leaves(self) -> bool:
+        """Whether an error gets larger than a tenth of the body, or 0.1 rad."""
+        near, bound = self._near()
+        return near in self.errors and self.errors[near].max > bound
+
+    def _near(self) -> tuple[str, float]:
+        """The error that tells whether a trajectory is near the exact one, and how large it may be."""
+        return ("position", 0.1 * self.sizes["position"]) if "position" in self.errors else ("rotation", 0.1)
 
     def growth(self, name: str) -> float:
         """The exponent p of an error that grows like t^p; NaN where the rows do not tell."""

@@ -260,7 +260,7 @@ def _judged(
     )
     if own_start:
         return judged
-    if end > 10 * case.until:
+    if end > 10 * case.until and judged.leaves:
         judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds.")
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")

@@ -84,6 +84,7 @@ def test_the_error_that_was_put_in_is_found():
     once = judge(T, X + (T == 1)[:, None] * [1e-3, 0, 0], case="bruels")
     assert (once.position.max, once.position.end < 1e-14) == (pytest.approx(1e-3), True)
     assert judge([0.0], X[:1], case="bruels").start["right"]
+    assert judge([0.0, 100.0], BRUELS.solution([0.0, 100.0]).position, case="bruels").notes == [], "these are seconds"
     odd = np.random.default_rng(0).uniform(0, 2, 3)
     assert judge(np.sort(odd), BRUELS.solution(np.sort(odd)).position, case="bruels").position.max < 1e-15
     mine = type(BRUELS)("mine", RigidBody(2, (0, 0, 0.1), (0.03, 0.03, 0.01)), np.eye(3), (1, 0, 40))
