@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import integrate, prepare
 from lagrange_bench.integrators.cases import Case
@@ -487,6 +488,37 @@ def sapien(sapien: Any, top: Body, kind: str, h: float) -> Run:
         return (pose * sapien.Pose(top.com)).p.copy(), np.roll(pose.q, -1), body.angular_velocity.copy()
 
     return stepping(loop(system.step), read)
+
+
+EQUAL = "equal relaxation"  # else a ball joint gives 4/7 of the torque of its force
+
+
+def newton(newton: Any, top: Body, kind: str, h: float) -> Run:
+    warp = importlib.import_module("warp")
+    warp.config.quiet = True
+    build = newton.ModelBuilder(gravity=warp.vec3(*top.gravity))
+    inertia = warp.mat33(*np.diag(top.moments).ravel().tolist())
+    link = build.add_link(mass=top.mass, com=warp.vec3(*top.com), inertia=inertia)
+    build.add_articulation([build.add_joint_free(link) if top.free else build.add_joint_ball(-1, link)])
+    model = build.finalize()
+    name, _, option = kind.partition(", ")
+    options: dict[str, dict[str, Any]]
+    options = {"": {}, "RK4": {"integrator": "rk4"}, EQUAL: {"joint_angular_relaxation": 0.7}}  # as the linear one
+    solver = getattr(newton.solvers, f"Solver{name}")(model, **options[option])
+    states, control = [model.state(), model.state()], model.control()
+    states[0].joint_qd.assign(np.append(top.velocity, top.omega)[-model.joint_dof_count :])
+    newton.eval_fk(model, states[0].joint_q, states[0].joint_qd, states[0])
+
+    def step() -> None:
+        states[0].clear_forces()
+        solver.step(*states, control, None, h)
+        states.reverse()
+
+    def read() -> State:
+        place, twist = (part.numpy()[0].copy() for part in (states[0].body_q, states[0].body_qd))  # not views
+        return place[:3] + Rotation.from_quat(place[3:]).apply(top.com), place[3:], twist[3:]
+
+    return stepping(loop(step), read)
 
 
 def node(name: str, _: Any, top: Body, kind: str, h: float) -> Run:

@@ -133,8 +133,8 @@ _MERSON = "Runge-Kutta-Merson"
 _ON_A_CPU = "not measured: on a processor a run takes minutes"
 # Why a setting is called best. Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard joint), PhysX (flag, TGS
 # and more iterations), Jolt (flag), cannon-es (iterations). The highest order or accuracy on offer, or more iterations: RK4 of
-# MuJoCo, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations. The better one of two that were
-# measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
+# MuJoCo and Newton, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations. The better one of two
+# that were measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX.
 ENGINES = {
     OURS: Engine(adapters.bench, OURS, dict.fromkeys(METHODS, OTHER), timed=True),
     "MuJoCo": Engine(
@@ -167,6 +167,18 @@ ENGINES = {
         "mujoco-mjx",
         {"Euler": DEFAULT, "RK4": OTHER, f"RK4{DOUBLES}": BEST},
         module="mujoco.mjx",
+        missing=_ON_A_CPU,
+    ),
+    "Newton": Engine(
+        adapters.newton,
+        "newton",
+        {"XPBD": DEFAULT, "Featherstone": OTHER, "XPBD, equal relaxation": BEST},
+    ),
+    "Newton (MuJoCo Warp)": Engine(
+        adapters.newton,
+        "newton",
+        {"MuJoCo": DEFAULT, "MuJoCo, RK4": BEST},
+        least=1 / 1024,
         missing=_ON_A_CPU,
     ),
     "cannon-es": _web("cannon", "cannon-es", "undamped, 100 iterations"),

@@ -240,6 +240,15 @@ def _choose(
                 group.kind, group.places, group.order = "position", [x, y, z], "x y z"
         if group.kind == "three of a rotation" and how.angles:
             group.kind = "angles"
+        if group.kind == "rotation vector or position":
+            group.kind = "position" if _are_places(group, groups, sample) else "rotation vector"
+            first, second, third = (header[i] for i in group.places)
+            if group.rank and (group.kind == "position" or first != "rx"):  # rx is its name here
+                p = "r" if group.kind == "position" else "p"
+                notes.append(
+                    f"{first} {second} {third} is taken for a {group.kind}; else say --columns "
+                    f"{p}x={first},{p}y={second},{p}z={third}."
+                )
     chosen: dict[str, Group] = {}
     for kind in JUDGED:
         same = [group for group in groups if group.kind == kind]
@@ -297,11 +306,24 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
     return plain if len(plain) == 1 else []
 
 
+def _are_places(group: Group, groups: Sequence[Group], sample: Sequence[Sequence[str]]) -> bool:
+    """Whether r_x, r_y, r_z are a position: beside another rotation, or of a point that stays as far from the origin."""
+    kinds = {other.kind for other in groups if other is not group}
+    if group.rank == 0 or "position" in kinds:  # rank 0: the user names them
+        return False
+    lengths = _lengths(sample, group.places)
+    level = len(lengths) > 2 and np.nanmin(lengths) > 0 and np.ptp(lengths) < WHOLE * np.nanmax(lengths)
+    return bool(level or kinds & {"quaternion", "matrix", "angles", "axis and angle", "mrp", "three of a rotation"})
+
+
 def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
-    values = np.array(
-        [[number(row[i], True) if is_number(row[i], True) else math.nan for i in places] for row in sample]
-    )
-    return bool(np.nanmax(np.abs(np.linalg.norm(values, axis=1) - 1), initial=0.0) < WHOLE)
+    return bool(np.nanmax(np.abs(_lengths(sample, places) - 1), initial=0.0) < WHOLE)
+
+
+def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarray:
+    """Of the vectors in these columns; NaN where one is no number."""
+    values = [[number(row[i], True) if is_number(row[i], True) else math.nan for i in places] for row in sample]
+    return np.linalg.norm(np.array(values), axis=1)
 
 
 def _factors(

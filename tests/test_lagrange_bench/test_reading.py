@@ -76,6 +76,9 @@ PX4 | timestamp q[*]~0123 | ns wxyz | units=t:ns
 Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
 pandas | ,t x y z | k t x |
 axis and angle | t axis_~xyz angle[deg] | t v dangle |
+vector r beside a quaternion | t r_~xyz q~wxyz | t x wxyz |
+vector r of a robot | t ~xyz r~xyz | t x v |
+vector r that changes its length | t r_~xyz w_~xyz | t v w |
 Isaac Lab | time root_pos_w_~xyz root_quat_w_~wxyz root_ang_vel_b_~xyz root_lin_vel_w_~xyz | t x wxyz w - |
 Modelica, position | time body.r_0[*]~123 body.frame_a.R.T[*]~11,12,13,21,22,23,31,32,33 | t x m |
 Simulink | time q_1_~1234 w:1(*)~123 | t xyzw w |
@@ -229,6 +232,13 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     assert len(read(survey(file, said))["time"]) == 2
     file.write_text(table("t,w,x,y,z", T, Q), encoding="utf-8")
     assert "taken for a quaternion" in check(file, groups=("quaternion",)).notes[0]
+    file.write_text(table("t,r_x,r_y,r_z", T, X / np.linalg.norm(X, axis=1)[:, None]), encoding="utf-8")
+    (note,) = survey(file).notes
+    assert note == "r_x r_y r_z is taken for a position; else say --columns rx=r_x,ry=r_y,rz=r_z."
+    assert set(read(survey(file, Options(columns={"rx": "r_x", "ry": "r_y", "rz": "r_z"})))) == {
+        "time",
+        "rotation vector",
+    }
     file.write_text(table("t,q1,q2,q3,q4", T, R.as_quat()), encoding="utf-8")
     assert "--quat wxyz" in check(file, groups=("quaternion",)).notes[0]
     file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
