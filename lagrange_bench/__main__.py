@@ -18,6 +18,7 @@ import json
 import os
 import re
 import sys
+import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
@@ -60,7 +61,8 @@ class Parser(argparse.ArgumentParser):
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return the exit code. An error is one line on stderr."""
+    """Run one command and return the exit code. An error is one line on stderr, and so is a warning."""
+    usual, warnings.formatwarning = warnings.formatwarning, _one_line
     try:
         return _run(sys.argv[1:] if argv is None else list(argv))
     except SystemExit as done:  # --help
@@ -78,6 +80,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(error, RuntimeError) and not type(error).__module__.startswith("lagrange_bench."):
             raise  # a fault of the bench
         return _report(f"error: {error}", 1 if type(error).__name__ == "StepError" else 2)
+    finally:
+        warnings.formatwarning = usual
+
+
+def _one_line(message: Warning | str, *where: Any, **line: Any) -> str:
+    return f"lagrange-bench: warning: {visible(' '.join(str(message).split()))}\n"
 
 
 def _run(argv: list[str]) -> int:

@@ -6,6 +6,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -41,7 +42,9 @@ count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
 several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
 whole = in_range(int, -math.inf, math.inf, "a whole number")
 positive = in_range(int, 1, math.inf, "a whole number, at least 1")
-seconds = in_range(float, 1e-9, LONGEST, f"positive and at most {LONGEST:g}")
+seconds = in_range(
+    lambda text: float(Fraction(text)), 1e-9, LONGEST, f"a number such as 0.5 or 1/60, at most {LONGEST:g}"
+)
 tolerance = in_range(float, 0, sys.float_info.max, "a number that is not negative")
 
 

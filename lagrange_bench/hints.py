@@ -142,8 +142,10 @@ class Hints:
                 for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
             }
             vertical, what = min(tried, key=lambda pair: tried[pair])
+            # a small enough factor makes positions right that should be zero
+            still = self._error("position", {**self.trajectory, group: 0 * self.trajectory[group]}) / BETTER
             if tried[vertical, what] < min(
-                self._limit("position"), RIGHT * self.sizes["position"] if what else math.inf
+                self._limit("position"), min(still, RIGHT * self.sizes["position"]) if what else math.inf
             ):
                 up = vertical if vertical != how.up else None
                 yield from [f"{group} is in {what}: --units {group}={what}."] * bool(what)
@@ -218,7 +220,7 @@ class Hints:
             way = "later" if k > 0 else "earlier"
             yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
         elif self.first and self.t[0] and self._error(judged, exact=self.frames.exact(self.t - self.t[0])) < least:
-            yield f"the first row is the start of the case: subtract {self.t[0]:.9g} s from the times."
+            yield f"the first row is the start of the case: --t0 0, or subtract {self.t[0]:.9g} s from the times."
 
     def _late(self) -> Iterator[str]:
         """ω in the middle of a step, with rotations at its ends."""

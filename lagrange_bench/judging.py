@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import reading, row_blocks
 from lagrange_bench.arguments import own
 from lagrange_bench.consistency import Rows, rate_note
-from lagrange_bench.conventions import ATTITUDES, GROUPS, UNITS, Convention, Exact, Frames
+from lagrange_bench.conventions import ATTITUDES, GROUPS, Convention, Exact, Frames
 from lagrange_bench.hints import SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
@@ -232,11 +232,10 @@ def _judged(
     if what.start == "first-row":
         notes.append(f"The motion starts as the first row does, at t = {first:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
-        for name, value in _blurred(frames, seen["time"][:, 0], exact, blur).items():
-            if name in errors and value > floors.get(name, 0.0):
-                floors[name] = value
-                hidden = f"this hides errors of {name} below {value:.1e} {UNITS[name]}."
-                notes.append(f"The times are rounded by {blur:.1e} s: {hidden}")
+        blurred = _blurred(frames, seen["time"][:, 0], exact, blur)
+        if hidden := [name for name in blurred if name in errors and blurred[name] > floors.get(name, 0.0)]:
+            floors |= {name: blurred[name] for name in hidden}
+            notes.append(f"The times are rounded by {blur:.1e} s, which hides errors of {', '.join(hidden)}.")
     start: dict[str, Any] = {}
     if not own_start:
         off = {name: measured.first[name] for name in GROUPS if name in errors}
@@ -260,7 +259,7 @@ def _judged(
     )
     if own_start:
         return judged
-    if end > 10 * case.until and judged.leaves:
+    if end - first > 10 * case.until and judged.leaves:
         judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds.")
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")

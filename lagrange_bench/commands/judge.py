@@ -3,8 +3,8 @@
 For those who have a multibody program, a physics engine or a simulator, in any language. Read the trajectory of a rigid body that
 the program wrote: heavy or free, symmetric or not, with a fixed point or flying. Print its errors: position, direction of the
 axis, rotation, spin about the axis, length, orthogonality, angular velocity, energy and angular momentum, as far as the file has
-them. Say whether the start is right, and which convention the file perhaps has in place of the one that was assumed.
-docs/tutorials/is-my-multibody-code-right.md has scripts for MuJoCo, Drake, Unity and others.
+them (docs/heavy-top.md explains each). Say whether the start is right, and which convention the file perhaps has in place of the
+one that was assumed. docs/tutorials/is-my-multibody-code-right.md has scripts for MuJoCo, Drake, Unity and others.
 
 Columns are found by what their names mean, not by a list: topic.pose.orientation.x, quat_x and qx are the same. Capitals, points,
 slashes, underscores and brackets do not matter. A name may begin with another one, such as the name of the body.
@@ -47,7 +47,7 @@ import argparse
 import math
 from typing import Any
 
-from lagrange_bench.arguments import location, number, number_pairs, numbers, pairs, seconds
+from lagrange_bench.arguments import location, number, number_pairs, pairs, seconds
 from lagrange_bench.output import PICTURES, Answer, check_target, table
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
@@ -78,7 +78,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--angles", metavar="AXES", help=text)
     text = "only rows with this word in this column, named or by index; or only columns whose names begin with it"
     how.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
-    text = "time between two rows; for files without times"
+    text = "time between two rows, such as 1/60; for files without times"
     how.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
     how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
     text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
@@ -89,7 +89,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--up", choices=axes, help="axis of the world that points up (default: that of the case)")
     how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: that of the case)")
     text = "the steps of the files, for the orders (default: the distances of their rows)"
-    how.add_argument("--steps", type=numbers, metavar="h,h,…", help=text)
+    how.add_argument("--steps", type=_steps, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above its bound"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
@@ -137,6 +137,10 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 
 
+def _steps(text: str) -> list[float]:
+    return [seconds(word) for word in text.split(",")]
+
+
 def _bounds(text: str) -> dict[str, float]:
     from lagrange_bench.conventions import UNITS
 
@@ -166,10 +170,10 @@ def _described(judged: Any, units: dict[str, str]) -> list[str]:
     lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", f"read as {judged.columns}"]
     lines += table(rows)
     lines += [_start(judged.start, units)] if judged.start else []
-    for name, floor in judged.floor.items():
-        if judged.errors[name].max > HIDDEN * floor:
-            continue
-        lines.append(f"The digits printed for {name} say nothing of errors below {floor:.1e} {units[name]}.")
+    floors = {name: floor for name, floor in judged.floor.items() if not judged.errors[name].max > HIDDEN * floor}
+    if floors:
+        below = ", ".join(f"{floor:.1e} {units[name]} ({name})" for name, floor in floors.items())
+        lines.append(f"The digits in the file say nothing of errors below {below}.")
     return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints), *judged.summary()]
 
 

@@ -113,7 +113,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
             else f"it has no header of {table.width} names"
         )
         raise ValueError(
-            f"no column is named t or time; {there}. Name them: --columns t=0,x=1,y=2,z=3; or say --step SECONDS"
+            f"no column is named t or time; {there}. Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
         )
     if how.step is not None and "time" in chosen:
         raise ValueError(f"--step is for files without times; column {chosen['time'].places[0]} has them")

@@ -177,7 +177,7 @@ class Text:
         self.encoding = _encoding(start)
         with self.open() as lines:
             text = lines.read(HEAD) if self.encoding else "\0"
-        if len(text) == HEAD:
+        if len(text) == HEAD and "\n" in text:  # JSON may be a single line
             text = text[: text.rfind("\n") + 1]
         if "\0" in text or not text:
             raise ValueError("this is no text in UTF-8 with one row a line")

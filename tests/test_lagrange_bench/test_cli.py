@@ -4,6 +4,8 @@ import json
 import os
 import re
 import shlex
+import sys
+import warnings
 from pathlib import Path
 
 import pytest
@@ -71,6 +73,7 @@ BAD = {  # words → what the line must name
     f"{I} --top magnet": "(those that do: lagrange-bench methods --top magnet)",
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
+    f"{JUDGE} --step 1/0": "--step: must be a number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
     "case --until 3": "--until belongs to the NAME of a case",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
@@ -124,6 +127,16 @@ def test_errors_and_exit_codes(run, monkeypatch, error, code, line):
         found, out, err = run(*SHORT, "--method", "rk4")
         assert (found, out) == (code, "")
         assert re.fullmatch(f"lagrange-bench: {line}\n", err), err
+
+
+def test_a_warning_is_one_line(run, monkeypatch):
+    def warns(*_, **__):
+        sys.stderr.write(warnings.formatwarning("two\nlines", UserWarning, "file.py", 1))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(integrators, "integrate", warns)
+    assert run(*SHORT, "--method", "rk4")[2] == "lagrange-bench: warning: two lines\nlagrange-bench: interrupted\n"
+    assert "file.py" in warnings.formatwarning("later", UserWarning, "file.py", 1)
 
 
 def test_json_is_alone_on_stdout(run, folder):

@@ -85,9 +85,12 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     (found,) = answer("judge", file, "--case", "bruels", "--angles", "XYZ", "--units", "angle=deg")["files"]
     assert (found["hints"], found["rotation"]["max"] < 1e-12) == ([], True)
     assert judge(T, X, omega=OMEGA, case="slow").hints == ["this is the start of the case bruels."]
-    assert judge(T + 5, X, case="bruels").hints == [
-        "the first row is the start of the case: subtract 5 s from the times."
-    ]
+    since_1970 = judge(T + 1.7e9, X, case="bruels")
+    (hint,) = since_1970.hints
+    assert (hint[:50], since_1970.notes) == ("the first row is the start of the case: --t0 0, or", [])
+    box = CASES["box"].solution(T).rotation
+    (hint,) = judge(T, box.apply((0, 0, 0.1)), box, case="box").hints
+    assert "point (0, 0, 0.1) m of the body" in hint, "no unit makes positions right that should be zero"
     named = write(tmp_path / "named.csv", "t pose.position.x y z q_w q_x q_y q_z", T, X, R.as_quat())
     (found,) = answer("judge", named, "--case", "bruels", "--quat", "xyzw")["files"]
     (hint,) = found["hints"]
