@@ -75,7 +75,8 @@ def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[
             own, best = (work_precision.best(runs, target, "total") for runs in (good, others))
             line = {"top": states.label(state), "length": span, "error at most": target}
             if own.empty:
-                yield {**line, "place": f"not reached; {len(best)} methods reach it"}
+                limit = f"not reached in runs of at most {run.longest.iloc[0]:g} s"
+                yield {**line, "place": f"{limit}; {len(best)} methods reach it"}
                 continue
             time, first = own.total.iloc[0], best.iloc[0]
             place = f"{1 + int((best.total < time).sum())} of {1 + len(best)}"

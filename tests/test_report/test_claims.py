@@ -288,14 +288,14 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
 
 def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
     runs = {"method": "mine:METHOD", "error": [1e-5, 1e-9], "seconds": [1e-9, 1e3], "setup_seconds": 0.0}
-    rows = pd.DataFrame(runs).assign(state="generic", span=100.0, status="done")
+    rows = pd.DataFrame(runs).assign(state="generic", span=100.0, longest=0.02, status="done")
     rows = pd.concat([rows, rows.assign(method="rk4")])
     (mine,) = own.methods({"work_precision": rows})
     assert own.title({"work_precision": rows}, [mine]) == "mine:METHOD beside RK4"
     places = mine.places.set_index("error at most").place
     first, last = (places[target].split(" of ") for target in (1e-4, 1e-8))
     assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
-    assert places[1e-10].startswith("not reached; ")
+    assert places[1e-10].startswith("not reached in runs of at most 0.02 s; ")
     assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
     stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
     monkeypatch.setattr(own, "find_stored_method", lambda name: METHODS["rk4"])
