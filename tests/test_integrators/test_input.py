@@ -57,18 +57,13 @@ CHECKS = [  # of each check what does not pass, and one caller
     ("y0", STATES, lambda v: integrate(TOP, v, 0.1, 10)),
     ("Y0", [Y0, FIVE[:, :5], FIVE + 0j], lambda v: ensemble(Y0=v)),
     ("h", STEPS, lambda v: prepare(TOP, Y0, v)),
-    ("h_scaled", STEPS, lambda v: integrate(TOP, Y0, h_scaled=v, steps=10)),
     ("threads", [0], lambda v: ensemble(threads=v)),
     ("t", [1.0, [[1.0]], [1.0, [2.0]], ["1"], [True], [1j], [NAN], [INF], [None]], lambda v: integrate(TOP, Y0, t=v)),
     ("top", [None, 1.0, LagrangeTop], lambda v: integrate(v, Y0, 0.1, 10)),
     ("alpha", ALPHAS, LagrangeTop),
     ("lam", LAMBDAS, lambda v: lb.two_point(TOP, Y0, v)),
     ("sheet", [0, 2, None, "1", 1.5], lambda v: lb.two_point(TOP, Y0, 1j, v)),
-    (
-        "rtol",
-        [1e-14, 0.0, -1e-9, 2.0, NAN, INF, "1e-9", True, None, 1j],
-        lambda v: prepare(TOP, Y0, 0.1, "dop853", rtol=v),
-    ),
+    ("rtol", [1e-14, 0.0, -1e-9, 2.0, NAN, "1e-9"], lambda v: prepare(TOP, Y0, 0.1, "dop853", rtol=v)),
     ("mass", [NAN, INF, "1", None, True, 1j, 0.0, -1.0], lambda v: disk(mass=v)),
     ("com", [(0.1, 0.2), 1.0, None, (0.1, 0.2, NAN), (0.1, "2", 0.3), (1j, 0, 0)], lambda v: disk(com=v)),
     (
@@ -104,14 +99,10 @@ def test_a_step_in_the_time_scale_of_the_motion():
         end = integrate(problem, y0, h, 10, "rk4").y[-1]
         assert np.array_equal(integrate(problem, y0, h_scaled=0.1, steps=10, method="rk4").y[-1], end)
         assert np.array_equal(prepare(problem, y0, method="rk4", h_scaled=0.1).advance(y0, 10), end)
-    states, tops = FIVE * np.linspace(1, 3, 5)[:, None], LagrangeTop(np.linspace(-1, 3, 5))
-    h = (
-        0.1
-        / (
-            np.linalg.norm(states[:, :3], axis=1) + np.sqrt(abs(tops.alpha) * np.linalg.norm(states[:, 3:], axis=1))
-        ).max()
-    )
-    assert integrate_ensemble(tops, states, h_scaled=0.1, steps=10).t[-1] == pytest.approx(10 * h, rel=1e-12)
+    states, alphas = FIVE * np.linspace(1, 3, 5)[:, None], np.linspace(-1, 3, 5)
+    shortest = min(LagrangeTop(alpha).scales(y0)[2] for alpha, y0 in zip(alphas, states, strict=True))
+    many = integrate_ensemble(LagrangeTop(alphas), states, h_scaled=0.1, steps=10)
+    assert many.t[-1] == pytest.approx(shortest, rel=1e-12)
 
 
 MESSAGES = [  # a call, words in the message
@@ -125,7 +116,6 @@ MESSAGES = [  # a call, words in the message
         for w in ("h", "every")
     ),
     (lambda: prepare(TOP, Y0, 0.1, h_scaled=0.1), "give h or h_scaled, not both"),
-    (lambda: integrate(TOP, Y0, t=[1.0], h_scaled=0.1), "give either t or h and steps"),
     (lambda: integrate(LagrangeTop(0), (0, 0, 0, 0, 0, 1), h_scaled=0.1, steps=1), "h_scaled: .* at rest for ever"),
     (lambda: ensemble(Y0=FIVE * (1, 1, 1, 0, 0, 0)), r"Y0\[0\] .* x = 0.* 4 others"),
     (lambda: prepare(TOP, Y0, 0.1, "baklund"), "unknown method 'baklund'.*did you mean 'backlund'?"),
@@ -156,7 +146,6 @@ def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
 
 
 OTHERS = [  # a call, words in the message
-    (lambda: posed(lambda t, y, p: y[0] if y[1] > 0 else y[2]), "hamiltonian.* cannot branch"),
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
     *((lambda w=w: posed(turning, "so3", invariants={w: turning}), f".*'{w}'.* taken") for w in ("H", "t")),
@@ -214,79 +203,61 @@ def test_a_state_of_another_torus_is_refused(name, top, y0, factor, words):
     assert np.isfinite(stepper.advance(there, 1000)).all()  # a run may be continued
 
 
-def test_a_missing_package_is_named(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    with pytest.raises(StepError, match="taylor: heyoka is not installed here"):
-        prepare(TOP, Y0, 0.1, "taylor")
-
-
-class Resting(lb.Stepper):
-    """A plug-in whose tops do not move; `fault` changes what it has in hand: y, the rows and what it returned last."""
-
-    def __init__(self, fault):
-        self.fault, self.work, self.buffer = fault, lb.Work(), np.empty(6)
-
-    def record(self, y, n, every):
-        return self.fault(self, y, np.tile(y, (n // every + 1, 1)))
-
-
-class Advancing(Resting):
-    def advance(self, y, n):
-        return self.record(y, n, max(n, 1))[-1]
-
-
-def scribbling(stepper, y, rows):
-    y *= 1.5
-    return rows
-
-
-def reusing(stepper, y, rows):
-    stepper.buffer[:] = rows[-1]
-    return [stepper.buffer]
-
-
-FAULTS = {
-    "a row too few": (lambda s, y, rows: rows[:-1], "record must return .* shape .*; got float64"),
-    "single precision": (lambda s, y, rows: rows.astype("f4"), r"must return an array of floats .*; got float32"),
-    "another start": (lambda s, y, rows: rows + 1e-15, "row 0 of record must be the input"),
-    "the input": (scribbling, "wrote to its input"),
+FAULTS = {  # what a plug-in makes of y and of the rows that it should return, and what is said
+    "a row too few": (lambda y, rows: rows[:-1], "record must return .* shape .*; got float64"),
+    "single precision": (lambda y, rows: rows.astype("f4"), "record must return an array of floats .*; got float32"),
+    "another start": (lambda y, rows: rows + 1e-15, "row 0 of record must be the input"),
+    "the input": (lambda y, rows: (rows, np.multiply(y, 1.5, out=y))[0], "record wrote to its input"),
+    "not finite": (lambda y, rows: np.vstack([rows[:1], np.nan * rows[1:]]), "record returned a state that is not"),
 }
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_steppers_of_plug_ins_are_looked_at(fault):
-    """By `integrate`, by an ensemble, and by the loops of the experiments."""
+    """A plug-in whose tops do not move; by `integrate`, by an ensemble, and by the loops of the experiments."""
     broken, said = FAULTS[fault]
-    build = replace(METHODS["rk4"], name="mine", needs="uniform", prepare=lambda top, y0, h: Resting(broken))
-    refused(rf"^mine: .*{said}", integrate, TOP, Y0, 0.1, 10, build, 5)
-    refused(rf"^mine: .*{said}", integrate_ensemble, TOP, [Y0, Y0], 0.1, 10, build)
+
+    class Resting(lb.Stepper):
+        work = lb.Work()
+
+        def record(self, y, n, every):
+            return broken(y, np.tile(y, (n // every + 1, 1)))
+
+    build = replace(METHODS["rk4"], name="mine", needs="uniform", prepare=lambda top, y0, h: Resting())
     with METHODS.temporarily_registered(build):
-        refused(rf"^mine: .*{said}", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
+        for call in (
+            lambda: integrate(TOP, Y0, 0.1, 10, build, 5),
+            lambda: integrate_ensemble(TOP, [Y0, Y0], 0.1, 10, build),
+            lambda: lb.states.sample(TOP, Y0, "mine", 0.1, [1, 2, 4]),
+        ):
+            with pytest.raises((ValueError, StepError), match=rf"^mine\b.*: {said}"):
+                call()
 
 
-def test_other_faults_of_plug_ins():
+def test_what_a_plug_in_prepares_and_evaluates_is_looked_at():
     record = replace(METHODS["rk4"], name="mine")
-    reusing_one = replace(record, prepare=lambda top, y0, h: Advancing(reusing))
-    with METHODS.temporarily_registered(reusing_one):
-        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
     short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
-    lost = replace(
-        record, prepare=lambda top, y0, h: Resting(lambda s, y, rows: np.vstack([rows[:1], np.nan * rows[1:]]))
-    )
-    with pytest.raises(StepError, match=r"^mine: record returned a state that is not finite"):
-        integrate(TOP, Y0, 0.1, 10, lost)
     nothing = replace(record, prepare=lambda top, y0, h: None)
     refused("^mine: prepare returned None", integrate, TOP, Y0, 0.1, 10, nothing)
 
+    class Reusing(lb.Stepper):
+        work, result = lb.Work(), np.ones(6)
 
-def test_a_good_plug_in_is_looked_at_and_then_left_alone():
-    good = replace(METHODS["rk4"], prepare=lambda top, y0, h: Advancing(lambda s, y, rows: rows))
-    checked = prepare(TOP, Y0, 0.1, good)
-    for _ in range(3):
-        assert np.array_equal(checked.record(Y0, 4, 2), np.tile(Y0, (3, 1)))
-        assert np.array_equal(checked.advance(Y0, 4), Y0)
-    assert (checked.record, checked.advance) == (checked.stepper.record, checked.stepper.advance)
+        def record(self, y, n, every):
+            return [self.result]
+
+        def advance(self, y, n):
+            return self.result
+
+    with METHODS.temporarily_registered(replace(record, prepare=lambda top, y0, h: Reusing())):
+        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
+
+
+def test_a_missing_package_is_named(monkeypatch):
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(StepError, match="taylor: heyoka is not installed here"):
+        prepare(TOP, Y0, 0.1, "taylor")
 
 
 FAST = (0.0, 1.0, 300.0, 0.6, 0.0, 0.8)
