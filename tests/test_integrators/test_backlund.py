@@ -10,20 +10,11 @@ from lagrange_bench import TOPS, LagrangeTop, exact, integrate, prepare, two_poi
 from lagrange_bench.experiments import phase
 from lagrange_bench.experiments.drift import FRACTIONS
 from lagrange_bench.experiments.measuring.states import WIDE, find
-from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from tests.reference import drift
 
-GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
-
-
-def test_no_pin_is_missed_where_a_run_is_divided(monkeypatch):
-    stepper = prepare(GENERIC.top, GENERIC.state, 0.3, "backlund")
-    whole = stepper.advance(GENERIC.state, 1000)
-    monkeypatch.setattr(loops, "INTERRUPTIBLE", 64)  # a multiple of the steps between two pins
-    assert np.array_equal(stepper.advance(GENERIC.state, 1000), whole)
 
 
 @pytest.mark.parametrize("name", [name for name in TOPS if name != "homoclinic"])

@@ -2,7 +2,6 @@
 
 import io
 import os
-import pickle
 import resource
 import sys
 from functools import partial
@@ -11,13 +10,10 @@ import numba
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
-from lagrange_bench.integrators.compiling.loops import FixedStepper, KernelError
 from lagrange_bench.integrators.problem import kirchhoff
-from lagrange_bench.integrators.registry import find_top
 from lagrange_bench.support import announce, source_digest
 from tests import faults
 
@@ -283,28 +279,3 @@ def test_compilation_switched_off_later_changes_nothing(monkeypatch):
 
     assert half(1.0) == 0.5
     assert len(half.overloads) == 1
-
-
-# what a process prints that gets a stepper and its state
-ARRIVED = """
-import pickle, sys
-stepper, y0 = pickle.loads(bytes.fromhex(sys.argv[1]))
-print(stepper.advance(y0, 10).tobytes().hex())
-"""
-
-
-def test_steppers_of_kernels_go_to_other_processes(tmp_path):
-    found = find_top("weak_tide")
-    stepper = prepare(found.top, found.y0, 0.1, "strang")
-    sent = pickle.dumps((stepper, np.array(found.y0))).hex()
-    assert python(ARRIVED, sent, cache=tmp_path).strip() == stepper.advance(found.y0, 10).tobytes().hex()
-
-
-def test_kernels_that_cannot_be_compiled_are_refused():
-    def plain(s, c, counters):
-        return s[:5]
-
-    with pytest.raises(ValueError, match=r"^the kernel plain is not compiled: put @compiled above it$"):
-        FixedStepper("mine", 0.5, np.ones(1), plain)
-    with pytest.raises(KernelError, match=r"^the kernel plain returns 5 numbers, 6 are needed$"):
-        FixedStepper("mine", 0.5, np.ones(1), compiled(plain))
