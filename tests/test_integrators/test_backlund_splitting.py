@@ -224,19 +224,6 @@ def test_tops_drawn_at_random():
     assert refused <= 2
 
 
-def at_each(*values):
-    """Runs of one state whose J1 takes these values, one after the other; None: the step cannot be taken."""
-    given = iter(values)
-
-    def run(finer):
-        value = next(given)
-        if value is None:
-            raise StepError(NAME, "too long")
-        return np.array([[value, 0, 0, 0, 0, 0]], dtype=float)
-
-    return run
-
-
 @pytest.mark.parametrize(
     ("values", "runs", "difference"),
     [
@@ -246,21 +233,22 @@ def at_each(*values):
         ((1.0, 0.9, 0.9 - 1.1e-4, 0.9 - 2.0e-4, 0.9 - 2.4e-4), 5, 4e-5),  # it falls too slowly at first
         ((None, None, 0.9, 0.9, 0.9), 5, 0.0),
         ((1.0, 1.0 + 1e-9, 1.0 - 1e-9), 3, 2e-9),  # round-off, far below tol
+        (((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 0.0)), 4, 0.0),  # the second agrees at the end alone
     ],
 )
 def test_runs_agree_by_two_halvings(values, runs, difference):
-    rows, halved, found = step_halving.agreeing(NAME, at_each(*values), 1e-4, (1.0, 1.0))
+    """Runs of one state whose J1 takes these values, one after the other; None: the step cannot be taken."""
+    given = iter(values)
+
+    def run(finer):
+        if (value := next(given)) is None:
+            raise StepError(NAME, "too long")
+        return np.outer(np.atleast_1d(value), np.eye(6)[0])
+
+    rows, halved, found = step_halving.agreeing(NAME, run, 1e-4, (1.0, 1.0))
     assert halved == runs - 1
-    assert rows[0, 0] == values[halved]
+    assert np.array_equal(rows[:, 0], np.atleast_1d(values[halved]))
     assert found == pytest.approx(difference, abs=1e-12)
-
-
-def test_runs_are_compared_on_the_way():
-    """Rows that agree at the end alone do not agree."""
-    same, other = np.zeros((2, 6)), np.eye(2, 6)
-    other[1] = 0.0
-    tracks = iter([same, other, same, same])
-    assert step_halving.agreeing(NAME, lambda _: next(tracks), 1e-4, (1.0, 1.0))[1] == 3
 
 
 def test_what_is_below_round_off_or_chaotic_is_refused():

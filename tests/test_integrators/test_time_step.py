@@ -176,16 +176,6 @@ def test_half_a_period_is_the_limit():
                 assert not plain_step(y, alpha, part * period)[4]
 
 
-def test_too_long_and_no_step_at_all():
-    named = TOPS["homoclinic"]  # no period
-    assert not plain_step(named.y0, named.alpha, 1e4)[4]
-    assert not plain_step(named.y0, named.alpha, math.nan)[4]
-    assert not plain_step((1.0, 2.0, 3.0, 0.0, 0.0, 0.0), 1.0, 0.1)[4]
-    R, eta, mr, mi, ok = plain_step(TOPS["generic"].y0, TOPS["generic"].alpha, 0.0)
-    assert (R, eta, mi, ok) == (0.0, 0.0, 0.0, True)
-    assert mr == math.hypot(*TOPS["generic"].y0[3:])
-
-
 @pytest.mark.parametrize("name", [n for n in TOPS if n not in ("homoclinic",)])
 @pytest.mark.parametrize("span", [1e-6, -1.0])
 def test_named_tops(name, span):

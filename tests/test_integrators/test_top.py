@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, integrate
-from lagrange_bench.integrators import sqrt
+from lagrange_bench.integrators import exp, sqrt
 
 EPS = np.finfo(float).eps
 
@@ -139,10 +139,11 @@ def test_what_is_no_formula_is_refused(value, reason):
     [
         (lambda x, y, z, p: p[0] * x * x / 2, lambda x, y, z, p: (2 * p[0] * x, 0, 0), (np.array([0.0, 0.3]),)),
         (lambda x, y, z, p: x * x, lambda x, y, z, p: ((2 + 1e-6) * x, 0, 0), ()),
+        (lambda x, y, z, p: z * z + exp(-((x - 0.6) ** 2 + y * y) / 8e-4), lambda x, y, z, p: (0, 0, 2 * z), ()),
         (lambda x, y, z, p: edge(x - 0.95) ** 2, lambda x, y, z, p: (8 * edge(x - 0.95), 0, 0), ()),
         (lambda x, y, z, p: sqrt(z - 2) ** 3, lambda x, y, z, p: (0, 0, -7 * sqrt(z - 2)), ()),
     ],
-    ids=["a scan from 0", "by a millionth", "a wall", "nothing in the unit cube"],
+    ids=["a scan from 0", "by a millionth", "a narrow feature", "a wall", "nothing in the unit cube"],
 )
 def test_a_wrong_gradient_is_found(value, wrong, parameters):
     with pytest.raises(ValueError, match="gradient is not the derivative of value"):
