@@ -1,8 +1,4 @@
-"""Bits written down in golden.json, how far the invariants may wander, and that the forms compared in the experiment are one map.
-
-u = 2⁻⁵³ is half an ulp of 1. Errors are relative to the size of the terms in each invariant. Steps are in units of the top's
-own time scale 1/(|J| + √(|alpha||x|)).
-"""
+"""Bits written down in golden.json, and that the forms compared in the experiment are one map."""
 
 import json
 
@@ -12,31 +8,8 @@ import pytest
 from lagrange_bench.experiments import round_off
 from lagrange_bench.experiments.measuring import bits, metrics
 from lagrange_bench.experiments.measuring.states import find
-from lagrange_bench.integrators import METHODS, prepare
+from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.truth import exact
-
-U, N = 2.0**-53, 10**5
-TABLE = [  # method, options, h, bound of H, C1 and C2
-    # pinned: what eight steps round, for ever
-    ("backlund", {}, 2.0, 16 * U),
-    ("backlund_paper", {}, 2.0, 16 * U),
-    # constants rounded once push the same way in every step; divisions lose digits
-    ("backlund", {"pin": 0}, 0.1, U / 64 * N),
-    ("backlund_textbook", {}, 0.1, U / 16 * N),
-    # a random walk of roundings of u or less: 3 σ of √n u, over four states; larger steps round more
-    ("implicit_midpoint", {}, 0.5, 6 * U * N**0.5),
-    ("implicit_midpoint", {"solver": "newton"}, 0.1, 3 * U * N**0.5),
-]
-
-
-@pytest.mark.parametrize(("method", "options", "h", "bound"), TABLE)
-def test_invariants_wander_no_further_than_this(method, options, h, bound):
-    for name in ("generic", "figure1", "fast", "slow"):
-        top, y0 = find(name)
-        rows = prepare(top, y0, h * top.scales(y0)[2], method, **options).record(y0, N, N // 20)
-        drift = np.abs(metrics.relative_drift(top.invariants(rows), top.invariant_scales(y0)))
-        assert np.max(drift[:, [0, 2, 3]]) <= bound, (name, np.max(drift, axis=0) / U)
-
 
 STEPS = 200
 

@@ -135,14 +135,6 @@ def test_units_do_not_matter(quadruple):
     assert 0 < one.error[0] < 1e-29
 
 
-def test_times_may_come_in_any_order_and_twice(quadruple):
-    times = 0.1 * np.array((3, 0, -7, 30, 3))
-    found = reference.solution(FREE, Y0, times)
-    assert largest(distance(FREE, found, exact.solution(LagrangeTop(1.0), Y0, times, digits=36))) < 1e-29
-    np.testing.assert_array_equal(found.states[0], found.states[4])
-    assert asked(t=()).states.shape == (0, 6)
-
-
 def test_the_estimate_bounds_the_error(quadruple):
     """On orbits next to the separatrix, which lose half their digits."""
     for kick in (2.0**-20, 2.0**-28):
@@ -158,19 +150,6 @@ def growth(problem, y0, t, engine=None):
     """log of the growth of a tangent vector up to the time t."""
     *_, (_, logarithm) = reference.Orbit(problem, y0, engine, tangent=True).growth(t)
     return logarithm
-
-
-def test_growth_is_that_of_two_orbits(quadruple):
-    problem, t = top("charge", 1.0, (-0.5, 1.0, 0.25, 0.0)), 6.0
-    rate, size, _ = problem.scales(Y0)
-    scale = np.exp2(np.round(np.log2([rate] * 3 + [size] * 3)))
-    v = np.cos(np.arange(1.0, 7.0))
-    step = 2.0**-30 * v / np.linalg.norm(v) * scale
-    ends = [reference.solution(problem, Y0 + sign * step, [t]) for sign in (1, -1)]
-    starts = ((Y0 + step) - (Y0 - step)) / scale
-    apart = ((ends[0].states - ends[1].states) + (ends[0].tail - ends[1].tail))[0] / scale
-    expected = math.log(np.linalg.norm(apart) / np.linalg.norm(starts))
-    assert growth(problem, Y0, t) == pytest.approx(expected, abs=1e-6)
 
 
 def test_horizon(quadruple):

@@ -77,12 +77,6 @@ def test_states_follow_the_equations_of_motion(case):
     assert largest((exact.solution(top, y0, times) - closed) / sizes) < BOUND
 
 
-def test_values():
-    """Of the series, with 45 and with 70 digits."""
-    x3 = exact.solution(in_tide(1.0, 0.5), GENERIC.state, (10, 37), digits=30)[:, 5]
-    assert [mp.nstr(v, 28) for v in x3] == ["-0.5684885741088208086614505839", "-0.5669612406351747221618124805"]
-
-
 @pytest.mark.parametrize("case", STATES)
 def test_without_a_tide_it_is_the_closed_form_of_the_uniform_field(case):
     """Another formula, other code: every special case of the Lagrange top is one here, too."""

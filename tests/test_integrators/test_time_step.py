@@ -174,16 +174,3 @@ def test_half_a_period_is_the_limit():
         if period * LagrangeTop(alpha).scales(y)[0] < 100:
             for part in (0.501, 0.75, 0.99, 1.01, 1.3, 2.2, 7.7):
                 assert not plain_step(y, alpha, part * period)[4]
-
-
-@pytest.mark.parametrize("name", [n for n in TOPS if n not in ("homoclinic",)])
-@pytest.mark.parametrize("span", [1e-6, -1.0])
-def test_named_tops(name, span):
-    """Degenerate tori too: regular precession, sleeping, hanging, planar, next to the separatrix."""
-    named = TOPS[name]
-    rate, size, _ = named.top.scales(named.state)
-    *found, ok = plain_step(named.y0, named.alpha, span / rate)
-    assert ok
-    got = ps.move(named.y0, named.alpha, tuple(found))
-    expected = ts.exact_flow(named.alpha, named.y0, np.array([span / rate]))[0]
-    assert np.max(np.abs(got - expected) / np.repeat((rate, size), 3)) < 2e-15

@@ -50,15 +50,6 @@ def test_it_is_the_two_point_map_of_the_deformed_state():
             assert (largest(step - new) < 1e-12 * (1 + largest(new))) == right
 
 
-def test_what_the_curve_keeps():
-    for top, y, h, _ in steps():
-        H, J3, C1, C2 = top.invariants(y)
-        E, a2 = H - (top.alpha * h) ** 2 / 8 * (y[3] ** 2 + y[4] ** 2), (top.alpha * h) ** 2
-        size = C1 * (1 + h * h * E / 2 + a2 * h * h * C1 / 16) - h * h * C2 * C2 / 4
-        right = (E + a2 * C1 / 4, J3, size, C2 + top.alpha * h * h * C1 * J3 / 4)
-        assert top.invariants(discrete_lax.deformed(top, y, h)) == pytest.approx(right, rel=1e-11, abs=1e-11)
-
-
 @pytest.mark.parametrize("method", ["bobenko_suris", "kahan"])
 def test_the_clock_of_a_thousand_steps(method):
     """n steps are the flow of the deformed state over nT, then turned by nΘ; not over the nominal time nh."""

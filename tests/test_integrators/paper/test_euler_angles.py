@@ -5,7 +5,7 @@ import pytest
 from mpmath import mp, mpf
 
 from lagrange_bench.experiments.measuring.states import WIDE, find
-from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, hamiltonian, rates, states, to_angles
 from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from lagrange_bench.integrators.truth import exact
@@ -62,18 +62,3 @@ def test_phi_is_continuous(case):
     phi = angles(top, y, [0.25, 0.25 + period, 0.25 + 7 * period])[:, 1]
     np.testing.assert_allclose((phi[1:] - phi[0]) / -swept, (1, 7), rtol=1e-12)
     assert angles(top, y, 0.0)[1] == pytest.approx(to_angles(y)[1], abs=1e-13)
-
-
-def test_starts_where_J_plus_vanishes():
-    """J+(0) = 0 and ℘'(b) = 0: ζ(z + b) has a pole, σ' does not."""
-    top, y = LagrangeTop(1.0), np.array((0.0, 0.0, 0.5, 0.75, 0.0, 1.0))
-    assert np.max(np.abs(states(top, y, TIMES) - exact.solution(top, y, TIMES))) < 1e-14
-
-
-@pytest.mark.slow
-def test_next_to_the_poles():
-    """alpha = 1e200: the poles a of φ are half-periods but for 1e-200 of them; the digits are provided for."""
-    top, y, times = LagrangeTop(1e200), TOPS["generic"].state, np.array((0.0, 1e-100, 5e-100))
-    error = angles(top, y, times) - to_angles(exact.solution(top, y, times))
-    error[:, 1] = np.sin(error[:, 1])
-    assert np.max(np.abs(error[:, :3]) / (1, 1, 1e100)) < 1e-12

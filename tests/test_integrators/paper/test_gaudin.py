@@ -130,22 +130,6 @@ def test_two_forms_of_the_two_point_map(p, n):
 
 
 @SIZES
-def test_two_point_maps_compose_and_commute(p, n):
-    """B(P2, Q3) ∘ B(P1, Q2) = B(P1, Q3), section 5.5; any two commute. Complex spins."""
-    magnet, spins = magnet_of(p, n)
-    ends = [(lam, eigenvalue(magnet, spins, lam)) for lam in p.numbers(4)]
-
-    def step(s, i, j):
-        return two_point_textbook(magnet, s, *ends[i], *ends[j])
-
-    one, other = step(spins, 0, 1), step(spins, 2, 3)
-    two = step(one, 1, 2)
-    p.same(two, step(spins, 0, 2), 1000 * max(largest(two), largest(one)) ** 2)
-    left, right = step(one, 2, 3), step(other, 0, 1)
-    p.same(left, right, 1000 * max(largest(one), largest(other), largest(right)) ** 2)
-
-
-@SIZES
 def test_maps_are_poisson_only_with_v_of_the_state(p, n):
     """D P Dᵀ = P̃ with v of the state, D exact to round-off; with v frozen not."""
     magnet, spins = magnet_of(p, n if p.digits == 15 else min(n, 4), real=True)

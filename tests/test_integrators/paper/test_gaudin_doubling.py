@@ -1,4 +1,4 @@
-"""The exact step of the magnet: which flow a map is, order of the Padé steps, the exact step against integration, its sites."""
+"""The exact step of the magnet: order of the Padé steps, the exact step against integration, its sites."""
 
 from dataclasses import replace
 from functools import reduce
@@ -9,7 +9,7 @@ from mpmath import mp
 from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators import GaudinMagnet
-from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_roots
+from lagrange_bench.integrators.paper.gaudin_curve import pade_roots
 from lagrange_bench.integrators.paper.gaudin_maps import two_point
 
 
@@ -27,25 +27,6 @@ def flow(m, spins, c, t=1.0):
     )
     assert found.success
     return found.y[:, -1].reshape(spins.shape)
-
-
-def times(m, spins, lam):
-    """c_j = Im ∫ du/(v (u − a_j)) along the segment from site 0 to λ."""
-    x, weights = np.polynomial.legendre.leggauss(100)
-    u = lam * (x + 1) / 2
-    v = np.array([eigenvalue(m, spins, w) for w in u])
-    return ((weights * lam / (2 * v)) @ (1 / (u[:, None] - m.sites))).imag
-
-
-@pytest.mark.parametrize("n", [1, 5])
-def test_one_step_is_the_interpolating_flow(n):
-    """Section 5.6: a step is the flow of ∫ μ du (no factor i) over time 1, that is of Σ c_j H_j."""
-    m, spins = magnet(n)
-    for lam in (0.25 + 0.3j, -0.9 + 0.7j):
-        c, image = times(m, spins, lam), two_point(m, spins, lam)
-        assert np.max(np.abs(image - flow(m, spins, c))) < 1e-11
-        assert np.max(np.abs(two_point(m, spins, lam, -1) - flow(m, spins, -c))) < 1e-11
-        assert np.max(np.abs(times(m, image, lam) - c)) < 1e-12  # constants of motion
 
 
 @pytest.mark.parametrize("factors", [1, 3])

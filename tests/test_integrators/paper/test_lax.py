@@ -94,20 +94,6 @@ def test_two_spins_are_o4(p):
     p.same(D @ con.bracket(p.y, 1) @ D.T, np.array(brackets) @ (D @ p.y))
 
 
-def test_root_follows_the_segment(p):
-    """m is what continuation of √Q from √C1 along 0 → λ in small steps gives; one at a time, in arrays and mpmath."""
-    lam = 3 * p.lam
-    q = [complex(c) for c in lax.spectral_polynomial(p.top, p.y)]
-    m = np.sqrt(q[0])
-    for new in np.sqrt(np.polyval(q[::-1], np.linspace(0, 1, 2001)[1:] * complex(lam))):
-        m = new if abs(new - m) < abs(new + m) else -new
-    value = lax.root(p.top, p.y, lam)
-    assert abs(complex(value) - m) <= 1e-10 * abs(m)
-    p.same(value * value, -(lam**4) * lax.spectral_curve(p.top, p.y, lam), 100 * (1 + abs(value) ** 2))
-    mu = lax.eigenvalue(p.top, np.array([p.y.astype(complex)] * 2), complex(lam), p.sheet)
-    assert largest(mu - complex(lax.eigenvalue(p.top, p.y, lam, p.sheet))) <= 1e-12 * largest(mu)
-
-
 def test_what_is_exact(p):
     """(2.15), (2.18), (2.20), (5.2.13), (5.2.14) corrected, and 2H = ε H_2 + s_1² + s_2², H_1 + H_2 = 2 alpha J3."""
     y, u, eps = p.y, p.number(), (1 + 0 * p.lam).real / 4

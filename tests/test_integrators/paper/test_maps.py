@@ -4,14 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from mpmath import mp, mpc, mpf
+from mpmath import mp, mpf
 
 from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
-from lagrange_bench.integrators.paper.interpolating_flow import limit_rate
-from lagrange_bench.integrators.paper.phase_space import gradient, invariants, ladder, poisson_tensor, sqrt
+from lagrange_bench.integrators.paper.phase_space import invariants, ladder, sqrt
 from tests.test_integrators.paper.tools import chart_size, largest, poisson_defect, size
 
 ONE = {f.__name__: f for f in (op.one_point, op.real_form, op.inverse)}
@@ -95,18 +94,6 @@ def test_inverse(p):
     p.same(tp.pole_free(p.top, p.y, lam1, lam1, p.sheet), p.y)
 
 
-@pytest.mark.parametrize("name", [*ONE, *TWO, "pole_free"])
-def test_python_numbers_as_parameters_do_not_cost_digits(name):
-    """alpha = 3.345 and λ = 0.3 + 0.2i are doubles taken as exact: nothing is rounded to double on the way."""
-    with mp.workdps(40):
-        p = type("P", (), {"top": TOPS["figure1"].top, "lam": 0.3 + 0.2j, "nu": 0.3 - 0.2j, "sheet": 1})
-        y = np.array([mpf(v) for v in TOPS["figure1"].y0])
-        new = image(name, p, y)
-        assert largest(np.array(invariants(p.top, new)) - np.array(invariants(p.top, y))) <= mpf("1e-34")
-        p.lam, p.nu = mpc(p.lam), mpc(p.nu)
-        assert largest(new - image(name, p, y)) <= mpf("1e-36")
-
-
 # -------------------------------------------------------------------------------------------- one-point, section 5.1
 
 
@@ -153,16 +140,6 @@ def test_k_and_its_sign(p):
     at_zero, near = op.one_point(top, y, 0, sheet), op.one_point(top, y, p.tol, sheet)
     p.same(at_zero, near, size(at_zero) ** 3 * 100)
     p.same(invariants(top, at_zero), invariants(top, y), size(at_zero))
-
-
-def test_deformation(p):
-    """∂z̃/∂λ = {−μ(λ), z̃}."""
-    y, lam, top = p.y, p.lam, p.top
-    slope = gradient(lambda z: op.one_point(top, y, z[0], p.sheet), np.array([lam]))[:, 0]
-    new = op.one_point(top, y, lam, p.sheet)
-    p.same(-1j * limit_rate(top, new, lam, p.sheet), slope, size(new) ** 3)
-    mu_gradient = gradient(lambda z: lax.eigenvalue(top, z, lam, p.sheet), new)
-    p.same(poisson_tensor(new) @ mu_gradient, slope, size(new) ** 3)  # {z, μ}
 
 
 def test_stable_q():
