@@ -6,7 +6,6 @@ import pytest
 
 from lagrange_bench.experiments.drawing import shown
 from lagrange_bench.experiments.measuring import metrics, reductions
-from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
 from lagrange_bench.integrators.truth import exact
 from tests.reference import turned
@@ -28,9 +27,7 @@ def signal(kind):
         "oscillation": 1e-6 * size * oscillation,
         "noise": ulp * size * noise,
         "walk": ulp * size * walk,
-        "rounded walk": ulp * np.round(size * walk),
         "linear": 1e-12 * size * T * rng.choice((-1, 1), (STATES, 1)),
-        "quadratic": 1e-12 * size * T**2,
         "linear in noise": ulp * (20 * noise + size * T),  # the drift overtakes the noise only in the last two decades
         "walk with an oscillation": ulp * (walk + 5 * oscillation),
     }[kind]
@@ -43,9 +40,7 @@ def signal(kind):
         ("oscillation", 0.0, 0.03, "bounded"),
         ("noise", 0.0, 0.03, "bounded"),
         ("walk", 0.5, 0.15, "random walk"),
-        ("rounded walk", 0.5, 0.15, "random walk"),
         ("linear", 1.0, 0.01, "biased"),
-        ("quadratic", 2.0, 0.02, "biased"),
         ("linear in noise", 1.0, 0.25, "biased"),
         ("walk with an oscillation", 0.5, 0.15, "random walk"),
     ],
@@ -120,8 +115,6 @@ def test_drift_and_ulps():
     invariants = start + np.array([[0.0], [2.0], [-4.0]]) * np.spacing(scales)
     assert np.array_equal(metrics.ulps(invariants, scales), np.outer((0, 2, -4), np.ones(4)))
     assert np.array_equal(metrics.relative_drift(invariants, scales) * scales, invariants - start)
-    rate, sizes = 2.0 + np.sqrt(0.5 * 5.0), LagrangeTop(-0.5).invariant_scales((0.0, 0, 2, 0, 3, 4))
-    assert sizes == pytest.approx((2.0**2 / 2 + 0.5 * 5.0, rate, 25.0, 5.0 * rate)), "of the terms of H, J3, C1, C2"
 
 
 def test_scaled_error_takes_the_worse_half():
@@ -246,23 +239,6 @@ def test_order_of_no_power_law():
     assert np.isnan(metrics.order(h, np.full(8, np.nan)).p)
     assert np.isnan(metrics.order(h, np.zeros(8)).p)
     assert metrics.order(h, h**2 / 20, floor=1e-4).mask.sum() == 3
-
-
-@pytest.mark.parametrize("name", ["figure1", "slow"])
-def test_poisson_defect_tells_maps_apart(name):
-    top, y = TOPS[name].top, TOPS[name].state
-    h = 0.1 * top.scales(y)[2]
-
-    def step(y):
-        return prepare(top, y, h, "strang").advance(y, 1)
-
-    assert metrics.poisson_defect(step, top, y).defect < 1e-11
-    euler = metrics.poisson_defect(lambda y: y + h * top.rhs(y), top, y)
-    assert euler.error < 1e-11
-    assert euler.defect > 1e-4
-    # a defect of 1e-8 in one component is seen: the test would notice a slightly wrong map
-    bent = metrics.poisson_defect(lambda y: step(y) * (1, 1, 1 + 1e-8, 1, 1, 1), top, y)
-    assert 1e-10 < bent.defect < 1e-7
 
 
 def test_the_condition_of_a_known_motion():

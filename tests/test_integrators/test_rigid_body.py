@@ -23,7 +23,6 @@ from tests.reference import exactly, largest
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
 EXACT = ("backlund", "theta_functions", "taylor")
-DISK = {"mass": 15.0, "com": (0, 1, 0), "inertia_com": (0.234375, 0.46875, 0.234375)}
 
 
 def motion(facts, rotation, omega, times):
@@ -45,44 +44,6 @@ def random_top(seed):
     spin = 10 ** rng.uniform(0, math.log10(500))
     omega = spin * axis + np.cross(axis, rng.normal(size=3)) * 10 ** rng.uniform(-1, 1)
     return top, start, omega, min(2.0, 60 / spin)
-
-
-def free_top(**body):
-    return RigidBody(**body), Rotation.from_rotvec((0.3, -0.2, 1.0)), (1.0, 20.0, -3.0), 2.0
-
-
-MOTIONS = {
-    **{f"random {seed}": random_top(seed) for seed in range(3)},
-    "held at its centre": free_top(**{**DISK, "com": (0, 0, 0)}),
-    "no gravity": free_top(**{**DISK, "gravity": (0, 0, 0)}),
-    "a ball": free_top(mass=1.0, com=(0, 0, 0), inertia_com=(2, 2, 2)),
-}
-
-
-@pytest.mark.interpreted
-@pytest.mark.parametrize("motion_of", MOTIONS)
-def test_any_symmetric_body_by_every_exact_method(motion_of):
-    body, start, omega, end = MOTIONS[motion_of]
-    times = [0.0, 0.3 * end, end]
-    R, Omega = motion((body.mass, body.com, body.inertia_com, body.gravity), start, omega, times)
-    state = body.state(rotation=start, omega_body=omega)
-    size, lever = np.max(np.abs(omega)), np.linalg.norm(body.com)
-    assert body.axis is not None
-    for method in EXACT:
-        for run, rows in (
-            (integrate(body, state, t=times, method=method), [0, 1, 2]),
-            (integrate(body, state, h=end / 10, steps=10, method=method), [0, 2]),
-            (integrate(body, state, h=end, steps=1, method=method), [0, 2]),
-        ):
-            assert np.max(np.abs(run.position - R[rows] @ body.com)) <= 1e-13 * lever
-            assert np.max(run.error()) < 1e-12
-            assert np.max(np.abs(run.rotation.as_matrix() - R[rows])) < 1e-13
-            assert np.max(np.abs(run.omega_body - Omega[rows])) < 1e-13 * size
-            np.testing.assert_allclose(run.omega_world, (R[rows] @ Omega[rows][..., None])[..., 0], atol=2e-13 * size)
-            np.testing.assert_allclose(run.momentum, body.momentum_of(run.rotation, run.omega_body), rtol=1e-12)
-            energies = (*run.energy, *body.energy_of(run.rotation, run.omega_body))
-            for kept in (energies, run.momentum @ body.up):
-                assert np.ptp(kept) < 1e-12 * np.max(np.abs(kept))
 
 
 def pairs_of_cases():
@@ -264,6 +225,21 @@ def test_the_truth_of_a_symmetric_body(body, y0):
     assert np.array_equal(truths.solution(body, y0, far), symmetric.solution(body, y0, far))
 
 
+@pytest.mark.interpreted
+@pytest.mark.parametrize("method", EXACT)
+@pytest.mark.parametrize("seed", range(4))
+def test_exact_methods_follow_any_symmetric_body(seed, method):
+    body, start, omega, end = random_top(seed)
+    state = body.state(rotation=start, omega_body=omega)
+    for run in (
+        integrate(body, state, t=[0.0, 0.3 * end, end], method=method),
+        integrate(body, state, h=end / 10, steps=10, method=method),
+        integrate(body, state, h=end, steps=1, method=method),
+    ):
+        assert np.max(apart(run.y, symmetric.solution(body, state, run.t))) < 1e-13
+        assert np.ptp(run.momentum @ body.up) < 1e-12 * np.linalg.norm(run.momentum[0])
+
+
 def test_a_body_without_a_closed_form_is_judged_as_far_as_its_reference_goes():
     y0 = SKEW.state(**WHOLE)
     limit = 2.0 * SKEW.scales(y0)[2]
@@ -347,7 +323,7 @@ def test_nearly_equal_moments_keep_their_difference():
 
 def test_a_case_of_ones_own():
     """Its digits start from the doubles; a matrix serves as well as a Rotation."""
-    body, turn = RigidBody(**DISK), Rotation.from_rotvec((0.1, 0.2, 0.3))
+    body, turn = RigidBody(15.0, (0, 1, 0), (0.234375, 0.46875, 0.234375)), Rotation.from_rotvec((0.1, 0.2, 0.3))
     case = Case("mine", body, turn.as_matrix(), (1.0, 5.0, 2.0), until=1.0)
     rows = np.array([list(map(float, row)) for row in case.digits([0, "0.25", 0.5], 20)])
     assert np.max(np.abs(rows - case.doubles([0, 0.25, 0.5]))) < 1e-14

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from lagrange_bench.integrators import TOPS, LagrangeTop
-from lagrange_bench.integrators.paper import eulerian, lax
-from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import interpolating_flow as flow
+from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.euler_angles import angles, states, to_angles
@@ -33,24 +32,10 @@ MAPS = [
 ]
 
 
-def chart(side, alpha, lam, c1, first, second):
-    """The momenta of a generating function; `first` and `second` are the first of the old and of the new variables."""
-    shift = 1.0 if side is gf else 0.0
-    return side.momenta(LagrangeTop(alpha), lam, c1, 0.5, (first, shift), (second, shift), 1.0)
-
-
-CHARTS = [
-    *((gf, v) for v in ((1, 0, 1, 1, 1), (1, 1, 1, 0, 1), (0, 1, 1, 1, 1), (1, 1, -1, 1, 1))),
-    *((eulerian, v) for v in ((1, 0, 1, 1, 1), (1, -1 / np.sin(1) ** 2, 1, 1, 1))),
-]
 ANGLES = [
     (r"exact\.solution", lambda: states(TOPS["homoclinic"].top, TOPS["homoclinic"].state, 1.0)),
     ("pole", lambda: angles(TOPS["planar"].top, TOPS["planar"].state, 0.5)),
     ("poles", lambda: to_angles((0.1, 0.2, 0.3, 0.0, 0.0, 1.0))),
-    *(
-        ("singular|branch point|no one-point map", lambda side=side, v=v: chart(side, *map(float, v)))
-        for side, v in CHARTS
-    ),
 ]
 
 MAGNET = GaudinMagnet((0.0, 1.0), 1.0)
