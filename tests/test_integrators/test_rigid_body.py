@@ -205,6 +205,7 @@ def heavy_bodies():
         ((0.5, 0.5, 0.5, 0.5), (0, 2.5, 1)),
     ):
         yield ball, np.array((*q, *L), dtype=float)
+    yield RigidBody(1.0, (0, 0, 0.5), (0.75, 0.75, 1), (0, 0, -8)), np.array((0.5, 0.5, 0.5, 0.5, 0, 1, 4))  # steady
 
 
 @pytest.mark.interpreted
