@@ -83,16 +83,6 @@ def test_values_that_an_argument_must_not_have(name, values, call):
         refused(rf"^{name}\b", call, value)
 
 
-def test_alpha_and_states_may_be_anything_like_numbers():
-    for alpha in (1, -2.5, 0, np.float32(0.5), np.int64(3), np.array(2.0)):
-        top = LagrangeTop(alpha)
-        assert type(top.alpha) is float
-        assert top.alpha == float(alpha)
-    for y0 in (Y0.tolist(), tuple(Y0), Y0.astype(np.float32), [1, 2, 3, 4, 5, 6], Y0[::-1][::-1]):
-        assert integrate(TOP, y0, 0.1, 10).y.dtype == np.float64
-    assert len(integrate(TOP, Y0, 0.1, 0, every=7).y) == 1
-
-
 def test_a_step_in_the_time_scale_of_the_motion():
     for problem, y0 in ((TOP, Y0), (TIDE, Y0), (BODY, BODY.state(rotation=np.eye(3), omega_body=(1.0, 0.2, 3.0)))):
         h = 0.1 * problem.scales(y0)[2]
@@ -141,10 +131,6 @@ HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspa
 RUN = integrate(TOP, Y0, 0.1, 1, "strang")
 
 
-def far(problem=TIDE, y0=Y0, t=(1.0,), **words):
-    return reference.solution(problem, y0, t, **words)
-
-
 OTHERS = [  # a call, words in the message
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
@@ -153,7 +139,7 @@ OTHERS = [  # a call, words in the message
     (lambda: exact.solution(TOP, Y0, 2e14), r".*2\^45 periods"),
     (lambda: exact.solution(*HUGE), ".*overflows"),
     *((lambda n=n: exact.after_steps(TOP, Y0, 0.1, n), ".*whole numbers") for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
-    (lambda: far(y0=Y0 * np.repeat((1e200, 1), 3), t=[1e-200]), ".*less extreme units"),
+    (lambda: reference.solution(TIDE, Y0 * np.repeat((1e200, 1), 3), [1e-200]), ".*less extreme units"),
     (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),

@@ -122,11 +122,8 @@ def test_into_a_singularity(name):
     problem, y = PerturbedTop(LagrangeTop(0.0), pole, (1.0,)), np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0))
     with pytest.raises(StepError):
         prepare(problem, y, 0.05, name).advance(y, 400)
-
-
-@pytest.mark.parametrize("spin", [0.3, 0.0])
-def test_scipy_does_not_step_over_a_pole(spin):
-    """Its steps do not see this one: the energy does."""
-    pole = PerturbedTop(LagrangeTop(0.0), CHARGE, (1.0, 1.0, 0.0, 0.0))
-    with pytest.raises(StepError, match=r"scipy_dop853: .* its energy is off"):
-        integrate(pole, (0.0, spin, 0.0, 0.6, 0.0, 0.8), t=[5.0], method="scipy_dop853", rtol=1e-3)
+    if name == "scipy_dop853":  # whose steps do not see this pole: the energy does
+        charge = PerturbedTop(LagrangeTop(0.0), CHARGE, (1.0, 1.0, 0.0, 0.0))
+        for spin in (0.3, 0.0):
+            with pytest.raises(StepError, match=r"scipy_dop853: .* its energy is off"):
+                integrate(charge, (0.0, spin, 0.0, 0.6, 0.0, 0.8), t=[5.0], method=name, rtol=1e-3)

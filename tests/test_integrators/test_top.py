@@ -73,10 +73,7 @@ PLAIN, SMOOTH = {"rhs", "parts", "kinetic"}, {"smooth"}
 QUADRATIC = {"smooth", "quadratic"}
 KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it keeps J3
     ("tide", (0.1, 1.0, 0.0, 0.0), QUADRATIC, False),
-    ("tide", (0.1, 0.0, 0.0, 1.0), QUADRATIC, True),
-    ("dipole", (0.1, 0.2, 0.3), QUADRATIC, False),
     ("quadratic", (0.1, 0.1, 0.3, 0.0, 0.0, 0.0), QUADRATIC, True),
-    ("charge", (0.1, 2.0, 0.0, 0.0), SMOOTH, False),
     ("charge", (0.1, 0.0, 0.0, 2.0), SMOOTH, True),
     # V = 0 on one side of a plane: only the other sign of a root, or of all eight, shows that it is not 0 everywhere
     (lambda x1, x2, x3, p: edge(x1 - p[0]) ** 2, (0.9,), set(), False),
