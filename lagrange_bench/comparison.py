@@ -179,8 +179,8 @@ class Comparison:
             Their names.
         """
         chosen = _listed(tops)
-        there = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
-        return there if chosen is None else [top for top in chosen if top in there]
+        named = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
+        return named if chosen is None else [top for top in chosen if top in named]
 
     def _rows(self, x: str, y: str, methods: Names, tops: Names) -> pd.DataFrame:
         """The rows that are asked for."""

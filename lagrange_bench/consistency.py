@@ -1,4 +1,4 @@
-"""What the rows of a trajectory say of themselves, without a right motion: does ω turn the body, does the torque turn ω?
+"""Checks rows of a trajectory against each other, without the exact motion: does ω turn the body, does the torque change ω?
 
 Neighbouring rows k, k + 1 give the turn Θ from one attitude to the next over the time between them, dt. Then
 
@@ -97,14 +97,12 @@ class Rows:
         inverse = np.linalg.inv(inertia)
         change = np.diff(omega, axis=0) / self.dt
         right, other = ((part[:-1] + part[1:]) / 2 @ inverse for part in (torque - coupling, torque - coupling + own))
-        clear = self.clear
 
         def median(values: Array) -> float:
-            return float(np.median(np.linalg.norm(values, axis=1)[clear]))
+            return float(np.median(np.linalg.norm(values, axis=1)[self.clear]))
 
-        return median(right - other) > LITTLE * median(right) and CLEARLY * median(change - other) < median(
-            change - right
-        )
+        nearer = CLEARLY * median(change - other) < median(change - right)
+        return nearer and median(right - other) > LITTLE * median(right)
 
     def spin_rate(self, axis: Array) -> Array:
         """The angular velocity about an axis of the body, (N,)."""
@@ -119,25 +117,23 @@ class Rows:
             first, second = np.linalg.norm(self.omega[:2], axis=1)
             seen = np.linalg.norm(self.turn[0] / self.dt[0])
             if first > 0 and second < 0.1 * first and seen < 0.1 * first:
-                notes.append(
-                    f"The second row does not follow from the first: |ω| is {second:.3g} rad/s there, {first:.3g} at the start. "
-                    "Perhaps the program lost the velocities it was given."
-                )
+                sizes = f"|ω| is {second:.3g} rad/s there, {first:.3g} at the start"
+                lost = "Perhaps the program lost the velocities it was given."
+                notes.append(f"The second row does not follow from the first: {sizes}. {lost}")
         return notes
 
 
-def rate_note(t: Array, rate: Array) -> str:
-    """What the angular velocity about the axis of symmetry, which the exact motion keeps, does; "" if it stays."""
+def rate_notes(t: Array, rate: Array) -> list[str]:
+    """What the angular velocity about the axis of symmetry does, in a sentence; none if it stays, as in the exact motion."""
     good = np.isfinite(rate)
     t, rate = t[good], np.abs(rate[good])
     if len(t) < FEWEST or not np.all(rate > 0):
-        return ""
+        return []
     if rate[1] < 0.9 * rate[0] and np.all(np.abs(rate[1:] / rate[1] - 1) < 0.5):
-        return (
-            f"The spin falls from {rate[0]:.4g} to {rate[1]:.4g} rad/s in the first step: a cap on angular velocities?"
-        )
+        rates = f"from {rate[0]:.4g} to {rate[1]:.4g} rad/s"
+        return [f"The spin falls {rates} in the first step: a cap on angular velocities?"]
     fall = np.log(rate / rate[0])
     slope = float(fall @ (t - t[0]) / ((t - t[0]) @ (t - t[0])))
     if fall[-1] < -0.01 and np.max(np.abs(fall - slope * (t - t[0]))) < 0.1 * abs(fall[-1]):
-        return f"The spin falls like exp(−{-slope:.3g} t): damping?"
-    return ""
+        return [f"The spin falls like exp(−{-slope:.3g} t): damping?"]
+    return []

@@ -1,4 +1,4 @@
-"""How a trajectory of a rigid body is written, in which frames and orders, and its errors."""
+"""The frames, orders and units in which a trajectory of a rigid body is written, and its errors under them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,7 @@ UNITS = {  # what is judged → its unit, in the order in which it is reported
     **{"position": "m", "axis": "rad", "rotation": "rad", "spin": "rad", "length": "m", "orthogonality": "1"},
     **{"omega": "rad/s", "spin_rate": "rad/s", "kinematics": "rad/s", "energy": "J", "momentum": "kg m²/s"},
 }
-AXES = {
-    sign + name: row * (1.0 - 2 * len(sign)) for name, row in zip("xyz", np.eye(3), strict=True) for sign in ("", "-")
-}
+AXES = {sign + name: unit for name, e in zip("xyz", np.eye(3), strict=True) for sign, unit in (("", e), ("-", -e))}
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 # what is judged by which columns
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
@@ -57,14 +55,17 @@ class Convention:
 
 
 class Frames:
-    """A body, and the turns from the world and the body of the rows to its own.
+    """A rigid body, and the axes in which a trajectory of it is written.
 
-    case : whose exact motion rows are compared with; without one they are compared with themselves. digit : what matrices are
-    rounded by.
+    `to_world` takes vectors from the world of the rows to the world of the case, `from_body` from the body of the case to that
+    of the rows. `known_until` is the time up to which the exact motion is known.
+
+    case : its exact motion is compared with the rows; without a case they are compared with themselves. digit : what matrices
+    are rounded by.
     """
 
     def __init__(self, body: RigidBody, convention: Convention, digit: float = 0.0, case: Case | None = None):
-        self.moving, self.axis, self.digit, self.case, self.known = body, body.axis, digit, case, math.inf
+        self.rigid_body, self.axis, self.digit, self.case, self.known_until = body, body.axis, digit, case, math.inf
         self._convert(convention)
         self.length = float(np.linalg.norm(body.com)) if body.fixed else 0.0
         if case is None:
@@ -74,7 +75,7 @@ class Frames:
             return
         if not (kinds.free_body(body) or kinds.symmetric_body(body)):
             scale = float(body.scales(body.split_state(case.state)[0])[2])
-            self.known = max(truths.LONGEST * scale, case.until)
+            self.known_until = max(truths.LONGEST * scale, case.until)
         x, R, omega = self.exact([0.0, case.until])
         self.start = x[0]
         size = self.length or float(np.linalg.norm(x, axis=1).max()) or 1.0
@@ -86,8 +87,8 @@ class Frames:
             raise ValueError("--axis is of no use, for the body has no axis of symmetry")
         mirror = np.eye(3) if convention.mirror is None else np.array([AXES[name] for name in convention.mirror])
         self.convention, self.hand = convention, round(float(np.linalg.det(mirror)))
-        self.world = _turn(convention.up, self.moving.up) @ mirror
-        self.body = mirror.T @ (np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T)
+        self.to_world = _turn(convention.up, self.rigid_body.up) @ mirror
+        self.from_body = mirror.T @ (np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T)
 
     def changed(self, **changes: Any) -> Frames:
         """A copy in another convention."""
@@ -98,7 +99,7 @@ class Frames:
     @cached_property
     def others(self) -> dict[str, Frames]:
         """The frames of bodies that a user may have simulated in place of this one, by the mistake in words."""
-        body = self.moving
+        body = self.rigid_body
         changes: dict[str, dict[str, Any]] = {}
         if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
             changes["gravity is reversed: it points up."] = {"gravity": -body.gravity}
@@ -118,51 +119,45 @@ class Frames:
         return others
 
     def _refer(self, R: Array, omega: Array) -> None:
-        """Take what the motion keeps from one attitude and angular velocity in the body."""
+        """Compute the constants of the motion from one attitude and the angular velocity in the body."""
         self.spin_rate = math.nan if self.axis is None else float(omega @ self.axis)
-        self.energy, self.momentum = self.moving.energy_of(R, omega), self.moving.momentum_of(R, omega)
-        kinetic = float(omega @ self.moving.momentum_of(np.eye(3), omega)) / 2
+        self.energy, self.momentum = self.rigid_body.energy_of(R, omega), self.rigid_body.momentum_of(R, omega)
+        kinetic = float(omega @ self.rigid_body.momentum_of(np.eye(3), omega)) / 2
         self.sizes |= {"energy": kinetic, "momentum": float(np.linalg.norm(self.momentum))}
 
     def refer(self, trajectory: Mapping[str, Array]) -> None:
-        """Take what the motion keeps from the first row that has it, and the flight that fits all positions best."""
+        """Compute the constants of the motion from the first good row, and the parabola that fits all positions best."""
         R, omega = self.motion(trajectory)
         if omega is not None and len(good := np.flatnonzero(np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1))):
             self._refer(R[good[0]], omega[good[0]])
-        self.start = R[0] @ self.moving.com if self.moving.fixed else np.zeros(3)
-        for x in [] if self.moving.fixed else self._positions(trajectory):
+        self.start = R[0] @ self.rigid_body.com if self.rigid_body.fixed else np.zeros(3)
+        for x in [] if self.rigid_body.fixed else self._positions(trajectory):
             some = np.isfinite(x).all(1)
             t, span = trajectory["time"][some], np.ptp(trajectory["time"]) or 1.0
             terms = np.column_stack((np.ones_like(t), t / span))
-            place, way = np.linalg.lstsq(terms, x[some] - self._fall(t), rcond=None)[0]
+            place, way = np.linalg.lstsq(terms, x[some] - t**2 / 2 * self.rigid_body.gravity, rcond=None)[0]
             self.launch = place, way / span
-
-    def _fall(self, t: Array) -> Array:
-        return t**2 / 2 * self.moving.gravity  # type: ignore[no-any-return]
 
     def flight(self, t: Array) -> Array:
         """The parabola x₀ + v t + g t²/2, (N, 3), at times (N, 1)."""
-        return self.launch[0] + t * self.launch[1] + self._fall(t)  # type: ignore[no-any-return]
+        return self.launch[0] + t * self.launch[1] + t**2 / 2 * self.rigid_body.gravity  # type: ignore[no-any-return]
 
     def exact(self, t: ArrayLike) -> Exact:
         """The motion of the case, NaN where its series would take too long."""
         assert self.case is not None
         times = np.asarray(t, dtype=float)
-        known = np.abs(times) <= self.known
+        known = np.abs(times) <= self.known_until
         motion = self.case.solution(times[known])
         R = motion.rotation.as_matrix()
-        parts = R @ self.moving.com if self.moving.fixed else motion.position, R, motion.omega_body
-        if known.all():
-            return parts
-        whole = [np.full((len(times), *part.shape[1:]), np.nan) for part in parts]
-        for part, values in zip(whole, parts, strict=True):
-            part[known] = values
-        return whole[0], whole[1], whole[2]
+        parts = R @ self.rigid_body.com if self.rigid_body.fixed else motion.position, R, motion.omega_body
+        x, R, omega = (np.full((len(times), *part.shape[1:]), np.nan) for part in parts)
+        x[known], R[known], omega[known] = parts
+        return x, R, omega
 
     def _positions(self, trajectory: Mapping[str, Array]) -> Iterator[Array]:
         for group in ("position", "displacement"):
             if group in trajectory:
-                x = trajectory[group] @ self.world.T
+                x = trajectory[group] @ self.to_world.T
                 yield x + self.start if self.convention.displaced or group == "displacement" else x
 
     def attitudes(self, trajectory: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
@@ -177,13 +172,13 @@ class Frames:
         """Attitudes, the identity without any, and ω in the body; None where its frame is not known."""
         R, body = self.matrices(trajectory), self.convention.omega_frame == "body"
         omega = self.omega(trajectory) if "omega" in trajectory else None
-        if R is None:
-            return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)), omega if body else None
-        return R, omega if body or omega is None else into_body(R, omega)
+        if omega is not None and not body:
+            omega = None if R is None else into_body(R, omega)
+        return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)) if R is None else R, omega
 
     def omega(self, trajectory: Mapping[str, Array]) -> Array:
         """The angular velocity in the frame that it is in."""
-        turn = self.body if self.convention.omega_frame == "body" else self.world.T
+        turn = self.from_body if self.convention.omega_frame == "body" else self.to_world.T
         return self.hand * trajectory["omega"] @ turn
 
     def errors(self, trajectory: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
@@ -203,9 +198,9 @@ class Frames:
             length = np.linalg.norm(x, axis=1)
             if exact is not None:
                 add(position=np.linalg.norm(x - exact[0], axis=1))
-            elif self.moving.fixed and attitudes:
-                add(position=np.linalg.norm(x - attitudes[0][0] @ self.moving.com, axis=1))
-            elif not self.moving.fixed:
+            elif self.rigid_body.fixed and attitudes:
+                add(position=np.linalg.norm(x - attitudes[0][0] @ self.rigid_body.com, axis=1))
+            elif not self.rigid_body.fixed:
                 add(position=np.linalg.norm(x - self.flight(trajectory["time"]), axis=1))
             if self.length:
                 add(length=np.abs(length - self.length))
@@ -222,27 +217,27 @@ class Frames:
                 in_body = omega if body else into_body(R, omega)
                 if self.axis is not None:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
-                add(energy=np.abs(self.moving.energy_of(R, in_body) - self.energy))
-                add(momentum=self.momentum_error(self.moving.momentum_of(R, in_body)))
-            if body and not attitudes and kinds.free_body(self.moving):
-                length = np.linalg.norm(self.moving.momentum_of(np.eye(3), omega), axis=1)
-                add(energy=np.abs(self.moving.energy_of(np.eye(3), omega) - self.energy))
+                add(energy=np.abs(self.rigid_body.energy_of(R, in_body) - self.energy))
+                off = self.rigid_body.momentum_of(R, in_body) - self.momentum
+                add(
+                    momentum=np.linalg.norm(off, axis=1)
+                    if self.rigid_body.is_free
+                    else np.abs(off @ self.rigid_body.up)
+                )
+            if body and not attitudes and kinds.free_body(self.rigid_body):
+                length = np.linalg.norm(self.rigid_body.momentum_of(np.eye(3), omega), axis=1)
+                add(energy=np.abs(self.rigid_body.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
             if exact is None and attitudes:
                 rows = Rows(trajectory["time"][:, 0], attitudes[0][0], omega, self.convention.omega_frame)
-                if (off := rows.errors()) is not None:
-                    add(kinematics=off)
+                if (kinematics := rows.errors()) is not None:
+                    add(kinematics=kinematics)
         return {name: largest[name] for name in UNITS if name in largest}
 
     def rows(self, trajectory: Mapping[str, Array]) -> Rows | None:
         """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
         R, omega = self.matrices(trajectory), self.omega(trajectory) if "omega" in trajectory else None
         return None if R is None else Rows(trajectory["time"][:, 0], R, omega, self.convention.omega_frame)
-
-    def momentum_error(self, momentum: Array) -> Array:
-        """The error of the vector for a body without torque, else that of its part about the vertical, (n,)."""
-        off = momentum - self.momentum
-        return np.linalg.norm(off, axis=1) if self.moving.is_free else np.abs(off @ self.moving.up)
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
         """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
@@ -275,7 +270,7 @@ class Frames:
                 turns = Rotation.from_euler(how.angles, values)
             R = turns.as_matrix()
             R[bad] = np.nan
-        return self.world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.body, defect
+        return self.to_world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.from_body, defect
 
     def _turned(self, E: Array) -> dict[str, Array]:
         """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and that of the axis.

@@ -75,22 +75,29 @@ class Hints:
         if np.linalg.norm(self.trajectory["position"], axis=1).max() < RIGHT * self.sizes["position"]:
             yield "the positions are those of the fixed point, not of the centre of mass."
 
-    def _wrong(self, judged: str) -> bool:
-        return bool(self.now.get(judged, 0.0) > START)
+    def _wrong(self, quantity: str) -> bool:
+        return bool(self.now.get(quantity, 0.0) > START)
 
-    def _limit(self, judged: str) -> float:
-        return float(self.now[judged] / BETTER)
+    def _limit(self, quantity: str) -> float:
+        """An error below it is much smaller than that of the rows as they are."""
+        return float(self.now[quantity] / BETTER)
 
-    def _best(self, judged: str, errors: Mapping[str, float]) -> list[str]:
+    def _bound(self, quantity: str) -> float:
+        """An error below it is so, and small itself."""
+        return min(self._limit(quantity), RIGHT * self.sizes[quantity])
+
+    def _best(self, quantity: str, errors: Mapping[str, float]) -> list[str]:
         """What makes rows right, if it does so clearly better than all else."""
         hint = _clearest(errors)
-        right = hint is not None and errors[hint] < min(self._limit(judged), RIGHT * self.sizes[judged])
-        return [hint] if hint is not None and right else []
+        return [hint] if hint is not None and errors[hint] < self._bound(quantity) else []
 
-    def _error(self, judged: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
+    def _scaled(self, group: str, factor: float) -> dict[str, Array]:
+        return {**self.trajectory, group: factor * self.trajectory[group]}
+
+    def _error(self, quantity: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
         frames = self.frames.changed(**changes) if changes else self.frames
-        return float(frames.errors(rows or self.trajectory, exact or self.exact)[judged].max(initial=0.0))
+        return float(frames.errors(rows or self.trajectory, exact or self.exact)[quantity].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:
         how = self.frames.convention
@@ -100,7 +107,7 @@ class Hints:
         axes = how.angles.swapcase()
         moving = f"the angles are about axes that {'move' if axes.isupper() else 'do not move'} with the body: --angles {axes}"
         degrees = "--units angle=deg."
-        for judged, group, changes, text in (
+        for quantity, group, changes, text in (
             ("rotation", "", {"transposed": True}, words["transposed"]),
             ("rotation", "quaternion", {"quat": quat}, words["quat"]),
             ("rotation", "quaternion", {"quat": quat, "transposed": True}, words["both"]),
@@ -111,11 +118,11 @@ class Hints:
             ("omega", "", {"omega_frame": frame}, words["frame"]),
             ("position", "", {"displaced": True}, "the position is a displacement from the start: name it ux, uy, uz."),
         ):
-            if self._wrong(judged) and (not group or group in self.trajectory):
-                errors.setdefault(judged, {})[text] = self._error(judged, **changes)
-        for judged, tried in errors.items():
+            if self._wrong(quantity) and (not group or group in self.trajectory):
+                errors.setdefault(quantity, {})[text] = self._error(quantity, **changes)
+        for quantity, tried in errors.items():
             hint = _clearest(tried)
-            if hint is not None and tried[hint] < self._limit(judged):
+            if hint is not None and tried[hint] < self._limit(quantity):
                 yield hint
         if "rotation vector" in self.trajectory and self._wrong("rotation"):
             rows = {**self.trajectory, "angles": self.trajectory["rotation vector"]}
@@ -123,103 +130,89 @@ class Hints:
             for in_degrees, axes in itertools.product((True, False), ("XYZ", "xyz")):
                 if self._error("rotation", rows=rows, degrees=in_degrees, angles=axes) < self._limit("rotation"):
                     kind, unit = "moving" if axes == "XYZ" else "fixed", "degrees" if in_degrees else "rad"
-                    way = f"--angles {axes}{' --units angle=deg' * in_degrees}"
-                    yield (
-                        f"rx, ry, rz are no rotation vector, but angles about {kind} axes x, y, z in {unit}: "
-                        f"--columns angle1=…,angle2=…,angle3=… {way}."
-                    )
+                    angles = f"angles about {kind} axes x, y, z in {unit}"
+                    way = f"--columns angle1=…,angle2=…,angle3=… --angles {axes}{' --units angle=deg' * in_degrees}"
+                    yield f"rx, ry, rz are no rotation vector, but {angles}: {way}."
 
     def _axes(self) -> Iterator[str]:
         """Another unit of positions, another axis upwards, another axis of symmetry."""
         how, up = self.frames.convention, None
         group = next((name for name in GROUPS["position"] if name in self.trajectory), "")
         if group and self._wrong("position"):
-            units = {"": 1.0, **LENGTHS}
             tried = {
-                (other, what): self._error(
-                    "position", {**self.trajectory, group: factor * self.trajectory[group]}, up=other
-                )
-                for other, (what, factor) in itertools.product((how.up, *AXES), units.items())
+                (other, what): self._error("position", self._scaled(group, factor), up=other)
+                for other, (what, factor) in itertools.product((how.up, *AXES), {"": 1.0, **LENGTHS}.items())
             }
-            vertical, what = min(tried, key=lambda pair: tried[pair])
+            vertical, what = min(tried, key=tried.__getitem__)
             # a small enough factor makes positions right that should be zero
-            still = self._error("position", {**self.trajectory, group: 0 * self.trajectory[group]}) / BETTER
-            if tried[vertical, what] < min(
-                self._limit("position"), min(still, RIGHT * self.sizes["position"]) if what else math.inf
-            ):
-                up = vertical if vertical != how.up else None
-                yield from [f"{group} is in {what}: --units {group}={what}."] * bool(what)
+            still = self._error("position", self._scaled(group, 0.0)) / BETTER
+            if tried[vertical, what] < (min(self._bound("position"), still) if what else self._limit("position")):
+                up = vertical
+                if what:
+                    yield f"{group} is in {what}: --units {group}={what}."
         axis = None
         if self._wrong("rotation"):
             ups = [up or how.up] if group else [how.up, *AXES]
-            turned = {
-                pair: self._error("rotation", up=pair[0], axis=pair[1])
-                for pair in itertools.product(ups, (how.axis, *AXES) if self.frames.axis is not None else (None,))
-            }
-            best = min(turned, key=lambda pair: turned[pair])
+            axes = [None] if self.frames.axis is None else [how.axis, *AXES]
+            turned = {pair: self._error("rotation", up=pair[0], axis=pair[1]) for pair in itertools.product(ups, axes)}
+            best = min(turned, key=turned.__getitem__)
             if turned[best] < self._limit("rotation"):
-                up, axis = (
-                    each if each != before else None for each, before in zip(best, (how.up, how.axis), strict=True)
-                )
-        if up is not None:
+                up, axis = best
+        if up not in (None, how.up):
             yield f"the axis {up} points up: --up={up}."
-        if axis is not None:
+        if axis not in (None, how.axis):
             yield f"the axis of symmetry is {axis}: --axis={axis}."
 
     def _mirrored(self) -> Iterator[str]:
         """A world and a body with axes of the other hand."""
-        judged = next((name for name in ("rotation", "position") if name in self.now), None)
-        if judged is None or not self._wrong(judged):
+        quantity = next((name for name in ("rotation", "position") if name in self.now), None)
+        if quantity is None or not self._wrong(quantity):
             return
-        signs = itertools.product(("", "-"), repeat=3)
-        names = [
-            tuple(map("".join, zip(*each, strict=True)))
-            for each in itertools.product(signs, itertools.permutations("xyz"))
-        ]
+        signs_and_letters = itertools.product(itertools.product(("", "-"), repeat=3), itertools.permutations("xyz"))
+        names = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters]
         mirrors = [each for each in names if np.linalg.det([AXES[name] for name in each]) < 0]
-        for each in self._best(judged, {", ".join(each): self._error(judged, mirror=each) for each in mirrors}):
+        for each in self._best(quantity, {", ".join(each): self._error(quantity, mirror=each) for each in mirrors}):
             vector = f"the vector part of quaternions, rotation vectors and ω −({each})"
             yield f"the world is left-handed: write ({each}) for positions (x, y, z), and for {vector}."
 
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""
         if self._wrong("omega"):
-            omega, now = self.trajectory["omega"], self.frames.convention.omega_frame
-            other = _others(self.frames.convention)[1]
+            now, other = self.frames.convention.omega_frame, _others(self.frames.convention)[1]
             units = {f"in {name}: --units omega={unit}": factor for name, (unit, factor) in SPEEDS.items()}
+            units["of the other sign"] = -1.0
             scaled = {
-                (what, frame): self._error("omega", {**self.trajectory, "omega": factor * omega}, omega_frame=frame)
-                for (what, factor), frame in itertools.product(
-                    {**units, "of the other sign": -1.0}.items(), (now, other)
-                )
+                (what, frame): self._error("omega", self._scaled("omega", factor), omega_frame=frame)
+                for (what, factor), frame in itertools.product(units.items(), (now, other))
             }
-            best = min(scaled, key=lambda pair: scaled[pair])
-            if scaled[best] < min(self._limit("omega"), RIGHT * self.sizes["omega"]):
+            best = min(scaled, key=scaled.__getitem__)
+            if scaled[best] < self._bound("omega"):
                 what, frame = best
                 yield f"omega is {what}." + f" It is in the {other} frame, too: --omega {other}." * (frame == other)
 
     def _times(self) -> Iterator[str]:
-        judged = next((name for name in ("rotation", "position") if name in self.now), "omega")
-        if not self._wrong(judged):
+        quantity = next((name for name in ("rotation", "position") if name in self.now), "omega")
+        if not self._wrong(quantity):
             return
-        still = self._error(judged, exact=self.frames.exact(0 * self.t)) / BETTER
-        least = min(self._limit(judged), RIGHT * self.sizes[judged], still)
-        scaled = {
-            f"the times are in {name}: --units t={unit}.": self._error(judged, exact=self.frames.exact(factor * self.t))
-            for name, (unit, factor) in CLOCKS.items()
-        }
-        for hint in self._best(judged, scaled):
-            yield from [hint] * (scaled[hint] < still)
+
+        def error_at(t: Array) -> float:
+            return self._error(quantity, exact=self.frames.exact(t))
+
+        still = error_at(0 * self.t) / BETTER
+        least = min(self._bound(quantity), still)
+        clocks = {f"the times are in {name}: --units t={unit}.": factor for name, (unit, factor) in CLOCKS.items()}
+        scaled = {hint: error_at(factor * self.t) for hint, factor in clocks.items()}
+        yield from (hint for hint in self._best(quantity, scaled) if scaled[hint] < still)
         (trajectory, exact), late = self.head, {0: math.inf}
         n = len(exact[0])
         for k in SHIFTS if n > SHIFTED else ():
-            here, there = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
-            on_time, late[k] = (self._error(judged, _rows(trajectory, here), _at(exact, at)) for at in (here, there))
-            late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[judged]) else math.inf
+            ours, theirs = slice(max(0, -k), n - max(0, k)), slice(max(0, k), n + min(0, k))
+            on_time, late[k] = (self._error(quantity, _rows(trajectory, ours), _at(exact, at)) for at in (ours, theirs))
+            late[k] = late[k] if late[k] < min(on_time / BETTER, RIGHT * self.sizes[quantity]) else math.inf
         if k := min(late, key=lambda k: late[k]):
             way = "later" if k > 0 else "earlier"
-            yield f"the times are shifted: each row holds the state {abs(k)} row{'s'[: abs(k) - 1]} {way}."
-        elif self.first and self.t[0] and self._error(judged, exact=self.frames.exact(self.t - self.t[0])) < least:
+            yield f"the times are shifted: each row holds the state {abs(k)} row{'s' * (abs(k) > 1)} {way}."
+        elif self.first and self.t[0] and error_at(self.t - self.t[0]) < least:
             yield f"the first row is the start of the case: --t0 0, or subtract {self.t[0]:.9g} s from the times."
 
     def _late(self) -> Iterator[str]:
@@ -227,31 +220,30 @@ class Hints:
         t = self.head[0]["time"][:, 0]
         if self._wrong("omega") and len(t) >= ENOUGH:
             step, later = float(np.median(np.diff(t))), _rows(self.trajectory, slice(1, None))
-            ends = {"second": -step / 2, "first": step / 2}
-            errors = {
-                LATE[part]: self._error("omega", later, self.frames.exact(self.t[1:] + by)) for part, by in ends.items()
-            }
+            times = {LATE["second"]: self.t[1:] - step / 2, LATE["first"]: self.t[1:] + step / 2}
+            errors = {hint: self._error("omega", later, self.frames.exact(t)) for hint, t in times.items()}
             yield from self._best("omega", errors)
 
     def bodies(self) -> list[str]:
         """Another body: gravity the other way, moments about another point, no gyroscopic torque."""
-        judged = next((name for name in ("rotation", "position", "omega") if self._wrong(name)), None)
-        if judged is None or len(self.t) < ENOUGH:
+        quantity = next((name for name in ("rotation", "position", "omega") if self._wrong(name)), None)
+        if quantity is None or len(self.t) < ENOUGH:
             return []
-        errors = {words: self._error(judged, exact=each.exact(self.t)) for words, each in self.frames.others.items()}
-        if kinds.free_body(self.frames.moving):
+        errors = {words: self._error(quantity, exact=each.exact(self.t)) for words, each in self.frames.others.items()}
+        if kinds.free_body(self.frames.rigid_body):
             _, R, omega = self.frames.exact([0.0])
             turned = R[0] @ Rotation.from_rotvec(self.t[:, None] * omega).as_matrix()
-            errors[WITHOUT] = self._error(judged, exact=(self.exact[0], turned, np.repeat(omega, len(turned), axis=0)))
-        return self._best(judged, errors)
+            steady = self.exact[0], turned, np.repeat(omega, len(turned), axis=0)
+            errors[WITHOUT] = self._error(quantity, exact=steady)
+        return self._best(quantity, errors)
 
     def _starts(self) -> Iterator[str]:
         """The start of another case."""
         if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
             how = self.frames.convention
             for case in CASES.values():
-                judged = how.axis is None or case.body.axis is not None
-                if judged and self._starts_as(Frames(case.body, how, case=case)):
+                comparable = how.axis is None or case.body.axis is not None
+                if comparable and self._starts_as(Frames(case.body, how, case=case)):
                     yield f"this is the start of the case {case.name}."
 
     def first_row(self) -> list[str]:
@@ -278,46 +270,40 @@ class Hints:
 
     def points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
-        if "position" not in self.trajectory or not self._wrong("position") or not self.frames.moving.fixed:
+        if "position" not in self.trajectory or not self._wrong("position") or not self.frames.rigid_body.fixed:
             return
         attitudes = self.frames.matrices(self.trajectory)
         R = self.exact[1] if attitudes is None else attitudes
-        x, there = R @ self.frames.moving.com, self.trajectory["position"] @ self.frames.world.T
-        least, fits = min(self._limit("position"), RIGHT * self.sizes["position"]), []
+        x, positions = R @ self.frames.rigid_body.com, self.trajectory["position"] @ self.frames.to_world.T
+        off, fits = np.linalg.norm(positions - x, axis=1).max(), []
+        of_body = "are those of the point {} of the body, not of the centre of mass."
         for points, back, words in (
-            (there - x, self.frames.world.T, "are off by {}: another origin."),
-            (
-                into_body(R, there),
-                self.frames.body,
-                "are those of the point {} of the body, not of the centre of mass.",
-            ),
+            (positions - x, self.frames.to_world.T, "are off by {}: another origin."),
+            (into_body(R, positions), self.frames.from_body, of_body),
         ):
             mean = points.mean(0)
             scatter = float(np.abs(points - mean).max())
-            off = np.linalg.norm(there - x, axis=1).max()
-            if scatter < least and off > max(BETTER * scatter, START * self.sizes["position"]):
+            if scatter < self._bound("position") and off > max(BETTER * scatter, START * self.sizes["position"]):
                 digits = max(0, -math.floor(math.log10(scatter))) if scatter > 0 else 9
                 fits.append(f"the positions {words.format(_vector((back @ mean).round(min(digits, 9)), 'm'))}")
         yield from fits if len(fits) == 1 else []
 
     def _turns(self) -> Iterator[str]:
         """One turn that leads from all rotations to the right ones, if it is clear of what."""
-        R, right = self.frames.matrices(self.trajectory), self.exact[1]
+        R, right, fits = self.frames.matrices(self.trajectory), self.exact[1], []
         if R is None or not self._wrong("rotation"):
             return
-        least, fits = min(self._limit("rotation"), RIGHT), []
         for turns, back, where in (
-            (right @ R.transpose(0, 2, 1), self.frames.world.T, "world"),
-            (R.transpose(0, 2, 1) @ right, self.frames.body, "body"),
+            (right @ R.transpose(0, 2, 1), self.frames.to_world.T, "world"),
+            (R.transpose(0, 2, 1) @ right, self.frames.from_body, "body"),
         ):
             if np.linalg.det(turns).min() > 0.5:
                 each = Rotation.from_matrix(turns)
                 mean = each.mean()
-                if mean.magnitude() > TURN and (each * mean.inv()).magnitude().max() < least:
-                    turn = _vector(back @ mean.as_rotvec(), "rad")
-                    fits.append(
-                        f"the axes of the {where} are others: turn the {where} of the rows by the rotation vector {turn}."
-                    )
+                if mean.magnitude() > TURN and (each * mean.inv()).magnitude().max() < self._bound("rotation"):
+                    vector = _vector(back @ mean.as_rotvec(), "rad")
+                    turn = f"turn the {where} of the rows by the rotation vector {vector}"
+                    fits.append(f"the axes of the {where} are others: {turn}.")
         yield from fits if len(fits) == 1 else []
 
 
@@ -333,16 +319,14 @@ def find_hints(
         shown = [(still, 2), *((trajectory, n) for n in PREFIXES)]
         prefixes = (Hints(frames, run, exact, good[:n], way) for run, n in shown if n < len(good))
         hints = next(filter(None, (each.written() for each in prefixes)), [])
-    others, hints = {*LATE.values(), WITHOUT}, hints or whole.first_row()
-    hints = (
-        hints
-        or [hint for hint in own_hints(frames, trajectory, rows, way) if hint not in others]
-        or list(whole.points())
-    )
+    hints = hints or whole.first_row()
+    if not hints:
+        own = own_hints(frames, trajectory, rows, way)
+        hints = [hint for hint in own if hint not in (*LATE.values(), WITHOUT)] or list(whole.points())
     if rows is not None:
         if rows.other_frame() and not any("--omega" in hint for hint in hints):
             hints.append(_words(frames.convention)["frame"])
-        elif rows.without_gyroscopic_torque(frames.moving) and WITHOUT not in hints:
+        elif rows.without_gyroscopic_torque(frames.rigid_body) and WITHOUT not in hints:
             hints.append(WITHOUT)
     return hints
 
@@ -357,9 +341,8 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
     if "quaternion" in trajectory:
         attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
     off: dict[tuple[str, str, str], float] = {}
-    for (changes, text), (also, other) in itertools.product(
-        attitudes, (("", how.omega_frame), (words["frame"], frame))
-    ):
+    spins = (("", how.omega_frame), (words["frame"], frame))
+    for (changes, text), (also, other) in itertools.product(attitudes, spins):
         tried = frames.changed(**changes, omega_frame=other).rows(some)
         assert tried is not None
         off |= {(text, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
@@ -369,7 +352,7 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
         if all(min(left.values()) * BETTER < error for key, error in left.items() if key[place] != best):
             hints += [best] * bool(best)
         left = {key: error for key, error in left.items() if key[place] == best}
-    return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.moving)
+    return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.rigid_body)
 
 
 def _clearest(errors: Mapping[str, float]) -> str | None:

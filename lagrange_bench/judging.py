@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import reading, row_blocks
 from lagrange_bench.arguments import own
-from lagrange_bench.consistency import Rows, rate_note
+from lagrange_bench.consistency import Rows, rate_notes
 from lagrange_bench.conventions import ATTITUDES, GROUPS, Convention, Exact, Frames
 from lagrange_bench.hints import SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
@@ -22,9 +22,10 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judgement import Judgement
 
 Array = np.ndarray
+Floors = Mapping[str, float]
 
 
-class Asked(NamedTuple):
+class Request(NamedTuple):
     """What rows are compared with. start : "case"; "first-row"; None if only the body counts."""
 
     case: Case
@@ -104,10 +105,10 @@ def judge(
             trajectory[kind] = values.reshape(n, -1)
 
     blocks = partial(row_blocks.of_arrays, trajectory)
-    return _judged(asked(case, body, start), Convention(quat, omega_frame, up, axis), blocks, {}, {})
+    return _judged(request_of(case, body, start), Convention(quat, omega_frame, up, axis), blocks, {}, {})
 
 
-def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Options) -> Judgement:
+def judge_file(path: Path, what: Request, convention: Convention, how: reading.Options) -> Judgement:
     """The judgement of a file. what : it is compared with this. how : the file is written like this."""
     try:
         judgement = _as_laid_out(reading.survey(path, how), what, convention)
@@ -116,25 +117,17 @@ def judge_file(path: Path, what: Asked, convention: Convention, how: reading.Opt
     return replace(judgement, file=str(path))
 
 
-def _as_laid_out(layout: reading.Layout, what: Asked, convention: Convention) -> Judgement:
-    way, convention = "", replace(convention, angles=layout.how.angles or convention.angles)
-    if layout.guessed:
-        convention = replace(convention, quat="xyzw")
-    elif layout.named:  # --quat has no effect there
+def _as_laid_out(layout: reading.Layout, what: Request, convention: Convention) -> Judgement:
+    how, way, blocks = layout.how, "", partial(reading.blocks, layout)
+    convention = replace(convention, angles=how.angles or convention.angles, quat=layout.quat or convention.quat)
+    if layout.quat == "wxyz":  # by names: --quat has no effect there
         w, x, y, z = layout.groups["quaternion"]
-        convention, way = replace(convention, quat="wxyz"), f"--columns qw={z},qx={w},qy={x},qz={y}"
-
-    def blocks() -> Iterator[Mapping[str, Array]]:
-        for rows in reading.blocks(layout):
-            if layout.guessed:
-                rows["quaternion"] = np.roll(rows["quaternion"], -1, axis=1)
-            yield rows
-
+        way = f"--columns qw={z},qx={w},qy={x},qz={y}"
     judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
     return replace(judgement, notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 
-def asked(case: str | Case | None, body: str | Case | RigidBody | None = None, start: str = "case") -> Asked:
+def request_of(case: str | Case | None, body: str | Case | RigidBody | None = None, start: str = "case") -> Request:
     """A case, or the body of one; ValueError unless it is one of the two."""
     if (case is None) == (body is None):
         raise ValueError("give a case, or a body without a start; one of the two")
@@ -143,9 +136,9 @@ def asked(case: str | Case | None, body: str | Case | RigidBody | None = None, s
     if body is not None and start != "case":
         raise ValueError("a body without a start is not followed: for --start first-row give a case")
     if kinds.rigid_body(body):
-        return Asked(Case("body", body, np.eye(3), np.zeros(3)), None)  # type: ignore[arg-type]
+        return Request(Case("body", body, np.eye(3), np.zeros(3)), None)  # type: ignore[arg-type]
     known = case is not None and start == "case"
-    return Asked(find(case if body is None else body, known), start if body is None else None)  # type: ignore[arg-type]
+    return Request(find(case if body is None else body, known), start if body is None else None)  # type: ignore[arg-type]
 
 
 def find(case: str | Case, start: bool = True) -> Case:
@@ -173,12 +166,7 @@ def _from_first_row(case: Case, frames: Frames, trajectory: Mapping[str, Array])
 
 
 def _judged(
-    what: Asked,
-    convention: Convention,
-    blocks: row_blocks.Blocks,
-    floor: Mapping[str, float],
-    first_floor: Mapping[str, float],
-    way: str = "",
+    what: Request, convention: Convention, blocks: row_blocks.Blocks, floor: Floors, first_floor: Floors, way: str = ""
 ) -> Judgement:
     """The judgement of a trajectory.
 
@@ -217,18 +205,15 @@ def _judged(
         if 2 * measured.mirrored > run.rows:
             hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
 
-    def floors_of(known: Mapping[str, float]) -> dict[str, float]:
-        worst = {
-            name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items() if name in errors
-        }
-        return {name: value for name, value in worst.items() if value > 0}
+    def floors_of(known: Floors) -> dict[str, float]:
+        worst = {name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items()}
+        return {name: value for name, value in worst.items() if value > 0 and name in errors}
 
     floors = floors_of(floor)
-    notes = [*_notes(measured, run.rows), *_own_notes(frames, rows, hints)]
-    if max(zero - first, end - zero) > frames.known:
-        notes.append(
-            f"No closed form is known of this motion: rows after t = {zero + frames.known:.6g} s are not compared."
-        )
+    notes = list(_notes(measured, run.rows, frames, rows, hints))
+    if max(zero - first, end - zero) > frames.known_until:
+        after = f"rows after t = {zero + frames.known_until:.6g} s are not compared."
+        notes.append(f"No closed form is known of this motion: {after}")
     if what.start == "first-row":
         notes.append(f"The motion starts as the first row does, at t = {first:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
@@ -244,19 +229,8 @@ def _judged(
             start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
     whole = rows if rows is not None and rows.rows == run.rows else None
     turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], whole)
-    judged = Judgement(
-        case.name,
-        run.rows,
-        (first, end),
-        errors,
-        start,
-        floors,
-        hints,
-        notes,
-        measured.curves,
-        turns=turns,
-        sizes=frames.sizes,
-    )
+    facts = case.name, run.rows, (first, end), errors, start, floors, hints, notes, measured.curves
+    judged = Judgement(*facts, turns=turns, sizes=frames.sizes)
     if own_start:
         return judged
     if end - first > 10 * case.until and judged.leaves:
@@ -275,28 +249,21 @@ def _turns(t: Array, omega: Array | None, rows: Rows | None) -> float:
 
 def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
     """The largest changes of the motion while the times change by `blur`."""
-    if not blur:
-        return {}
     x, _, omega = frames.exact(t + blur)
     moved = {"position": x - exact[0], "rotation": omega * blur, "omega": omega - exact[2]}
     return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
-def _notes(measured: row_blocks.Measured, n: int) -> Iterator[str]:
-    errors = measured.errors
+def _notes(
+    measured: row_blocks.Measured, n: int, frames: Frames, rows: Rows | None, hints: Sequence[str]
+) -> Iterator[str]:
+    """What is odd about n rows, and what attitudes and ω say without an exact motion."""
     if measured.bad:
-        what = "a number that is missing or not finite, a matrix or quaternion that is no "
-        what += "rotation, or a position of length 0"
+        what = "a number that is missing or not finite, a matrix or quaternion that is no rotation, or a position of length 0"
         yield f"{measured.bad} of {n} rows have {what}, the first at t = {measured.bad_from:.9g}."
-    if "orthogonality" in errors and (off := errors["orthogonality"].max) > 1e-3:
+    if "orthogonality" in measured.errors and (off := measured.errors["orthogonality"].max) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
-
-
-def _own_notes(frames: Frames, rows: Rows | None, hints: Sequence[str]) -> Iterator[str]:
-    """Notes on the rows that need no exact motion."""
-    if rows is None:
-        return
-    yield from rows.notes()
-    if rows.omega is not None and frames.axis is not None and not hints:
-        text = rate_note(rows.t, rows.spin_rate(frames.axis))
-        yield from [text] if text else []
+    if rows is not None:
+        yield from rows.notes()
+        if rows.omega is not None and frames.axis is not None and not hints:
+            yield from rate_notes(rows.t, rows.spin_rate(frames.axis))

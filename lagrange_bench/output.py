@@ -39,7 +39,8 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
         grid.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
     for row in body:
         grid.add_row(*map(Text, row))
-    console = Console(file=io.StringIO(), width=terminal_width(), color_system=None)
+    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
+    console = Console(file=io.StringIO(), width=width, color_system=None)
     with console.capture() as captured:
         console.print(grid)
     return [line.rstrip() for line in captured.get().splitlines()]
@@ -48,11 +49,6 @@ def table(rows: Sequence[Sequence[str]]) -> list[str]:
 def visible(text: str) -> str:
     """Text for a terminal, with control characters spelt out, except line ends and tabs."""
     return re.sub(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]", lambda match: f"\\x{ord(match[0]):02x}", text)
-
-
-def terminal_width() -> int:
-    """How many columns the terminal has; very many if stdout is no terminal, so that each row is one line."""
-    return shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
 
 
 def plain(value: Any) -> Any:

@@ -191,9 +191,8 @@ def work_precision(
     ValueError
         Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
     """
-    return _race(
-        _Request(methods, tops), work_experiment.measure, {}, _step(t, t_scaled, 100.0, "t"), longest, "seconds"
-    )
+    request, span = _Request(methods, tops), _step(t, t_scaled, 100.0, "t")
+    return _race(request, work_experiment.measure, {}, span, longest, "seconds")
 
 
 def perturbed(

@@ -50,9 +50,8 @@ def look(blocks: Blocks) -> Run:
         if len(wrong):
             i = int(wrong[0])
             before = f" after {t[i - 1, 0] if i else last:.12g}" if n + i else ""
-            raise ValueError(
-                f"row {n + i + 1}: the time is {t[i, 0]:.12g}{before}; times must be numbers that increase"
-            )
+            time = f"the time is {t[i, 0]:.12g}{before}"
+            raise ValueError(f"row {n + i + 1}: {time}; times must be numbers that increase")
         rows = {**block, "decimals": decimals(t)}
         off = max(off, float(np.max(np.abs(rows["decimals"] - t)) / (np.max(np.abs(t)) or 1.0)))
         places = np.concatenate((places, np.arange(n, n + len(t))))
@@ -103,18 +102,15 @@ def measure(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> Me
             first.setdefault(name, float(error[0]))
             last[name], judged[name] = float(error[-1]), judged.get(name, 0) + len(t)
             here |= ~np.isfinite(error)
-        here &= np.abs(t) <= frames.known
+        here &= np.abs(t) <= frames.known_until
         bad_from = float(t[here][0]) if here.any() and not bad else bad_from
         bad, at = bad + int(np.count_nonzero(here)), at + len(t)
         if "matrix" in rows:
             mirrored += int(np.count_nonzero(np.linalg.det(rows["matrix"][new].reshape(-1, 3, 3)) < 0))
     if not curves:
         raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
-    errors = {
-        name: Error(float(curves[name].max()), last[name]) if judged[name] == n else Error(math.nan, math.nan)
-        for name in UNITS
-        if name in curves
-    }
+    ends = {name: (float(curves[name].max()), last[name]) for name in UNITS if name in curves}
+    errors = {name: Error(*pair) if judged[name] == n else Error(math.nan, math.nan) for name, pair in ends.items()}
     drawn = {name: np.stack([t_marks, curve]) for name, curve in curves.items()}
     return Measured(errors, first, drawn, bad, bad_from, mirrored)
 

@@ -38,12 +38,10 @@ FIELDS = {
     "top in a strong field, ε = 0.1": "strong_tide",
     "top near a magnet": "magnet",
 }
+FIELD_FIGURE = "perturbed_work_t{:.0f}"  # the length of the runs
 PLACES = {
     "top in a uniform field": Place("work_precision", {"state": "generic"}, "work_precision_time"),
-    **{
-        problem: Place("perturbed", {"part": "work", "state": state}, "perturbed_work_t{:.0f}")
-        for problem, state in FIELDS.items()
-    },
+    **{name: Place("perturbed", {"part": "work", "state": state}, FIELD_FIGURE) for name, state in FIELDS.items()},
     "whole body, not symmetric": Place("heavy_top", {"case": "kovalevskaya"}, "heavy_top_work"),
 }
 

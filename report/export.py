@@ -124,8 +124,8 @@ def _without(name: str, section: sections.Section) -> list[str]:
     """The chosen tops that a figure does not show, because its part of the experiment has no rows of them."""
     rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
     rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
-    there = {*rows.get("state", ()), *rows.get("top", ())}
-    missing = [top for top in section.origin.choice.tops if top not in there]
+    stored = {*rows.get("state", ()), *rows.get("top", ())}
+    missing = [top for top in section.origin.choice.tops if top not in stored]
     return [f"{name}: no rows of {', '.join(missing)}"] if missing else []
 
 

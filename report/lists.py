@@ -67,13 +67,8 @@ def programs(rows: pd.DataFrame) -> pd.DataFrame:
     ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
     if len(ours):
         errors = dict.fromkeys(engines.OVERVIEW, ours.position.max())
-        line = {
-            "engine": "this bench",
-            "setting": "backlund, any step",
-            **errors,
-            "until": engines.UNTIL,
-            "limit": "the exact motion",
-        }
+        line = {"engine": "this bench", "setting": "backlund, any step", **errors, "until": engines.UNTIL}
+        line["limit"] = "the exact motion"
         table = pd.concat([table, pd.DataFrame([line])], ignore_index=True)
     measured = table[list(engines.OVERVIEW)].iloc[: -1 if len(ours) else None].notna().any()
     table["limit"] = table.limit.str.removeprefix("the ")

@@ -30,18 +30,18 @@ class Origin:
     @property
     def option(self) -> str:
         """What `report` and `figure` need to draw it."""
-        return self._there + self.choice.words
+        return self._results_option + self.choice.words
 
     @property
-    def _there(self) -> str:
+    def _results_option(self) -> str:
         return "" if self.default else f" --results {shlex.quote(self.folder)}"
 
     def run(self, experiment: str) -> str:
         """The command that computes an experiment like this."""
         profile = "" if self.profile is None else f" --profile {self.profile}"
         usual = self.folder == named(default_results(self.profile or PROFILES[0]))
-        there = "" if self.default or usual else self._there
-        return f"lagrange-bench run {shlex.quote(experiment)}{profile}{there}{self.choice.words}"
+        folder = "" if self.default or usual else self._results_option
+        return f"lagrange-bench run {shlex.quote(experiment)}{profile}{folder}{self.choice.words}"
 
     @property
     def report(self) -> str:
@@ -74,11 +74,10 @@ def find(folder: Path, profiles: Sequence[Collection[str] | None]) -> Origin:
     name, default = named(folder), os.path.abspath(folder) == os.path.abspath(default_results())
     if default and name == PUBLISHED.folder:
         return PUBLISHED
-    known = [set(some) for some in profiles if some is not None]
-    possible = set.intersection(*known) if known else set(PROFILES) & {Path(name).name}
-    if Path(name).name in possible:
-        return Origin(name, Path(name).name, default)
-    return Origin(name, next((profile for profile in PROFILES if profile in possible), None), default)
+    known, word = [set(some) for some in profiles if some is not None], Path(name).name
+    possible = set.intersection(*known) if known else {word}
+    likely = [profile for profile in (word, *PROFILES) if profile in PROFILES and profile in possible]
+    return Origin(name, likely[0] if likely else None, default)
 
 
 def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...] | None:

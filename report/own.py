@@ -32,16 +32,13 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
     if not names:
         return []
     findings, published = panels.findings(rows), work_precision.useful(Store(REFERENCE).rows("work_precision"))
-    return [
-        OwnMethod(
-            name,
-            style.label(name),
-            _claims(name),
-            pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]),
-            pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published)),
-        )
-        for name in names
-    ]
+
+    def method(name: str) -> OwnMethod:
+        found = pd.DataFrame(findings.get(name, []), columns=["claimed", "found"])
+        places = pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published))
+        return OwnMethod(name, style.label(name), _claims(name), found, places)
+
+    return list(map(method, names))
 
 
 def _claims(name: str) -> str:

@@ -25,17 +25,7 @@ from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, own, panels, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import (
-    OPENED,
-    Drawn,
-    DrawnFigure,
-    Section,
-    compute_all,
-    described,
-    draw,
-    packed,
-    place,
-)
+from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, compute_all, described, draw, packed
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -111,8 +101,7 @@ def assemble(
     names = [*user_experiments, *EXPERIMENTS]
     jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside)]
     jobs += [partial(draw, name, stored) for name in names]
-    jobs.append(partial(_errata, not choice and stored.path("paper").exists()))
-    (published, beside_words), *sections, (wrong, broken) = compute_all(jobs, stored, processes, drawn, modules)
+    (published, beside_words), *sections = compute_all(jobs, stored, processes, drawn, modules)
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not user_experiments)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in user_experiments or s.errors]
@@ -130,9 +119,7 @@ def assemble(
     if mine := _make(report, "own", lambda: own.methods(rows)):
         report.title = own.title(rows, mine)
     if whole:
-        report.errata = wrong
         _judge(report, rows, source)
-        report.errors += broken
         report.beside = beside_words
         for judged, verdict in zip(report.claims, published, strict=False):
             judged.beside = verdict
@@ -144,6 +131,8 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
     report.claims = judge(rows, source)
     findings = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
     report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in findings if finding.broken]
+    if len(rows.get("paper", ())):
+        _make(report, "errata", _errata)
     _make(report, "fairness", lambda: fairness.assemble(rows))
     _make(report, "panels", lambda: panels.script(rows))
     _make(report, "answers", lambda: chooser.answers(rows))
@@ -212,8 +201,8 @@ def write(report: Report, output: Path) -> Path:
     before = _linked(output)
     written = {path for section in report.sections for path in write_section(section, output)}
     if len(report.answers):
-        written.add(write_file(place(output, "tables/answers.csv"), tables.csv(report.answers)))
-    index = write_file(place(output, "index.html"), html(report))
+        written.add(write_file(output / "tables" / "answers.csv", tables.csv(report.answers)))
+    index = write_file(output / "index.html", html(report))
     for old in before - written:
         old.unlink(missing_ok=True)
     return index
@@ -235,19 +224,15 @@ def _linked(output: Path) -> set[Path]:
     return {output / link for link in LINK.findall(text)}
 
 
-def _errata(wanted: bool) -> tuple[pd.DataFrame, list[str]]:
-    """The errata of the paper with the magnitudes of their residuals; and why there are none, if they should be there."""
+def _errata() -> pd.DataFrame:
+    """The errata of the paper with the magnitudes of their residuals."""
     names = ("section", "equation", "wrong", "as printed", "misses by", "corrected", "then misses by")
-    try:
-        measured = errata.measure() if wanted else ()
-    except Exception as error:
-        return pd.DataFrame(), [f"errata: cannot be made: {described(error)}"]
     rows = []
-    for e in measured:
+    for e in errata.measure():
         printed, corrected = errata.magnitude(e.printed), errata.magnitude(e.corrected)
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
-    return pd.DataFrame(rows, columns=names), []
+    return pd.DataFrame(rows, columns=names)
 
 
 # ---------------------------------------------------------------- to files
@@ -258,11 +243,9 @@ def check_writable(output: Path) -> None:
 
     Nobody wants to learn that after a minute of drawing.
     """
-    place(output, "index.html")
-    for path in _linked(output):
-        place(output, str(path.relative_to(output)))
-    for folder in ("", "figures/", "tables/"):
-        write_file(place(output, f"{folder}.probe-{os.getpid()}"), b"").unlink()
+    _linked(output)
+    for folder in ("", "figures", "tables"):
+        write_file(output / folder / f".probe-{os.getpid()}", b"").unlink()
 
 
 # ---------------------------------------------------------------- to HTML
@@ -295,17 +278,11 @@ def html(report: Report) -> str:
         claim_groups=_claim_groups(report),
         environment=environment_facts(report.sections),
         long=LONG,
-        lists={
-            "Methods": lists.methods(),
-            "Tops": lists.tops(),
-            "Potentials": lists.built_in_potentials(),
-        },
+        lists={"Methods": lists.methods(), "Tops": lists.tops(), "Potentials": lists.built_in_potentials()},
         points=errata.POINTS,
         seed=errata.SEED,
-        svg=lambda section, figure: Markup(
-            figures.inline(figure.document, section.file(figure.name), figure.caption or section.title)
-        ),
-        packed_rows=_packed_rows(report.sections),
+        svg=_inline,
+        packed_rows={s.experiment: s.packed for s in report.sections if 0 < len(s.packed) < HEAVY},
         packed_panels=packed(report.panels),
         packed_phones=_packed_phones(pairs),
         live=live.script(),
@@ -331,16 +308,14 @@ def _typeset(text: str) -> Markup:
     return Markup(POWER.sub(r"<sup>\1\2</sup>", str(escape(tables.numbers_in(text)))))
 
 
-def _packed_rows(sections: list[Section]) -> dict[str, str]:
-    return {section.experiment: section.packed for section in sections if 0 < len(section.packed) < HEAVY}
+def _inline(section: Section, figure: DrawnFigure) -> Markup:
+    return Markup(figures.inline(figure.document, section.file(figure.name), figure.caption or section.title))
 
 
 def _packed_phones(pairs: Sequence[tuple[Section, DrawnFigure]]) -> dict[str, Markup]:
     """The drawings for phones of the figures that are not folded, ready to be put into their cards."""
-    drawn = {section.file(figure.name): (figure, figure.caption or section.title) for section, figure in pairs}
-    return {
-        name: packed(figures.inline(f.phone, f"{name}-phone", label)) for name, (f, label) in drawn.items() if f.phone
-    }
+    drawn = ((section.file(f.name), f.phone, f.caption or section.title) for section, f in pairs if f.phone)
+    return {name: packed(figures.inline(phone, f"{name}-phone", label)) for name, phone, label in drawn}
 
 
 def opened(sections: Sequence[Section]) -> list[tuple[Section, DrawnFigure]]:
@@ -357,8 +332,9 @@ def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:
         for fact in section.provenance.columns.drop(list(MEASURED_WHEN), errors="ignore"):
             for value in section.provenance[fact].astype(object).map(tables.show).unique():
                 facts.setdefault(fact, {}).setdefault(value, []).append(section.experiment)
-    return [
-        (fact, "; ".join(v if len(values) == 1 else f"{v} ({', '.join(names)})" for v, names in values.items()))
-        for fact, values in facts.items()
-        if values
-    ]
+
+    def shown(values: dict[str, list[str]]) -> str:
+        several = len(values) > 1
+        return "; ".join(f"{value} ({', '.join(names)})" if several else value for value, names in values.items())
+
+    return [(fact, shown(values)) for fact, values in facts.items() if values]

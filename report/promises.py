@@ -157,9 +157,8 @@ def lead(
     if "h" in runs:
         runs = runs[~(runs.h > every)]  # of a tolerance every run counts
     asked = {"backlund", *(name for name in published() if closed and METHODS[name].family == "closed-form")}
-    for ((span, state), group), target in product(
-        runs.groupby(work_precision.APART, sort=False), work_precision.TARGETS
-    ):
+    groups = runs.groupby(work_precision.APART, sort=False)
+    for ((span, state), group), target in product(groups, work_precision.TARGETS):
         if any(span == length and least <= target <= most for length, most, least in errors):
             if missing := sorted(asked - set(group.method)):
                 raise NoData(f"a run with method = {missing[0]} over t = {show(span)} on {state} is missing")
@@ -200,8 +199,8 @@ def setup_in_steps(rows: pd.DataFrame) -> np.ndarray:
 
 def batch_ratios(rows: pd.DataFrame, rivals: Sequence[str]) -> np.ndarray:
     """What a top and a unit of time cost with the rivals, over what they cost with the best exact step with no larger error."""
-    those = "backlund", tuple(rivals)
-    ours, theirs = (values(rows, "ns_per_time", "error", part="rival", method=names) for names in those)
+    methods = "backlund", tuple(rivals)
+    ours, theirs = (values(rows, "ns_per_time", "error", part="rival", method=names) for names in methods)
     return np.array([price / min(ours[ours[:, 1] <= error, 0], default=np.inf) for price, error in theirs])
 
 

@@ -62,7 +62,7 @@ class Section:
     title: str = ""
     about: str = ""
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
-    packed: str = ""  # the rows as CSV, see `packed`
+    packed: str = ""  # the rows as CSV with every digit, see `packed`
     figures: list[DrawnFigure] = field(default_factory=list)
     tables: list[DrawnTable] = field(default_factory=list)
     failures: pd.DataFrame = field(default_factory=pd.DataFrame)
@@ -71,9 +71,7 @@ class Section:
     origin: Origin = PUBLISHED
     source_ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.source_ages`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
-    without_rows: list[str] = field(
-        default_factory=list
-    )  # the methods asked for that it could have, and has no rows of
+    without_rows: list[str] = field(default_factory=list)  # methods asked for that it could have, and has no rows of
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
@@ -189,7 +187,8 @@ def draw(experiment: str, store: Store) -> Section:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
     if section.rows.empty:
         return section
-    section.packed = packed(stored_rows(section))
+    full_columns = section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all")
+    section.packed = packed(tables.csv(full_columns))
     if module is None:
         return section
     try:
@@ -259,15 +258,6 @@ def described(error: Exception) -> str:
     return f"{type(error).__name__}: {error}"
 
 
-def place(output: Path, name: str) -> Path:
-    """Where a file of a page goes. ValueError if a symbolic link in the folder would lead out of it."""
-    path = output / name
-    for part in (path, path.parent) if path.parent != output else (path,):
-        if part.is_symlink():
-            raise ValueError(f"{part} is a symbolic link: remove it, or give another folder with --output")
-    return path
-
-
 def write(section: Section, output: Path) -> list[Path]:
     """Writes `figures/*.svg` and `tables/*`; their paths."""
     files = {f"figures/{section.file(figure.name)}.svg": figure.document for figure in section.figures}
@@ -276,7 +266,7 @@ def write(section: Section, output: Path) -> list[Path]:
         files[f"{name}.md"] = tables.markdown(table.frame)
         files[f"{name}.tex"] = tables.latex(table.frame, table.caption)
         files[f"{name}.csv"] = tables.csv(table.frame)
-    return [write_file(place(output, name), text) for name, text in files.items()]
+    return [write_file(output / name, text) for name, text in files.items()]
 
 
 def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
@@ -286,11 +276,6 @@ def write_experiment(experiment: str, results: Path, output: Path, choice: Choic
     section.figures = draw_figures(module, section.rows, choice)
     section.tables = make_tables(module, section.rows)
     return write(section, output)
-
-
-def stored_rows(section: Section) -> str:
-    """The rows that the figures of an experiment are drawn from, as CSV with every digit, without empty columns."""
-    return tables.csv(section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all"))
 
 
 def packed(text: str) -> Markup:

@@ -30,7 +30,8 @@ class Choice:
 
     def takes(self, cell: Mapping[str, Any]) -> bool:
         """Whether a cell belongs to the choice."""
-        return (not self.methods or cell.get("method") in self.methods) and (not self.tops or _top(cell) in self.tops)
+        choices = (self.methods, "method"), (self.tops, "state")
+        return all(not names or cell.get(field) in names for names, field in choices)
 
     def include(self) -> None:
         """Load the methods from the user's own files, `module:NAME`. ValueError if one cannot be loaded."""
@@ -44,27 +45,13 @@ class Choice:
         """ValueError if no cell has one of the names, or if the choice leaves no cell: otherwise nobody would notice."""
         if not (self or self.highlight):
             return
-        from lagrange_bench.integrators.own_modules import in_own_file
-        from lagrange_bench.integrators.registry import NAMED_TOPS
-
         cells = list(cells)
-        known_names = {"method": {cell.get("method") for cell in cells}, "top": set(map(_top, cells))}
-        for flag, word, names in (
-            ("--methods", "method", self.methods),
-            ("--tops", "top", self.tops),
-            ("--highlight", "method", self.highlight),
-        ):
-            known = sorted(name for name in known_names[word] if isinstance(name, str))
-            if unknown := [name for name in names if name not in known]:
-                close = (word == "method" and in_own_file(unknown[0], word)) or suggestion(unknown[0], known)
-                if word == "method" and (why := _refusal(unknown[0], known_names["top"])):
-                    raise ValueError(f"{flag}: {why}")
-                if word == "top":
-                    known = [name for name in known if name in NAMED_TOPS]  # those that are drawn are too many to list
-                if word == "top" and unknown[0] in NAMED_TOPS:
-                    close = f"; perhaps with --profile full, and from Python with tops={unknown[0]!r}."
-                more = f" Known: {', '.join(known)}" if close.endswith(".") and known else ""
-                raise ValueError(f"{flag}: no cell here has the {word} {unknown[0]!r}{close}{more}")
+        methods, tops = ({cell.get(field) for cell in cells} for field in ("method", "state"))
+        for flag, names in (("--methods", self.methods), ("--highlight", self.highlight)):
+            if unknown := [name for name in names if name not in methods]:
+                raise ValueError(f"{flag}: {_no_method(unknown[0], methods, tops)}")
+        if unknown := [name for name in self.tops if name not in tops]:
+            raise ValueError(f"--tops: {_no_top(unknown[0], tops)}")
         if not any(map(self.takes, cells)):
             raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")
 
@@ -72,14 +59,29 @@ class Choice:
 ALL = Choice()
 
 
-def _refusal(method: str, tops: Iterable[Any]) -> str | None:
-    """Why a method has no cells, if all these tops are in a potential that it does not take."""
+def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
+    """Why no cell has a method: all these tops are in a potential that it does not take, or nothing is known of it."""
     from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
+    from lagrange_bench.integrators.own_modules import in_own_file
 
-    if method not in METHODS or not all(top in PERTURBED_TOPS for top in tops):
-        return None
-    return next(filter(None, (METHODS[method].takes(PERTURBED_TOPS[top].top) for top in sorted(tops))), None)
+    if name in METHODS and all(top in PERTURBED_TOPS for top in tops):
+        reasons = (METHODS[name].takes(PERTURBED_TOPS[top].top) for top in sorted(tops))
+        if reason := next(filter(None, reasons), None):
+            return reason
+    known = sorted(method for method in methods if isinstance(method, str))
+    return _no_cell("method", name, in_own_file(name, "method") or suggestion(name, known), known)
 
 
-def _top(cell: Mapping[str, Any]) -> Any:
-    return cell.get("state")
+def _no_top(name: str, tops: Iterable[Any]) -> str:
+    """The message for a top that no cell has. Tops that are drawn at random are too many to list."""
+    from lagrange_bench.integrators.registry import NAMED_TOPS
+
+    known = sorted(top for top in tops if isinstance(top, str))
+    elsewhere = f"; perhaps with --profile full, and from Python with tops={name!r}."
+    close = elsewhere if name in NAMED_TOPS else suggestion(name, known)
+    return _no_cell("top", name, close, [top for top in known if top in NAMED_TOPS])
+
+
+def _no_cell(word: str, name: str, close: str, known: list[str]) -> str:
+    more = f" Known: {', '.join(known)}" if close.endswith(".") and known else ""
+    return f"no cell here has the {word} {name!r}{close}{more}"

@@ -38,21 +38,15 @@ SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of row fields that may be li
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
 NAMES = (REFERENCE.name, "quick", "full")  # words that name results in place of a path
 LONGEST = 2000  # characters of a message
-NONE = type(None)
 SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
     **dict.fromkeys(("key", "experiment", "status"), (str,)),
     **dict.fromkeys(("schema", "version", "position"), (int,)),
     **dict.fromkeys(("cell", "provenance"), (dict,)),
     **dict.fromkeys(("rows", "warnings"), (list,)),
-    "error": (dict, NONE),
+    "error": (dict, type(None)),
     "seconds": (int, float),
 }
-COMPUTED: Record = {
-    "rows": [],
-    "error": None,
-    "warnings": [],
-    "seconds": 0.0,
-}  # the outcome of a cell, and its defaults
+COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # the outcome of a cell by default
 
 
 class StoreError(RuntimeError):
@@ -352,10 +346,9 @@ class Store:
         for number, line in enumerate([*lines, last], 1):
             record = _parse(line)
             if record is not None and record["schema"] != SCHEMA:
-                raise StoreError(
-                    f"{path}, line {number}: written with schema {record['schema']}, this version reads "
-                    f"{SCHEMA}: update lagrange-bench, or choose another folder with --results"
-                )
+                read = f"written with schema {record['schema']}, this version reads {SCHEMA}"
+                advice = "update lagrange-bench, or choose another folder with --results"
+                raise StoreError(f"{path}, line {number}: {read}: {advice}")
             if record is not None and record["experiment"] == experiment:
                 records.append(record)
             elif line:
@@ -394,67 +387,20 @@ class Store:
         try:
             yield
         except OSError as error:
-            raise StoreError(
-                f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept. To go on: "
-                "help this folder, or choose another with --results DIR, and run the same command again."
-            ) from error
+            what = f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept."
+            advice = "help this folder, or choose another with --results DIR, and run the same command again."
+            raise StoreError(f"{what} To go on: {advice}") from error
 
 
 def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if its SHA-256 does not match, or if it is not shaped like a record."""
+    """The record in a line; None if its SHA-256 does not match, or if it lacks a field of a record."""
     head, _, tail = line.rpartition(b'"sha256":"')
     digest, mark, rest = tail[:64], tail[64:66], head + tail[66:]
     if mark != b'",' or hashlib.sha256(rest).hexdigest().encode() != digest:
         return None
-    try:
-        record = json.loads(rest)
-        if b"\\ud" in rest:
-            json.dumps(record, ensure_ascii=False).encode()  # an error with lone surrogates, which cannot be printed
-    except (ValueError, RecursionError):
-        return None
-    newer = isinstance(record, dict) and type(record.get("schema")) is int and record["schema"] != SCHEMA
-    return record if newer or _is_record(record) else None
-
-
-def _is_record(record: Any) -> bool:
-    """Whether a value is shaped like a record of `make_record`, with rows like those of `clean_rows`."""
-    if not isinstance(record, dict) or any(type(record.get(name, ...)) not in types for name, types in SHAPE.items()):
-        return False
-    cell, rows, error, facts = (record[name] for name in ("cell", "rows", "error", "provenance"))
-    texts = [*record["warnings"], *(error or {}).values()]
-    return (
-        (record["status"], error is None) in (("done", True), ("failed", False))
-        and (error is None or {"type", "message"} <= set(error))
-        and all(type(text) is str for text in texts)
-        and type(record.get("sources")) in (str, NONE)
-        and all(_is_scalar(value) for value in facts.values())
-        and all(_is_stored(value) for value in cell.values())
-        and all(type(row) is dict and _is_row(row, cell) for row in rows)
-    )
-
-
-def _is_row(row: Record, cell: Record) -> bool:
-    for name, value in row.items():
-        if not _is_scalar(value) and not (SAMPLES.search(name) and type(value) is list and all(map(_is_number, value))):
-            return False
-    return all(row[name] == cell[name] for name in row.keys() & cell.keys()) and row.keys().isdisjoint(ADDED)
-
-
-def _is_number(value: Any) -> bool:
-    return type(value) is float or (type(value) is int and abs(value) < 2**63)
-
-
-def _is_scalar(value: Any) -> bool:
-    if type(value) is dict:
-        return set(value) == {"float"} and value["float"] in ("nan", "inf", "-inf")
-    return type(value) in (str, bool, NONE) or _is_number(value)
-
-
-def _is_stored(value: Any) -> bool:
-    """Whether a value may be a result of `clean`."""
-    if type(value) is list or (type(value) is dict and set(value) != {"float"}):
-        return all(_is_stored(v) for v in (value.values() if type(value) is dict else value))
-    return _is_scalar(value) and (type(value) is not float or math.isfinite(value))
+    record = json.loads(rest)  # whoever made the digest wrote JSON
+    newer = record.get("schema") not in (None, SCHEMA)
+    return record if newer or all(type(record.get(name, ...)) in types for name, types in SHAPE.items()) else None
 
 
 def _append(path: Path, lines: bytes) -> None:

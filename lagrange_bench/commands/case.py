@@ -105,14 +105,12 @@ def rows_of(case: Any, until: Fraction | None, every: Fraction | None, digits: i
 def add_options(command: argparse.ArgumentParser) -> None:
     time = in_range(Fraction, 1e-15, 1e9, "a positive number of seconds such as 0.1, at most 10^9")
     settings: dict[str, Any] = {"type": time, "metavar": "SECONDS"}
-    command.add_argument(
-        "name", nargs="?", metavar="NAME", help="the case, mine.toml, or module:CASE; without it they are listed"
-    )
+    text = "the case, mine.toml, or module:CASE; without it they are listed"
+    command.add_argument("name", nargs="?", metavar="NAME", help=text)
     command.add_argument("--verbose", action="store_true", help="also print sources and remarks")
     command.add_argument("--until", help="last time (default: as the case says)", **settings)
     command.add_argument("--every", help="time between two rows (default: as the case says)", **settings)
     command.add_argument("--digits", type=positive, metavar="N", help="of each number (default: 17)")
-    command.add_argument(
-        "--code", choices=("c", "python"), help="one file that gives the motion at any time, in this language"
-    )
+    text = "one file that gives the motion at any time, in this language"
+    command.add_argument("--code", choices=("c", "python"), help=text)
     command.add_argument("--output", type=location, metavar="FILE", help="write here (default: stdout)")

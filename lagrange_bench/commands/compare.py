@@ -82,9 +82,8 @@ def _times(tested: Sequence[Any], threshold: float) -> list[str]:
 
 
 def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
-    lines = [
-        f"{what}: {experiment} {json.dumps(with_units(experiment, cell), ensure_ascii=False)}" for cell in cells[:most]
-    ]
+    shown = (json.dumps(with_units(experiment, cell), ensure_ascii=False) for cell in cells[:most])
+    lines = [f"{what}: {experiment} {cell}" for cell in shown]
     return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
 
 

@@ -55,15 +55,11 @@ HIDDEN = 100  # an error of so many times the floor of its digits is not hidden 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a table with a row for each time")
-    text = (
-        "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; or "
-    )
-    text += "module:CASE, a Case of your own in ./module.py"
+    text = "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; "
+    text += "or module:CASE, a Case of your own in ./module.py"
     what = command.add_mutually_exclusive_group(required=True)
     what.add_argument("--case", metavar="NAME", help=text)
-    text = (
-        "a body without a start, as a file or as --case: judges what the motion keeps, and whether ω fits the rotations"
-    )
+    text = "a body without a start, a file or as --case: judges what the motion keeps, and whether ω fits the rotations"
     what.add_argument("--body", metavar="NAME", help=text)
     text = "the motion of --case starts as the case says (default), or as the first row does"
     command.add_argument("--start", default="case", choices=("case", "first-row"), help=text)
@@ -72,9 +68,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
     text = "units that the file does not say, of t, position, angles, omega: s, ms, ns, mm, ft, deg, deg/s, rpm, …"
     how.add_argument("--units", type=pairs, default={}, metavar="omega=deg/s,t=ns", help=text)
-    text = (
-        "the axes of three angles, as SciPy names them: capitals move with the body (ZXZ), small letters do not (xyz)"
-    )
+    text = "axes of three angles, as SciPy names them: capitals move with the body (ZXZ), small letters do not (xyz)"
     how.add_argument("--angles", metavar="AXES", help=text)
     text = "only rows with this word in this column, named or by index; or only columns whose names begin with it"
     how.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
@@ -108,27 +102,27 @@ def run(options: argparse.Namespace) -> Answer:
     if options.steps and len(options.steps) != len(options.files):
         raise ValueError(f"--steps: {len(options.steps)} steps for {len(options.files)} files")
     check_target("--draw", options.draw, PICTURES)
-    asked = judging.asked(options.case, options.body, options.start)
-    body, known = options.case or options.body, asked.start == "case"
+    request = judging.request_of(options.case, options.body, options.start)
+    body, known = options.case or options.body, request.start == "case"
     convention = conventions.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat")
     written = reading.Options(**{name: getattr(options, name) for name in names})
     with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
-        judged = [judging.judge_file(path, asked, convention, written) for path in options.files]
+        judged = [judging.judge_file(path, request, convention, written) for path in options.files]
     orders = judgement.orders(judged, options.steps or [each.step for each in judged])
-    until = asked.case.until if known else -math.inf
+    until = request.case.until if known else -math.inf
     until = until if options.until is None else options.until
     bounded = bool(bounds) or options.until is not None
     violated = [line for each in judged if bounded for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, conventions.UNITS), ""]]
-    for name, found in orders.items():
-        if not all(map(math.isnan, found)):
-            shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in found)
+    for name, observed in orders.items():
+        if not all(map(math.isnan, observed)):
+            shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in observed)
             lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
     steps = {f"{each.step:.6g}" for each in judged}
     if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
-    if any(judgement.converges_elsewhere(found) for found in orders.values()):
+    if any(judgement.converges_elsewhere(observed) for observed in orders.values()):
         lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [judgement.draw(options.draw, judged)] if options.draw is not None else []
@@ -162,10 +156,9 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
     """What is to be said of one file."""
     rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit", "grows like")]
-    rows += [
-        (name.replace("_", " "), f"{error.max:.2e}", f"{error.end:.2e}", units[name], judged.grows(name))
-        for name, error in judged.errors.items()
-    ]
+    for name, error in judged.errors.items():
+        numbers = f"{error.max:.2e}", f"{error.end:.2e}"
+        rows.append((name.replace("_", " "), *numbers, units[name], judged.grows(name)))
     first, last = judged.span
     lines = [f"{judged.file}: {judged.rows} rows, t = {first:.9g} to {last:.9g}", f"read as {judged.columns}"]
     lines += table(rows)
@@ -182,8 +175,7 @@ def _start(start: dict[str, Any], units: dict[str, str]) -> str:
         return f"The first row is at t = {start['t']:.9g}: nothing can be said of the start."
     off = ", ".join(f"{name} {start[name]:.2e} {units[name]}" for name in start if name in units)
     if start["right"]:
-        return "The start is right" + (
-            "." if "omega" in start else ", as far as the file says: it has no angular velocity."
-        )
+        known = "" if "omega" in start else ", as far as the file says: it has no angular velocity"
+        return f"The start is right{known}."
     known = "right to single precision" if start["single"] else "not that of the case"
     return f"The start is {known}. Its errors: {off}."

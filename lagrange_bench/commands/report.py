@@ -22,10 +22,8 @@ from lagrange_bench.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = (
-        "results: reference, quick, full, or a folder (default: reference, the published ones; in an installed package "
-    )
-    text += "your latest run, if any)"
+    text = "results: reference, quick, full, or a folder (default: reference, the published ones; in an installed "
+    text += "package your latest run, if any)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "the folder of the page; it is created (default: page in the folder of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)
@@ -39,7 +37,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     """Write the page of stored results, and say what could not be drawn."""
     from lagrange_bench.report import claims, page
-    from lagrange_bench.report.sections import place
     from lagrange_bench.results import provenance
     from lagrange_bench.results.store import REFERENCE, find_results
     from lagrange_bench.runner import progress
@@ -48,7 +45,7 @@ def run(options: argparse.Namespace) -> Answer:
     results = find_results(options.results)
     beside = options.beside and find_results(options.beside)
     installed = results == REFERENCE and provenance.checkout() is None  # nothing is written into a package
-    output = options.output or (Path("page") if installed else place(results, "page"))
+    output = options.output or (Path("page") if installed else results / "page")
     choice = choice_of(options, results)
     page.check_writable(output)
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:

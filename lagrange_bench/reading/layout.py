@@ -63,16 +63,15 @@ class Options:
 class Layout:
     """How a file is written.
 
-    groups : the indices of its columns. named : whether it is clear which part of a quaternion is the scalar; guessed : of four
-    that are counted from 1, the last. floor : half a unit of the last printed digit; first_floor : of numbers as large as those
-    of the first row. columns : the groups and their names, and what is not used, to be read.
+    groups : the indices of its columns. quat : order of quaternions if the file tells it: wxyz by their names, xyzw of four
+    that are counted from 1. floor : half a unit of the last printed digit; first_floor : of numbers as large as those of the
+    first row. columns : the groups and their names, and what is not used, to be read.
     """
 
     table: Table
     how: Options
     groups: dict[str, list[int]]
-    named: bool
-    guessed: bool
+    quat: str | None
     floor: dict[str, float]
     first_floor: dict[str, float]
     notes: list[str]
@@ -95,52 +94,40 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     names, given = _names(header, table, how)
     rows, within = _where(header, table, how)
     sample = [row for row in table.sample if is_chosen(row, rows)]
-    labels = [
-        i for i in range(table.width) if i not in rows and i not in given and _label(header[i], table.sample, i, how)
-    ]
+    free = [i for i in range(table.width) if i not in rows and i not in given]
+    labels = [i for i in free if _label(header[i], table.sample, i)]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
     chosen = _choose(groups, header, sample, how, notes)
-    if (
-        how.step is not None
-        and "time" in chosen
-        and not all(is_number(row[chosen["time"].places[0]]) for row in sample)
-    ):
-        del chosen["time"]  # dates
     if how.step is None and "time" not in chosen:
-        there = (
-            f"its columns are {' '.join(table.names)[:200]}"
-            if table.names
-            else f"it has no header of {table.width} names"
-        )
-        raise ValueError(
-            f"no column is named t or time; {there}. Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
-        )
+        listed = f"its columns are {' '.join(table.names)[:200]}" if table.names else ""
+        columns = listed or f"it has no header of {table.width} names"
+        advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
+        raise ValueError(f"no column is named t or time; {columns}. {advice}")
     if how.step is not None and "time" in chosen:
-        raise ValueError(f"--step is for files without times; column {chosen['time'].places[0]} has them")
+        place = chosen.pop("time").places[0]
+        if all(is_number(row[place]) for row in sample):  # else they are dates
+            raise ValueError(f"--step is for files without times; column {place} has them")
     if not set(chosen) - {"time"}:
         raise ValueError(_nothing(names, notes, table.names))
-    named, guessed, order = False, False, chosen.get("quaternion")
-    if order is not None:
-        named = order.order[0] not in "01"
-        if order.order == "1 2 3 4" and how.quat is None:
-            order.places, named, guessed = [*order.places[3:], *order.places[:3]], True, True
-            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
+    quat, order = None, chosen["quaternion"].order if "quaternion" in chosen else "0"
+    if order[0] not in "01":
+        quat = "wxyz"
+    elif order == "1 2 3 4" and how.quat is None:
+        quat = "xyzw"
+        notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     factors: dict[int, float] = {}
-    for kind, group in chosen.items():
-        factors |= _factors(kind, group, header, names, table, how, notes)
-    used = {i for group in chosen.values() for i in group.places}
-    words = [
-        f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}"
-        for kind, group in chosen.items()
-    ]
-    if unused := [name for i, name in enumerate(header) if i not in used and i not in rows and name]:
-        words.append(f"not used: {' '.join(unused)[:200]}")
+    words: list[str] = []
     floor: dict[str, float] = {}
     first_floor: dict[str, float] = {}
     for kind, group in chosen.items():
+        factors |= _factors(kind, group, header, names, table, how, notes)
+        words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
         floor[kind], first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
+    used = {*factors, *rows}
+    if unused := [name for i, name in enumerate(header) if i not in used and name]:
+        words.append(f"not used: {' '.join(unused)[:200]}")
     if "time" in chosen:
         i = chosen["time"].places[0]
         floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
@@ -148,9 +135,8 @@ def survey(path: Path, how: Options | None = None) -> Layout:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
             raise ValueError(several(header, table, i))
     places = {kind: group.places for kind, group in chosen.items()}
-    return Layout(
-        table, how, places, named, guessed, floor, first_floor, notes, "; ".join(words), factors, rows, labels
-    )
+    columns = "; ".join(words)
+    return Layout(table, how, places, quat, floor, first_floor, notes, columns, factors, rows, labels)
 
 
 def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
@@ -194,13 +180,15 @@ def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str
 
 
 def is_chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
-    return all(
-        row[i] == value or (is_number(row[i]) and is_number(value) and number(row[i]) == number(value))
-        for i, value in rows.items()
-    )
+    """Whether a row has these words in these columns; 1 and 1.0 are the same."""
+
+    def same(one: str, two: str) -> bool:
+        return one == two or (is_number(one) and is_number(two) and number(one) == number(two))
+
+    return all(same(row[i], value) for i, value in rows.items())
 
 
-def _label(name: str, sample: Sequence[Sequence[str]], i: int, how: Options) -> bool:
+def _label(name: str, sample: Sequence[Sequence[str]], i: int) -> bool:
     """Whether a column may say of which body a row is: it has a few words or whole numbers in turn."""
     words = [row[i] for row in sample if i < len(row)]
     values = set(words)
@@ -208,9 +196,8 @@ def _label(name: str, sample: Sequence[Sequence[str]], i: int, how: Options) -> 
         return False
     if any(not is_number(word) for word in values):
         return True
-    return all(word.isdecimal() for word in values) and (
-        not name or bool(BODIES & set(parse(name).stem)) or _cyclic(words)
-    )
+    may_count = not name or bool(BODIES & set(parse(name).stem)) or _cyclic(words)
+    return may_count and all(word.isdecimal() for word in values)
 
 
 def _cyclic(words: Sequence[str]) -> bool:
@@ -219,6 +206,7 @@ def _cyclic(words: Sequence[str]) -> bool:
 
 
 def several(header: Sequence[str], table: Table, i: int) -> str:
+    """What to say of a file whose rows are of several bodies, as column i shows."""
     name, values = header[i] or f"{i}", list(dict.fromkeys(row[i] for row in table.sample))
     return f"the column {name} has {', '.join(values[:10])} in turn; say which rows: --where {name}={values[-1]}"
 
@@ -233,9 +221,8 @@ def _choose(
             if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
                 group.kind, words = "quaternion", " ".join(header[i] for i in group.places)
                 if group.rank:
-                    notes.append(
-                        f"{words} is taken for a quaternion, for it has length 1; else say --columns px={x},py={y},pz={z}."
-                    )
+                    advice = f"else say --columns px={x},py={y},pz={z}."
+                    notes.append(f"{words} is taken for a quaternion, for it has length 1; {advice}")
             else:
                 group.kind, group.places, group.order = "position", [x, y, z], "x y z"
         if group.kind == "three of a rotation" and how.angles:
@@ -245,10 +232,8 @@ def _choose(
             first, second, third = (header[i] for i in group.places)
             if group.rank and (group.kind == "position" or first != "rx"):  # rx is its name here
                 p = "r" if group.kind == "position" else "p"
-                notes.append(
-                    f"{first} {second} {third} is taken for a {group.kind}; else say --columns "
-                    f"{p}x={first},{p}y={second},{p}z={third}."
-                )
+                advice = f"else say --columns {p}x={first},{p}y={second},{p}z={third}."
+                notes.append(f"{first} {second} {third} is taken for a {group.kind}; {advice}")
     chosen: dict[str, Group] = {}
     for kind in JUDGED:
         same = [group for group in groups if group.kind == kind]
@@ -258,9 +243,8 @@ def _choose(
         if len(best) > 1:
             listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
             short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
-            raise ValueError(
-                f"several columns may be the {kind}: {listed[:300]}. Say which: --columns {short}=…, or --where body=…"
-            )
+            which = f"Say which: --columns {short}=…, or --where body=…"
+            raise ValueError(f"several columns may be the {kind}: {listed[:300]}. {which}")
         if best and best[0].twice and kind != "time":
             word = header[best[0].places[0]]
             raise ValueError(f"names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
@@ -270,9 +254,8 @@ def _choose(
     for group in groups:
         if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
             words = " ".join(header[i] for i in group.places)
-            notes.append(
-                f"{words} are no quaternion: if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
-            )
+            either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
+            notes.append(f"{words} are no quaternion: {either}")
     return chosen
 
 
@@ -280,15 +263,11 @@ def _order_angles(chosen: dict[str, Group], header: list[str], how: Options, not
     """Angles in the order in which --angles names their axes; without it only roll, pitch and yaw are known."""
     angles, axes = chosen.get("angles"), how.angles
     if axes is not None:
-        if not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]", axes.lower()) or axes not in (
-            axes.lower(),
-            axes.upper(),
-        ):
+        if not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]|([XYZ])(?!\3)([XYZ])(?!\4)[XYZ]", axes):
             raise ValueError(f"--angles {axes}: three axes are needed, such as ZXZ or xyz")
         if angles is None:
-            raise ValueError(
-                f"--angles {axes}: the file has no angles; name them: --columns angle1=…,angle2=…,angle3=…"
-            )
+            advice = "name them: --columns angle1=…,angle2=…,angle3=…"
+            raise ValueError(f"--angles {axes}: the file has no angles; {advice}")
         if len(set(axes)) == 3 and angles.order in ROLES[:3]:  # roll is about x, pitch about y, yaw about z
             angles.places = [angles.places["xyz".index(axis)] for axis in axes.lower()]
     elif angles is not None and angles.order != "roll pitch yaw":
@@ -327,13 +306,7 @@ def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarr
 
 
 def _factors(
-    kind: str,
-    group: Group,
-    header: list[str],
-    names: Mapping[int, Name],
-    table: Table,
-    how: Options,
-    notes: list[str],
+    kind: str, group: Group, header: list[str], names: Mapping[int, Name], table: Table, how: Options, notes: list[str]
 ) -> dict[int, float]:
     """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
     for what, word in how.units.items():
@@ -357,14 +330,11 @@ def _factors(
         if kind == "axis and angle" and part != "angle":
             unit = UNITS["1"]
         if unit.kind not in (expected, "1"):
-            shown = kind if kind in OF_UNITS else "angle"
-            raise ValueError(
-                f"{header[i] or i} is {kind}, but its unit is {own or how.units}: say --units {shown}={expected}"
-            )
+            advice = f"say --units {kind if kind in OF_UNITS else 'angle'}={expected}"
+            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {own or how.units}: {advice}")
         if name.strange and not said:
-            notes.append(
-                f"{header[i]}: {name.strange!r} is no known unit, {expected} is taken; else say --units {kind}=…."
-            )
+            taken = f"{expected} is taken; else say --units {kind}=…."
+            notes.append(f"{header[i]}: {name.strange!r} is no known unit, {taken}")
         factors[i] = unit.factor
     return factors
 
@@ -373,8 +343,8 @@ def _nothing(names: Mapping[int, Name], notes: list[str], header: list[str]) -> 
     if {(("j",), "1"), (("3",), "x")} <= {(name.stem, name.part) for name in names.values()}:
         return "a run of the bench in J and x has no position or rotation; its `error()` compares it"
     nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
-    there = f"Its columns are {' '.join(header)[:200]}. " if header else ""
-    return f"{nothing} {there}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
+    columns = f"Its columns are {' '.join(header)[:200]}. " if header else ""
+    return f"{nothing} {columns}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
 
 
 def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:

@@ -55,12 +55,8 @@ UNITS = {
 # what may stand behind a name without brackets; other words mean too much else, such as the "in" of "in_world", or the "cm" of
 # a centre of mass
 SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å", "cm"}
-EXPECTED = {
-    **{"time": "s", "position": "m", "displacement": "m", "omega": "rad/s"},
-    **{"angles": "rad", "rotation vector": "rad", "axis and angle": "rad"},
-}
-
-
+EXPECTED = {"time": "s", "position": "m", "displacement": "m", "omega": "rad/s"}
+EXPECTED |= dict.fromkeys(("angles", "rotation vector", "axis and angle"), "rad")
 # what names of Unicode mean in plain letters
 PLAIN = str.maketrans(dict(zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)))
 PLAIN |= str.maketrans({"ω": "omega", "Ω": "omega", "θ": "theta", "φ": "phi", "ϕ": "phi", "ψ": "psi", "σ": "sigma"})
@@ -187,9 +183,8 @@ def kind_of(stem: Iterable[str]) -> str | None:
     if tuple(stem)[-2:] == ("r", "0"):  # of Modelica
         return "position"
     words = [word for word in stem if not word.isdecimal()]
-    if (
-        len(words) > 1 and words[-1] in ("w", "b") and (kind := kind_of(words[:-1]))
-    ):  # the world and the body, as in pos_w
+    in_frame = len(words) > 1 and words[-1] in ("w", "b")  # of the world or the body, as in pos_w
+    if in_frame and (kind := kind_of(words[:-1])):
         return kind
     if all(len(word) <= 2 for word in words) and not re.search(r"\br .. .$|\bb [aw]\b", " ".join(words)):
         words = words[:1]  # p_RS_R
@@ -219,9 +214,8 @@ QUATERNIONS = (*SCALAR_FIRST, "0 1 2 3", "1 2 3 4")
 VECTORS = ("x y z", "0 1 2", "1 2 3")
 NINE = tuple(" ".join(a + b for a in row for b in row) for row in ("123", "012", "xyz"))
 FLAT = tuple(" ".join(map(str, range(k, k + 9))) for k in (0, 1))
-SHAPES: dict[
-    str | None, tuple[tuple[str, tuple[str, ...]], ...]
-] = {  # kind of a stem -> what it holds, with which components
+# kind of a stem -> what it holds, with which components
+SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "": (),
     None: (
         ("quaternion or position", ("w x y z",)),
@@ -291,12 +285,10 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
                 groups.append(Group(what, places, stem, order, rank + index, twice))
                 used |= set(order.split())
         if not used and kind and kind != "velocity":
-            what, best = max(
-                ((what, order.split()) for what, orders in SHAPES.get(kind, ()) for order in orders),
-                key=lambda pair: sum(part in parts for part in pair[1]) / len(pair[1]),
-            )
-            if lacking := [part for part in best if part not in parts and set(best) & set(parts)]:
-                missing[what] = f"No {what}: there is no column {', '.join(_written(stem, part) for part in lacking)}."
+            forms = [(what, order.split()) for what, orders in SHAPES.get(kind, ()) for order in orders]
+            what, best = max(forms, key=lambda pair: sum(part in parts for part in pair[1]) / len(pair[1]))
+            if absent := [part for part in best if part not in parts and set(best) & set(parts)]:
+                missing[what] = f"No {what}: there is no column {', '.join(_written(stem, part) for part in absent)}."
     have = {group.kind for group in groups}
     return groups, [note for kind, note in missing.items() if kind not in have]
 

@@ -201,9 +201,8 @@ class Text:
         if a == b:
             raise ValueError("there is no line of numbers in it; write a table with a row for each time")
         block = split[a:b]
-        self.comma = self.comma and not any(
-            "." in word for _, words in block for word in words if is_number(word, True)
-        )
+        numeric = (word for _, words in block for word in words if is_number(word, True))
+        self.comma = self.comma and not any("." in word for word in numeric)
         skip, width = block[0][0], len(block[0][1])
         header, units = self._header([(i, line) for i, line in shown if i < skip], block)
         width = len(header) if header else width
@@ -221,8 +220,7 @@ class Text:
                 text = text if i > skip else f"numbers above the line of text {block[0][0]}"
                 raise ValueError(f"line {i + 1}: {text}; {NO_ROW}")
         self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
-        above = "\n".join(self.lines[:skip])
-        return Table(header, width, self.sample, self._load, units, above)
+        return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[:skip]))
 
     def _score(self, rows: Sequence[tuple[int, str]], separator: str | None) -> int:
         """How well a separator explains some lines: numbers count twice, words that are none once against it."""
@@ -263,18 +261,14 @@ class Text:
             for words in splits:
                 while len(words) > width and not words[-1]:
                     words.pop()
-                if (
-                    counted and len(words) == width - 1
-                ):  # rows that are numbered, without a name for that, as of R and pandas
+                if counted and len(words) == width - 1:  # R and pandas number rows, and have no name for that column
                     words = ["", *words]
                 fits = len(words) == width or (ends and len(words) == width - 1)
                 if not fits or not any(word and not is_number(word, True) for word in words):
                     continue
-                parsed = [unit_of(word.strip("[](){} ")) for word in words]
-                if not units and all(
-                    unit or not word.strip("[](){} ") for unit, word in zip(parsed, words, strict=True)
-                ):
-                    units = {k: word.strip("[](){} ") for k, word in enumerate(words) if parsed[k]}
+                bare = [word.strip("[](){} ") for word in words]
+                if not units and all(unit_of(word) for word in bare if word):
+                    units = {k: word for k, word in enumerate(bare) if unit_of(word)}
                 else:
                     names = words[: width - 1] if ends and not words[-1] else words
                 break
@@ -306,8 +300,9 @@ class Text:
 
         A short file is read sooner than pandas is imported.
         """
-        places, comma, done = sorted({*wanted, *words}), self._decimal(wanted), 0
-        plain = [row[i].replace(",", ".") if comma else row[i] for row in self.sample for i in wanted]
+        places, done, plain = sorted({*wanted, *words}), 0, [row[i] for row in self.sample for i in wanted]
+        if comma := self.comma and any("," in word for word in plain):
+            plain = [word.replace(",", ".") for word in plain]
         long, simple = self.path.stat().st_size > HEAD, all(PLAIN.fullmatch(word) for word in plain)
         if long and simple and not any(map(INLINE.search, self.lines[self.skip :])):
             import pandas as pd
@@ -338,9 +333,6 @@ class Text:
                     raise ValueError(f"line {line}: {error}; {NO_ROW}") from None
             yield {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
 
-    def _decimal(self, wanted: Sequence[int]) -> bool:
-        return self.comma and any("," in row[i] for row in self.sample for i in wanted)
-
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         with self.open() as file:
             for line, text in enumerate(file, 1):
@@ -358,13 +350,8 @@ def _encoding(start: bytes) -> str:
         return "utf-16"
     if b"\0" in start:
         even, odd = start[::2].count(0), start[1::2].count(0)
-        return (
-            "utf-16-le"
-            if odd > 0.4 * len(start) and not even
-            else "utf-16-be"
-            if even > 0.4 * len(start) and not odd
-            else ""
-        )
+        kind = "be" if even else "le"
+        return f"utf-16-{kind}" if max(even, odd) > 0.4 * len(start) and not (even and odd) else ""
     try:
         start[:-4].decode("utf-8-sig") if len(start) == HEAD else start.decode("utf-8-sig")
         return "utf-8-sig"
@@ -376,11 +363,11 @@ def _encoding(start: bytes) -> str:
 
 
 def _words(line: str, separator: str | None) -> list[str]:
+    """The words of a line. separator : None for blanks."""
     line = line.strip(" \r\n") if separator else line.strip().rstrip(";,")
     if '"' in line:
-        row = next(
-            csv.reader([line.replace("\t", separator or " ")], delimiter=separator or " ", skipinitialspace=True)
-        )
+        between = separator or " "
+        row = next(csv.reader([line.replace("\t", between)], delimiter=between, skipinitialspace=True))
         return [word.strip(" \t'") for word in row]
     return [word.strip().strip("'") for word in line.split(separator)]
 

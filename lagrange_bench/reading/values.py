@@ -11,10 +11,6 @@ from lagrange_bench.reading.layout import Layout, is_chosen, several
 Array = np.ndarray
 
 
-def _joined(parts: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
-    return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
-
-
 def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
     """The rows in blocks: group → numbers (n, columns) in SI units; what is missing is NaN.
 
@@ -42,10 +38,7 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
             groups["time"] = groups["time"] - start
         groups["time"] = groups["time"].sum(axis=1, keepdims=True) + (how.t0 or 0.0)
         last = {kind: values[-1:] for kind, values in groups.items()}
-        again = _again(
-            layout, {kind: np.concatenate((before.get(kind, values[:0]), values)) for kind, values in groups.items()}
-        )
-        new = ~again[len(again) - n :]
+        new = ~_again(layout, _joined([before, groups]) if before else groups)[-n:]
         _turned(layout, groups)
         count, same, before = count + n, same + n - int(np.count_nonzero(new)), last
         if new.any():
@@ -60,6 +53,10 @@ def blocks(layout: Layout) -> Iterator[dict[str, Array]]:
     note = f"{same} row{'s are' if same > 1 else ' is'} equal to the one before, and left out."
     if same and note not in layout.notes:
         layout.notes.append(note)
+
+
+def _joined(parts: Sequence[Mapping[str, Array]]) -> dict[str, Array]:
+    return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
 
 
 def _in_units(layout: Layout, columns: Mapping[int, Array], places: Sequence[int]) -> Array:
@@ -89,9 +86,7 @@ def _turned(layout: Layout, groups: dict[str, Array]) -> None:
     """Write Rodrigues parameters, axis and angle as rotation vectors."""
     from scipy.spatial.transform import Rotation
 
-    for kind in ("mrp", "axis and angle"):
-        if kind not in groups:
-            continue
+    for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
         values = groups.pop(kind)
         bad = ~np.isfinite(values).all(axis=1)
         values = np.where(bad[:, None], 1.0, values)

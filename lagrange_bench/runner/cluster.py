@@ -109,9 +109,8 @@ class Cluster:
 
     def _explanation(self, error: Exception) -> str:
         if isinstance(error, ImportError):
-            return (
-                f"a Dask worker cannot import a module: {error}; install the same lagrange-bench where the workers run"
-            )
+            advice = "install the same lagrange-bench where the workers run"
+            return f"a Dask worker cannot import a module: {error}; {advice}"
         if isinstance(error, OSError):
             start = "`dask scheduler` and `dask worker ADDRESS` start them; local:N needs neither"
             return f"no Dask scheduler answers at {self._address} ({error or 'no connection'}); {start}"

@@ -28,7 +28,7 @@ ASIDE = "a worker had other source code than this run began with (a file was edi
 
 
 @dataclass
-class Tally:
+class Counts:
     """How many cells of one experiment had which outcome."""
 
     cells: int = 0
@@ -49,14 +49,14 @@ class Summary:
 
     results: Path
     profile: str
-    experiments: dict[str, Tally] = field(default_factory=dict)
+    experiments: dict[str, Counts] = field(default_factory=dict)
     failures: list[dict[str, Any]] = field(default_factory=list)  # experiment, cell, error
     notes: list[str] = field(default_factory=list)  # damaged lines, methods that are not available
 
     @property
     def exit_code(self) -> int:
         """1 if a cell failed by accident or was set aside. A step that a method declines (StepError) is a result."""
-        return 1 if any(tally.failed or tally.set_aside for tally in self.experiments.values()) else 0
+        return 1 if any(counts.failed or counts.set_aside for counts in self.experiments.values()) else 0
 
     def __str__(self) -> str:
         lines = [
@@ -79,7 +79,7 @@ class Summary:
     @property
     def old(self) -> bool:
         """Whether some stored cells do not come from the present sources, or may not."""
-        return any(tally.other_sources or tally.unknown_sources for tally in self.experiments.values())
+        return any(counts.other_sources or counts.unknown_sources for counts in self.experiments.values())
 
 
 def run(
@@ -155,8 +155,8 @@ def run(
                 with workers.Local(1, limit) as executor:
                     workers.compute_all(timed, executor, bar.begin, finish)
         except KeyboardInterrupt:
-            tallies = summary.experiments.values()
-            stored, asked = sum(t.stored + t.computed for t in tallies), sum(t.cells - t.unavailable for t in tallies)
+            stored = sum(counts.stored + counts.computed for counts in summary.experiments.values())
+            asked = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
             message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
             raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
@@ -187,14 +187,14 @@ def _missing(
     ValueError : two cells are equal, or a field has a name the store adds.
     """
     module = load(experiment)
-    tally = summary.experiments[experiment] = Tally()
+    counts = summary.experiments[experiment] = Counts()
     done, problems = store.done(experiment)
     summary.notes += problems
     seen, tasks = set(), []
     for position, cell in enumerate(map(clean, cells)):
         if not choice.takes(cell):
             continue
-        tally.cells += 1
+        counts.cells += 1
         digest = sources.of_cell(experiment, cell, files)
         key = cell_key(experiment, module.VERSION, cell, digest)
         if key in seen:
@@ -215,10 +215,10 @@ def _missing(
             continue
         if skipped and (note := f"skipped: {skipped}") not in summary.notes:
             summary.notes.append(note)
-        tally.stored += key in done
-        tally.unavailable += key not in done
-        tally.other_sources += key in done and age == sources.OTHER
-        tally.unknown_sources += key in done and age == sources.UNKNOWN
+        counts.stored += key in done
+        counts.unavailable += key not in done
+        counts.other_sources += key in done and age == sources.OTHER
+        counts.unknown_sources += key in done and age == sources.UNKNOWN
     return tasks
 
 
@@ -239,11 +239,11 @@ def _word(error: str) -> str:
 
 
 def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
-    tally = summary.experiments[task.experiment]
-    tally.seconds += outcome["seconds"]
+    counts = summary.experiments[task.experiment]
+    counts.seconds += outcome["seconds"]
     if outcome["status"] == "done":
-        tally.computed += 1
+        counts.computed += 1
     else:
         error = failure_text(outcome["error"])
-        setattr(tally, _word(error), getattr(tally, _word(error)) + 1)
+        setattr(counts, _word(error), getattr(counts, _word(error)) + 1)
         summary.failures.append({"experiment": task.experiment, "cell": task.cell, "error": error})

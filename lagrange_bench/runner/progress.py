@@ -18,9 +18,8 @@ class Cells:
         self.bars, self.plain, self.begun = bars, plain, monotonic()
         many = [f" ({i} of {len(totals)})" if len(totals) > 1 else "" for i in range(1, len(totals) + 1)]
         self.titles = {name: f"{name}{place}" for name, place in zip(totals, many, strict=True)}
-        self.tasks = {
-            name: bars.add_task(self.titles[name], start=False, total=n, failures="") for name, n in totals.items()
-        }
+        more = {"start": False, "failures": ""}
+        self.tasks = {name: bars.add_task(self.titles[name], total=n, **more) for name, n in totals.items()}
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
 
@@ -30,10 +29,8 @@ class Cells:
             self.last[experiment] = monotonic()
             self.bars.start_task(self.tasks[experiment])
             if self.plain:
-                total = self.bars.tasks[self.tasks[experiment]].total
-                text = (
-                    f"{self.titles[experiment]}: {total} cells; the first ones take longer, their methods are compiled"
-                )
+                count = f"{self.titles[experiment]}: {self.bars.tasks[self.tasks[experiment]].total} cells"
+                text = f"{count}; the first ones take longer, their methods are compiled"
                 print(text, file=sys.stderr, flush=True)
 
     def advance(self, experiment: str, failed: bool) -> None:

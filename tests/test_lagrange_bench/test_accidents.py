@@ -128,24 +128,22 @@ def test_two_runs_into_one_store_at_once(toy, in_process, tmp_path):
     assert comparable(tmp_path / "shared") == comparable(tmp_path / "here")
 
 
-LIMITED = """
-import resource, signal, sys
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))
-from lagrange_bench.__main__ import main
-if __name__ == "__main__":
-    sys.exit(main(["run", "toys.behaviour", "--quiet", "--results", sys.argv[1]]))
-"""
+def test_a_run_that_meets_a_full_disk(toy, in_process, run, monkeypatch):
+    """What was confirmed is whole, and the next run goes on."""
+    cells, write = squares(*range(60)), os.write
 
+    def full(file, data):
+        if os.fstat(file).st_size > 20_000:
+            raise OSError(28, "No space left on device")
+        return write(file, data)
 
-def test_a_run_that_meets_a_full_disk(toy, in_process, tmp_path):
-    """Or a limit on file sizes, which needs no file system of its own: what was confirmed is whole, and a run goes on."""
-    cells = squares(*range(60))
-    environment = {**os.environ, "TOY_CELLS": json.dumps(cells), "PYTHONPATH": str(HERE)}
-    done = python("-c", LIMITED, tmp_path / "here", env=environment)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "File too large. What was stored before is kept. To go on: " in done.stderr
-    records, problems = Store(tmp_path / "here").read(TOY)
+    with monkeypatch.context() as patch:
+        patch.setenv("TOY_CELLS", json.dumps(cells))
+        patch.setattr(os, "write", full)
+        code, _, err = run("run", TOY, "--quiet", "--results", toy.store.folder)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "No space left on device. What was stored before is kept. To go on: " in err
+    records, problems = toy.store.read(TOY)
     assert (problems, 0 < len(records) < len(cells)) == ([], True)
     assert toy(cells).experiments[TOY].computed == len(cells) - len(records)
 

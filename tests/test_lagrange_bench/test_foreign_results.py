@@ -1,14 +1,10 @@
 """Somebody else's packages join; somebody else's results run no code, and are never shown in silence."""
 
-import json
-import re
 import shutil
 import sys
 import tomllib
 from contextlib import ExitStack
-from html import unescape
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from test_cli import STUDY
@@ -18,8 +14,7 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import INVARIANTS, METHODS, POTENTIALS
 from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.report import page
-from lagrange_bench.results import sources, store
+from lagrange_bench.results import store
 from lagrange_bench.results.store import Store, make_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "example_plugin"
@@ -103,33 +98,28 @@ METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
 {STUDY}"""
 
 
-def stored(folder, experiment, cell, rows=({"square": 0.1},), version=1):
-    Store(folder).append(make_record(experiment, version, 0, cell, rows=list(rows)))
-
-
 def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
     """Modules that results name are not imported, though they could be, until the user names them."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
     for name in ("exp", "method"):
         (folder / "evilpkg" / f"{name}.py").write_text(MODULE)
-    for name in ("results", "other", "own"):
-        (folder / name).mkdir()
-    stored("results", "evilpkg.exp", {"i": 0})
-    stored("results", "unittest.__main__", {"i": 0})
-    cell, rows = (
+    cell, row = (
         {"part": "time", "state": "generic", "h": 0.1, "steps": 10},
-        [{"t": 1.0, **dict.fromkeys(INVARIANTS, 1e-9)}],
+        {"t": 1.0, **dict.fromkeys(INVARIANTS, 1e-9)},
     )
-    stored("results", "drift", {**cell, "method": "evilpkg.method:METHOD"}, rows, load("drift").VERSION)
-    stored("other", "evilpkg.exp", {"i": 0}, [{"square": 0.2}])
-    field = {
-        "alpha": 1.0,
-        "y0": "0.3,-0.4,1.2,0.48,0.6,0.64",
-        "potential": "evilpkg.method:POTENTIAL",
-        "parameters": "0.1",
-    }
-    stored("own", "drift", {**cell, **field, "method": "strang"}, rows, load("drift").VERSION)
+    start = {"alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "parameters": "0.1"}
+    in_field = {**cell, **start, "potential": "evilpkg.method:POTENTIAL", "method": "strang"}
+    for results, experiment, fields, measured in (
+        ("results", "evilpkg.exp", {"i": 0}, {"square": 0.1}),
+        ("results", "unittest.__main__", {"i": 0}, {"square": 0.1}),
+        ("results", "drift", {**cell, "method": "evilpkg.method:METHOD"}, row),
+        ("other", "evilpkg.exp", {"i": 0}, {"square": 0.2}),
+        ("own", "drift", in_field, row),
+    ):
+        (folder / results).mkdir(exist_ok=True)
+        version = load("drift").VERSION if experiment == "drift" else 1
+        Store(results).append(make_record(experiment, version, 0, fields, rows=[measured]))
     for words, code, said in (
         ("report --results results --output plain", 1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
         ("figure evilpkg.exp_squares --results results", 2, "unknown"),
@@ -151,53 +141,3 @@ def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
     code, out, err = run("verify", "own", "--quiet", "--module", "evilpkg.method")
     assert (code, "not computed" in out + err) == (1, False)  # the stored rows are made up
     catalogue.installed.cache_clear()
-
-
-NAME = "toy.study"
-
-
-@pytest.fixture
-def study(one_core, monkeypatch, tmp_path):
-    """An experiment of six cells whose rows are in ./out, computed with VERSION 1; the page has nothing else."""
-    module = ModuleType(NAME, "A study of squares.\n\nNothing more.")
-    exec(STUDY, vars(module))
-    monkeypatch.setitem(sys.modules, NAME, module)
-    monkeypatch.setattr(page, "EXPERIMENTS", (NAME,))
-    monkeypatch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # it has no file
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "out").mkdir()
-    append(module, *range(6))
-    return module
-
-
-def append(module, *numbers):
-    for i in numbers:
-        Store("out").append(make_record(NAME, module.VERSION, i, {"i": i}, rows=module.measure({"i": i})))
-
-
-def shown():
-    text = page.html(page.assemble(Path("out")))
-    return unescape(re.sub("<[^>]*>", "", text))
-
-
-AGAIN = "Compute them again: lagrange-bench run toy.study --profile quick --results out --again"
-FIGURE = ("figure", f"{NAME}_squares", "--results", "out")
-
-
-def test_old_rows_and_damaged_lines_are_named(run, study):
-    for i in (1, 2):
-        Store("out").append(make_record(NAME, 1, i, {"i": i}, rows=study.measure({"i": i}), sources="0" * 24))
-    path = Store("out").path(NAME)
-    path.write_bytes(path.read_bytes().replace(b'"square":25.0', b'"square":26.0'))
-    damaged = "toy.study.jsonl, line 6: damaged; skipped, its cell counts as not computed"
-    other = f"{NAME}: 2 stored cells were computed with other source code than this. {AGAIN}"
-    code, out, err = run(*FIGURE)
-    assert (code, err.endswith(f"{damaged}\n{other}\n")) == (0, True), err
-    assert damaged in shown().splitlines()
-    assert "2 stored cells were computed with other source code than this" in shown()
-    assert json.loads(run(*FIGURE, "--json")[1])["notes"] == [damaged, other]
-    assert run(*FIGURE, "--quiet")[2] == ""
-    path.write_bytes(b"{}\n")
-    code, out, err = run(*FIGURE)
-    assert (code, out) == (2, "")
-    assert "cannot be drawn from out: toy.study.jsonl, line 1: damaged" in err

@@ -10,6 +10,8 @@ from test_judge import BOX, INTO, OMEGA, M, Q, R, T, X, write
 from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidBody
 
+SWAPPED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+
 
 @pytest.mark.parametrize(
     ("what", "hint"),
@@ -33,11 +35,8 @@ from lagrange_bench.integrators import CASES, RigidBody
         ({"position": X[:1] + 0 * X}, ""),
         ({"position": X * (T[2] != T)[:, None]}, ""),
         ({"position": np.where((T[-9] == T)[:, None], np.nan, X @ INTO)}, "--up=y"),
-        ({"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M, "position": X}, "turn the world of the rows"),
-        (
-            {"rotation": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]) @ M},
-            "turn the world of the rows by the rotation vector (",
-        ),
+        ({"rotation": SWAPPED @ M, "position": X}, "turn the world of the rows"),
+        ({"rotation": SWAPPED @ M}, "turn the world of the rows by the rotation vector ("),
         (
             {"rotation": R * Rotation.from_rotvec([0, 0.5, 0])},
             "turn the body of the rows by the rotation vector (0, -0.5, 0)",
@@ -45,10 +44,7 @@ from lagrange_bench.integrators import CASES, RigidBody
         # two rows later the fast spin has made almost this turn
         ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "turn the body of the rows by"),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
-        (
-            {"omega": np.rad2deg(R.apply(OMEGA))},
-            "per second: --units omega=deg/s. It is in the world frame, too: --omega world",
-        ),
+        ({"omega": np.rad2deg(R.apply(OMEGA))}, "--units omega=deg/s. It is in the world frame, too: --omega world"),
         ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
         ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
@@ -192,13 +188,9 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
     case, t = CASES[name], np.arange(0, 2, 1 / 240)
     body, right = case.body, case.solution(np.arange(0, 2, 1 / 240))
     arm = body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
-    for change, hint in (
-        ({"gravity": -body.gravity}, "gravity is reversed"),
-        (
-            {"inertia_com": body.inertia_com + arm},
-            "about the fixed point were taken for those about the centre of mass",
-        ),
-    ):
+    about = "about the fixed point were taken for those about the centre of mass"
+    changes = ({"gravity": -body.gravity}, "gravity is reversed"), ({"inertia_com": body.inertia_com + arm}, about)
+    for change, hint in changes:
         other = RigidBody(**{"mass": body.mass, "com": body.com, "inertia_com": body.inertia_com, **change})
         run = type(case)(name, other, case.rotation, case.omega_body).solution(t)
         for rows in ({"position": run.position}, {"rotation": run.rotation, "omega": run.omega_body}):

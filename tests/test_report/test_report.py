@@ -70,14 +70,8 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 
 def claim(name, text, limit, column="drift", experiment="toy.good", **where):
-    return Claim(
-        name,
-        "cost",
-        text,
-        experiment,
-        (Bound((column,), "≤", limit, where=where),),
-        (Answer(f"{text} In short?", "{claim.worst}"),),
-    )
+    bounds, answers = (Bound((column,), "≤", limit, where=where),), (Answer(f"{text} In short?", "{claim.worst}"),)
+    return Claim(name, "cost", text, experiment, bounds, answers)
 
 
 CLAIMS = [
@@ -168,9 +162,8 @@ def test_ids_are_unique_and_text_from_results_is_escaped(text):
     assert targets <= set(ids)
     assert any(target.startswith("toy.good_first-") for target in targets), "the figures use no ids: a vacuous test"
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
-    assert Elements(text).tags.count("script") == text.count("<script") == 1 + 2 + 1, (
-        "the page's own, rows of two, a figure"
-    )
+    scripts = 1 + 2 + 1  # the page's own, rows of two, a figure
+    assert Elements(text).tags.count("script") == text.count("<script") == scripts
 
 
 def test_rows_are_in_the_page_and_tables_beside_it(report, text, output):
@@ -325,6 +318,27 @@ def test_other_results_stand_beside(results, tmp_path, undrawn):
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
     assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
+
+
+def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = shutil.copytree(results, tmp_path / "out") / "toy.good.jsonl"
+    for i in (1, 2):
+        put("out", "toy.good", i, "backlund", STEPS[i], DRIFT[i], sources="0" * 24)
+    path.write_bytes(path.read_bytes().replace(b'"message":"Newton', b'"message":"Euler'))
+    damaged = "toy.good.jsonl, line 6: damaged; skipped, its cell counts as not computed"
+    old = "2 stored cells were computed with other source code than this"
+    again = "Compute them again: lagrange-bench run toy.good --profile quick --results out --again"
+    figure = ("figure", "toy.good_first", "--results", "out")
+    code, _, err = run(*figure)
+    assert (code, err.endswith(f"{damaged}\ntoy.good: {old}. {again}\n")) == (0, True), err
+    assert run(*figure, "--quiet")[2] == ""
+    shown = words(page.assemble(tmp_path / "out"))
+    assert damaged in shown
+    assert old in shown
+    path.write_bytes(b"{}\n")
+    path.with_name("toy.broken.jsonl").unlink()
+    assert "cannot be drawn from out: toy.good.jsonl, line 1: damaged" in run(*figure)[2]
 
 
 def test_fairness_says_what_the_rows_say_and_needs_none(report):

@@ -256,15 +256,12 @@ print(tried)
 """
 
 
-def printed(folder, program, **environment):
-    done = python("-c", program, cwd=folder, env={**os.environ, "PYTHONPATH": str(folder), **environment})
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def test_what_measuring_calls_is_in_the_digest():
     """With kernels in the interpreter, where it is seen what they call."""
-    assert int(printed(ROOT, INTERPRETED, NUMBA_DISABLE_JIT="1")) > 30
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
+    done = python("-c", INTERPRETED, cwd=ROOT, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert int(done.stdout) > 30
 
 
 class Edited(Sources):

@@ -1,7 +1,6 @@
 """The store loses nothing it has confirmed, never takes a damaged line for a result, and shows what is chosen."""
 
 import errno
-import hashlib
 import json
 import math
 import os
@@ -132,31 +131,12 @@ def test_lines_that_are_no_record_are_skipped(filled):
     assert damaged == [*range(6, 7 + len(lines))]
 
 
-GONE = "(no such entry)"  # a text: its id is the same in all processes
-WRONG_SHAPES = [
-    *((name, GONE) for name in record(1) if name != "sources"),
-    *((name, "x") for name in ("schema", "version", "position", "seconds")),
-    *((name, 5) for name in ("key", "status", "experiment")),
-    *(("cell", wrong) for wrong in ("x", {"i": {"float": "x"}}, {"i": "\ud800"})),
-    *(("rows", wrong) for wrong in ({}, [None], [{"square": [1]}], [{"key": 1}], [{"i": 2}], [{"square": 10**20}])),
-    ("error", {"type": "A", "message": "b"}),  # of a cell that is done
-    ("warnings", [5]),
-    ("provenance", {"cpu": ["x"]}),
-    ("status", "failed"),
-    ("sources", 5),
-]
-
-
-@pytest.mark.parametrize(("name", "wrong"), WRONG_SHAPES, ids=str)
-def test_a_record_of_the_wrong_shape_with_the_right_digest_is_damaged(filled, name, wrong):
-    shape = {field: value for field, value in {**record(5), name: wrong}.items() if value is not GONE}
-    content = json.dumps(shape, sort_keys=True, separators=(",", ":"))
-    with filled.path("toy").open("a", encoding="ascii") as file:
-        file.write(f'{{"sha256":"{hashlib.sha256(content.encode()).hexdigest()}",{content[1:]}\n')
+def test_a_record_that_lacks_a_field_is_damaged(filled):
+    lacking = [{name: record(5)[name] for name in record(5) if name != field} for field in store.SHAPE]
+    filled.append(*(each for each in lacking if "experiment" in each), {**record(5), "rows": {}})
     journal = filled.open("toy")
-    assert (len(journal.latest), len(journal.rows()), len(journal.provenance())) == (5, 5, 5)
-    (problem,) = journal.problems
-    assert problem.endswith("line 6: damaged; skipped, its cell counts as not computed")
+    assert (len(journal.rows()), len(journal.problems)) == (5, len(store.SHAPE))
+    assert journal.problems[0].endswith("line 6: damaged; skipped, its cell counts as not computed")
 
 
 def test_another_schema_is_an_error_that_says_so(filled):
@@ -322,25 +302,34 @@ def test_provenance_is_flat_and_discreet_and_never_fails(monkeypatch):
 @pytest.mark.parametrize("clone", [True, False])
 def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, clone):
     """A folder of the same name here is a path, ./quick; the error of an absent run says where it would be."""
+
+    def fill(folder):
+        folder.mkdir(parents=True)
+        (folder / "drift.jsonl").write_text("{}\n")
+        return folder
+
     monkeypatch.setattr(provenance, "checkout", lambda: tmp_path / "clone" if clone else None)
-    local = Path("clone/results/local" if clone else "results")
-    (tmp_path / "quick").mkdir()
-    (tmp_path / "quick" / "drift.jsonl").write_text("{}\n")
+    local = tmp_path / ("clone/results/local" if clone else "results")
+    fill(tmp_path / "quick")
     monkeypatch.chdir(tmp_path)
-    assert store.find_results("reference") == store.REFERENCE
+    assert store.find_results("reference") == store.find_results(None) == store.REFERENCE
     assert store.find_results("./quick") == store.find_results(Path("quick")) == Path("quick")
-    with pytest.raises(
-        FileNotFoundError, match=f"no quick run yet in {tmp_path / local / 'quick'}: .* --profile quick"
-    ):
+    with pytest.raises(FileNotFoundError, match=f"no quick run yet in {local / 'quick'}: .* --profile quick"):
         store.find_results("quick")
-    (tmp_path / local / "quick").mkdir(parents=True)
-    (tmp_path / local / "quick" / "drift.jsonl").write_text("{}\n")
+    fill(local / "quick")
     if clone:
-        (tmp_path / "elsewhere").mkdir()
-        monkeypatch.chdir(tmp_path / "elsewhere")
-    assert store.find_results("quick").samefile(tmp_path / local / "quick")
+        monkeypatch.chdir(tmp_path / "clone")
+    assert store.find_results("quick").samefile(local / "quick")
     assert store.name_of(store.find_results("quick")) == "quick"
     assert store.name_of(Path("quick")) is None
+    assert store.find_results(None).samefile(store.REFERENCE if clone else local / "quick")
+    fill(local / "full")
+    assert store.find_results(None).samefile(store.REFERENCE if clone else local / "full")
+    (local / "full" / "drift.jsonl").write_text("")
+    with pytest.raises(FileNotFoundError, match=r"nothing is stored in .*full: give"):
+        store.find_results("full")
+    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
+        store.find_results(Path("nowhere"))
 
 
 def unexplained(columns):
@@ -435,21 +424,3 @@ def test_a_method_that_takes_none_of_the_tops_is_refused_with_its_reason():
     ):
         with pytest.raises(ValueError, match=said):
             Choice(("backlund",)).check(cells)
-
-
-def test_default_results(monkeypatch, tmp_path):
-    root = Path(store.__file__).resolve().parent.parent
-    assert store.default_results("quick") == root / "results" / "local" / "quick"
-    assert store.default_results() == root / "results" / "reference"
-    monkeypatch.setattr(provenance, "checkout", lambda: None)  # installed
-    monkeypatch.chdir(tmp_path)
-    assert store.default_results("quick") == Path("results/quick")
-    assert store.default_results() == store.REFERENCE == root / "results" / "reference"
-    (tmp_path / "results" / "quick").mkdir(parents=True)
-    assert store.default_results() == Path("results/quick")
-    (tmp_path / "results" / "full").mkdir()
-    assert store.default_results() == Path("results/full")
-    with pytest.raises(FileNotFoundError, match="nothing is stored in results/full"):
-        store.find_results(None)
-    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
-        store.find_results(Path("nowhere"))
