@@ -323,6 +323,9 @@ def find_hints(
     if not hints:
         own = own_hints(frames, trajectory, rows, way)
         hints = [hint for hint in own if hint not in (*LATE.values(), WITHOUT)] or list(whole.points())
+    right = next((changes for text, changes in _attitudes(frames, trajectory, way).items() if text in hints), {})
+    if right:  # misread rotations agree with a misread ω
+        rows = frames.changed(**right).rows(_rows(trajectory, slice(HEAD)))
     if rows is not None:
         if rows.other_frame() and not any("--omega" in hint for hint in hints):
             hints.append(_words(frames.convention)["frame"])
@@ -336,13 +339,10 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
     if rows is None or rows.omega is None:
         return []
     how, words, some = frames.convention, _words(frames.convention, way), _rows(trajectory, slice(HEAD))
-    quat, frame = _others(how)
-    attitudes: list[tuple[dict[str, Any], str]] = [({}, ""), ({"transposed": True}, words["transposed"])]
-    if "quaternion" in trajectory:
-        attitudes += [({"quat": quat}, words["quat"]), ({"quat": quat, "transposed": True}, words["both"])]
+    frame = _others(how)[1]
     off: dict[tuple[str, str, str], float] = {}
-    spins = (("", how.omega_frame), (words["frame"], frame))
-    for (changes, text), (also, other) in itertools.product(attitudes, spins):
+    attitudes, spins = {"": {}, **_attitudes(frames, trajectory, way)}, (("", how.omega_frame), (words["frame"], frame))
+    for (text, changes), (also, other) in itertools.product(attitudes.items(), spins):
         tried = frames.changed(**changes, omega_frame=other).rows(some)
         assert tried is not None
         off |= {(text, also, LATE.get(part, "")): tried.off(part=part) for part in ("mean", *LATE)}
@@ -353,6 +353,15 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
             hints += [best] * bool(best)
         left = {key: error for key, error in left.items() if key[place] == best}
     return hints or [WITHOUT] * rows.without_gyroscopic_torque(frames.rigid_body)
+
+
+def _attitudes(frames: Frames, trajectory: Mapping[str, Array], way: str = "") -> dict[str, dict[str, Any]]:
+    """Other ways to read the rotations: the hint, and what it changes."""
+    quat, words = _others(frames.convention)[0], _words(frames.convention, way)
+    ways: dict[str, dict[str, Any]] = {words["transposed"]: {"transposed": True}}
+    if "quaternion" in trajectory:
+        ways |= {words["quat"]: {"quat": quat}, words["both"]: {"quat": quat, "transposed": True}}
+    return ways
 
 
 def _clearest(errors: Mapping[str, float]) -> str | None:

@@ -61,6 +61,16 @@ def test_a_wrong_convention_is_named(what, hint):
     assert ("perhaps" in repr(judged)) == bool(hint)
 
 
+@pytest.mark.parametrize("case", ["middle_axis", "bruels"])
+def test_a_wrong_order_of_quaternions_says_nothing_of_omega(case):
+    t = np.arange(300) / 60
+    exact = CASES[case].solution(t)
+    for omega, more in ((exact.omega_body, []), (exact.omega_world, ["--omega world"])):
+        order, *others = judge(t, rotation=exact.rotation.as_quat(), omega=omega, case=case).hints
+        assert "--quat xyzw" in order
+        assert [part in hint for part, hint in zip(more, others, strict=True)] == [True] * len(more)
+
+
 def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_path, answer):
     both = judge(T, 1e3 * X @ INTO, case="bruels")
     assert [hint[:18] for hint in both.hints] == ["position is in mm:", "the axis y points "]
