@@ -51,13 +51,6 @@ def test_heyoka_is_used_as_it_is(name):
     assert np.all(np.isfinite(stepper.advance(Y0, 1)))  # and is none the worse for it
 
 
-def test_taylor_meets_its_tolerance():
-    """Per step; over t = 20, some 90 steps, an error grows like t²."""
-    installed("taylor")
-    for options, bound in (({"tol": 1e-6}, 1e-4), ({"tol": 1e-10}, 1e-8), ({"high_accuracy": True}, 1e-14)):
-        assert integrate(TOP, Y0, 20.0, 1, "taylor", **options).error()[-1] < bound
-
-
 @pytest.mark.parametrize("power", [-300, -31, 27, 300])
 def test_taylor_in_any_units_of_time(power):
     """Twentieth powers of |J| are beyond the range of doubles here, or a tolerance relative to J is none of x; in a field too."""
