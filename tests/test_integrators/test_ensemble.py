@@ -138,9 +138,8 @@ def draw_upright(n, seed):
 @pytest.mark.parametrize(
     ("tops", "h", "steps", "middle", "most"),
     [
-        *(
-            (draw(5000, 4), h, 10, middle, 5e-14) for h, middle in ((0.5, 2e-15), (-7.3, 5e-15))
-        ),  # periods are 1.3 to 10
+        (draw(5000, 4), 0.5, 10, 2e-15, 5e-14),
+        (draw(5000, 4), -7.3, 10, 5e-15, 5e-14),  # periods are 1.3 to 10
         (draw_upright(3000, 7), -37.0, 1, 5e-15, 1e-12),
     ],
     ids=["short", "long", "upright"],
@@ -156,9 +155,9 @@ def test_ten_steps_against_jumps_in_double_double(tops, h, steps, middle, most):
 @pytest.mark.parametrize(
     ("name", "tops", "h", "options"),
     [
-        *(
-            ("backlund", SIZE, h, options) for h, options in ((-0.3, {}), (40.0, {}), (0.2, {"pin": 3}))
-        ),  # 40: with turns
+        ("backlund", SIZE, -0.3, {}),
+        ("backlund", SIZE, 40.0, {}),  # with turns
+        ("backlund", SIZE, 0.2, {"pin": 3}),
         ("backlund", 40, 0.2, {"lam": 0.3 + 0.4j}),
         *((name, 20, 0.02, {}) for name in ("rk4", "implicit_midpoint", "dop853", "rk45")),
         ("strang", 20, 0.02, {"compensated": True}),
