@@ -127,7 +127,7 @@ def _as_laid_out(layout: reading.Layout, what: Request, convention: Convention) 
     return replace(judgement, notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 
-def request_of(case: str | Case | None, body: str | Case | RigidBody | None = None, start: str = "case") -> Request:
+def request_of(case: str | Case | None, body: str | Case | RigidBody | None, start: str) -> Request:
     """A case, or the body of one; ValueError unless it is one of the two."""
     if (case is None) == (body is None):
         raise ValueError("give a case, or a body without a start; one of the two")

@@ -209,15 +209,12 @@ def drifts(
                 try:
                     times, y = states.sample(top, y0, name, own, counts, **options or {})
                 except StepError as error:
-                    raise AssertionError(f"{name} on {label}, {step}, {_at(error, n)}: {error.reason}") from None
+                    at = f"in {n} steps" if error.step is None else f"step {error.step} of {n}"
+                    raise AssertionError(f"{name} on {label}, {step}, {at}: {error.reason}") from None
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
                 yield Run(label, step, counts, ulps, top.names)
-
-
-def _at(error: StepError, n: int) -> str:
-    return f"in {n} steps" if error.step is None else f"step {error.step} of {n}"
 
 
 def find(word: Top) -> Named:

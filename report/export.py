@@ -17,15 +17,13 @@ from lagrange_bench.support.words import suggestion
 Written = tuple[dict[Path, str], list[str], list[str]]
 
 
-def names(results: Path, choice: Choice = ALL) -> list[str]:
+def names(results: Path, choice: Choice) -> list[str]:
     """The names of all figures that can be drawn, in the order of the page."""
     store = Store(results, choice)
     return [name for experiment in _stored(results)[0] for name, _ in _drawn(_section(experiment, store))]
 
 
-def export(
-    name: str, results: Path, path: Path, kind: str = "svg", width: str | None = None, choice: Choice = ALL
-) -> Written:
+def export(name: str, results: Path, path: Path, kind: str, width: str | None, choice: Choice = ALL) -> Written:
     """Writes one figure.
 
     name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.

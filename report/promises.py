@@ -244,7 +244,7 @@ def _bound(experiment: str, entry: dict[str, Any]) -> Bound:
 
 
 def _measure(experiment: str, entry: dict[str, Any], where: dict[str, Any]) -> tuple[str, ...] | Measure:
-    """What a bound compares; `claims.toml` says how that is written."""
+    """What a bound compares; `claims.toml` says how that is written. No lambda: verdicts are sent between processes."""
     if "read" in entry:
         return partial(globals()[entry["read"]], **entry.get("with", {}))  # a function above
     if "above" in entry:

@@ -6,6 +6,7 @@ import re
 import shlex
 import sys
 import warnings
+from html import unescape
 from pathlib import Path
 
 import pytest
@@ -166,22 +167,6 @@ def test_stdout_that_cannot_be_written_to():
     assert r"\xb7" in done.stdout
 
 
-def test_run(run, in_process, tmp_path, monkeypatch):
-    toy = "toys.behaviour"
-    monkeypatch.setenv("TOY_CELLS", json.dumps([{"do": "square", "i": 3}, {"do": "raise", "i": 4}]))
-    drawn, results = [], tmp_path / "my results"
-    figure = results / "page" / "figure.svg"
-    write = "lagrange_bench.report.sections.write_experiment"
-    monkeypatch.setattr(write, lambda *asked: drawn.append(asked) or [figure])
-    words = ("run", toy, "--results", results, "--jobs", "1")
-    code, out, err = run(*words, "--quiet")
-    assert (code, err, drawn) == (1, "", [])
-    assert "cell 4 was told to" in out
-    assert f"next: lagrange-bench report --results '{results}'" in out
-    assert f"drawn: {figure}" in run(*words, "--draw")[1]
-    assert drawn[0][:3] == (toy, results, results / "page")
-
-
 def test_run_takes_all_experiments_by_default(run, monkeypatch):
     asked = {}
 
@@ -213,13 +198,14 @@ def draw(rows):
 def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, one_core, folder):
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)
-    out = run("run", "my_study.energy", "--results", "out", "--jobs", "1")[1]
+    code, out, err = run("run", "my_study.energy", "--results", "my out", "--jobs", "1", "--draw", "--quiet")
+    assert (code, err, "drawn: my out/page/figures/my_study.energy_squares.svg" in out) == (0, "", True)
     after = shlex.split(re.search("^next: lagrange-bench (.*)", out, re.MULTILINE)[1])
     page = Path(run(*after, "--output", "page")[1].strip()).read_text(encoding="utf-8")
     assert "my_study.energy_squares" in page
     assert "cannot be loaded" not in page
-    again = re.sub("<[^>]*>", "", re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1])
-    assert again == "lagrange-bench figure my_study.energy_squares --results out --module my_study.energy"
+    again = unescape(re.sub("<[^>]*>", "", re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]))
+    assert again == "lagrange-bench figure my_study.energy_squares --results 'my out' --module my_study.energy"
     words, replaced = shlex.split(again)[1:], "replaced: my_study.energy_squares.svg"
     code, out, err = run(*words)
     assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
