@@ -194,7 +194,8 @@ class Text:
             return self._json(first)
         shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
-        self.separator = max(SEPARATORS, key=lambda separator: self._score(rows[: 2 * SAMPLE], separator))
+        lines = [line for _, line in rows[: 2 * SAMPLE]]
+        self.separator = max(SEPARATORS, key=lambda separator: _score(lines, separator))
         self.comma = self.separator != ","
         split = [(i, _words(INLINE.sub("", line), self.separator)) for i, line in rows]
         a, b = _block([self._numeric(words, indices) for _, words in split])
@@ -204,7 +205,7 @@ class Text:
         numeric = (word for _, words in block for word in words if is_number(word, True))
         self.comma = self.comma and not any("." in word for word in numeric)
         skip, width = block[0][0], len(block[0][1])
-        header, units = self._header([(i, line) for i, line in shown if i < skip], block)
+        header, units = self._header([line for i, line in shown if i < skip], [words for _, words in block])
         width = len(header) if header else width
         if all(len(words) > width and not any(words[width:]) for _, words in block):  # rows that end with a separator
             block = [(i, words[:width]) for i, words in block]
@@ -222,15 +223,6 @@ class Text:
         self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
         return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[:skip]))
 
-    def _score(self, rows: Sequence[tuple[int, str]], separator: str | None) -> int:
-        """How well a separator explains some lines: numbers count twice, words that are none once against it."""
-        score = 0
-        for _, line in rows:
-            words = [word for word in _words(INLINE.sub("", line), separator) if word]
-            numeric = sum(is_number(word, separator != ",") for word in words)
-            score += max(0, 3 * numeric - len(words)) if len(words) > 1 else 0
-        return score
-
     def _numeric(self, words: list[str], indices: Sequence[int]) -> bool:
         """Whether a line is a row of numbers: at least half of its words are, or those that the user says."""
         if indices and all(i < len(words) and words[i] and is_number(words[i], self.comma) for i in indices):
@@ -238,17 +230,15 @@ class Text:
         full = [word for word in words if word]
         return len(full) > 1 and 2 * sum(is_number(word, self.comma) for word in full) >= len(full)
 
-    def _header(
-        self, above: list[tuple[int, str]], block: list[tuple[int, list[str]]]
-    ) -> tuple[list[str], dict[int, str]]:
+    def _header(self, above: list[str], block: list[list[str]]) -> tuple[list[str], dict[int, str]]:
         """The names in the last line over the rows that has as many words, and the units in a line below it."""
-        width, ends = len(block[0][1]), all(not words[-1] for _, words in block)
-        index = [words[0] for _, words in block]
+        width, ends = len(block[0]), all(not words[-1] for words in block)
+        index = [words[0] for words in block]
         counted = len(index) > 1 and index in ([str(k + first) for k in range(len(index))] for first in (0, 1))
         names: list[str] = []
         units: dict[int, str] = {}
         groups: list[list[str]] = []
-        for _, line in reversed(above):
+        for line in reversed(above):
             text = COMMENT.sub("", line, count=1) if COMMENT.match(line) else line
             merged = re.sub(r"\s+([\[({])", r"\1", text)
             splits = [_words(text, self.separator), _words(merged, None), re.split(r"\s{2,}|\t", text.strip())]
@@ -342,6 +332,16 @@ class Text:
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
                     yield line, words
+
+
+def _score(lines: Sequence[str], separator: str | None) -> int:
+    """How well a separator explains some lines: numbers count twice, words that are none once against it."""
+    score = 0
+    for line in lines:
+        words = [word for word in _words(INLINE.sub("", line), separator) if word]
+        numeric = sum(is_number(word, separator != ",") for word in words)
+        score += max(0, 3 * numeric - len(words)) if len(words) > 1 else 0
+    return score
 
 
 def _encoding(start: bytes) -> str:
