@@ -159,6 +159,8 @@ class Comparison:
                 elif names:
                     one.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
+                if any(twin.get_title() == title for twin in style.twins(one)):
+                    title = ""  # twice in one place it would look bold
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
                 style.set_limits(one, limits)
         return axes[0] if len(axes) == 1 else np.array(axes)

@@ -22,12 +22,12 @@ from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_st
 
 CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
 
-# family → (colours, markers), used in registry order within the family
+# family → (colours, markers), used in registry order within the family; no crosses: where a method failed there is one
 FAMILIES: dict[str, tuple[Sequence[str], str]] = {
     "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
     "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
     "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
-    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "XPp8osD"),
+    "runge-kutta": (("#D55E00", "#8A3A00", "#E8742E", "#B04C00", "#5C2700"), "<Pp8osD"),
     "splitting": (("#C78900", "#7A5400", "#DB9400", "#4D3500", "#A8770F"), ">osD^v<"),
     "integrable": (("#7A5BB8", "#4B3585", "#9A82CC"), "posD"),  # blue is the exact step, in all figures
     "implicit": (("#C0649A", "#7B2E5E", "#D07AAE", "#A0437C", "#54183E"), "dosH^v"),
@@ -46,9 +46,9 @@ TITLES = {
     "whole-body": "multibody dynamics",
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
-STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+x12")
+STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+312")
 OWN = "#000000"  # of what stands out, with these markers and dashes
-OWN_MARKERS = "*PXd"
+OWN_MARKERS = "*Phd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
 EXACT_STEPS = ("backlund", "backlund_splitting")
 MOST_NAMED = 6

@@ -198,8 +198,13 @@ class _Ends(Artist):
 
 def _has_axis_on_the_right(ax: Axes) -> bool:
     """Whether an axis of numbers is there, of this panel or of its twin."""
+    return any(each.yaxis.get_ticks_position() == "right" for each in (ax, *twins(ax)))
+
+
+def twins(ax: Axes) -> list[Axes]:
+    """The other axes in the place of a panel."""
     together = ax.get_shared_x_axes().get_siblings(ax)
-    return any(each.yaxis.get_ticks_position() == "right" and each.bbox.bounds == ax.bbox.bounds for each in together)
+    return [each for each in together if each is not ax and each.bbox.bounds == ax.bbox.bounds]
 
 
 def _room(ax: Axes) -> float:

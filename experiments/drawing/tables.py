@@ -17,12 +17,14 @@ MISSING = "–"
 PAGE = 45  # rows of a table that fit on a page of LaTeX
 WHOLE = 10**7  # whole numbers up to here are counts, even as floats
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+LEVEL = {raised: digit for digit, raised in SUPERSCRIPT.items()}
 GROUP = "\N{NARROW NO-BREAK SPACE}"
 BAR = "\N{COMBINING MACRON}"
 UNIT = re.compile(r"\bus\b")
 NUMBER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]?\d{1,3}(?!\w|\.\d)")
 DECIMAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-SYMBOL = re.compile(f".{BAR}?", re.DOTALL)
+POWER = "".join(map(chr, LEVEL))
+SYMBOL = re.compile(f"[{POWER}]+|.{BAR}?", re.DOTALL)
 
 TEX_SPECIAL = {
     **{c: "\\" + c for c in "&%$#_{}"},
@@ -41,7 +43,6 @@ TEX_MATH = {
     "×": r"\times", "·": r"\cdot", "±": r"\pm", "−": "-", "≤": r"\leq", "≥": r"\geq", "≠": r"\neq", "≈": r"\approx",
     "∝": r"\propto", "∞": r"\infty", "→": r"\to", "∂": r"\partial", "∇": r"\nabla", "°": r"{}^{\circ}",
     "½": r"\frac{1}{2}", "√": r"\surd",
-    **{c: f"{{}}^{{{d}}}" for c, d in zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-", strict=True)},
     **{c: f"{{}}_{{{d}}}" for c, d in zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)},
 }  # fmt: skip
 
@@ -215,12 +216,18 @@ def _markdown_text(text: str) -> str:
 
 def _tex_text(text: str) -> str:
     parts = []
-    for is_math, run in groupby(SYMBOL.findall(text), key=lambda symbol: symbol in TEX_MATH or symbol[1:] == BAR):
+    for is_math, run in groupby(SYMBOL.findall(text), key=_is_math):
         translated = "".join(_tex_math(symbol) if is_math else TEX_SPECIAL.get(symbol, symbol) for symbol in run)
         parts.append(f"${translated}$" if is_math else translated)
     return "".join(parts)
 
 
+def _is_math(symbol: str) -> bool:
+    return symbol in TEX_MATH or symbol[0] in POWER or symbol[1:] == BAR
+
+
 def _tex_math(symbol: str) -> str:
     letter, bar = symbol[0], symbol[1:]
+    if letter in POWER:
+        return f"{{}}^{{{symbol.translate(LEVEL)}}}"
     return rf"\bar{{{TEX_MATH.get(letter, letter)}}}" if bar else TEX_MATH[letter]

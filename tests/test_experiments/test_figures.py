@@ -22,6 +22,8 @@ def test_families_have_colours_and_their_methods_differ():
     assert style.of("not_registered")["label"] == "not_registered"
     assert style.ordered(["zeta", "rk45", "backlund", "alpha", "rk45"]) == ["backlund", "rk45", "alpha", "zeta"]
     looks = {name: style.of(name) for name in METHODS}
+    markers = [*(look["marker"] for look in looks.values()), *style.STRANGERS[1], *style.OWN_MARKERS]
+    assert not set(markers) & set("xX"), "a cross is a failure"
     for one, other in combinations(METHODS, 2):
         if style.family(one) == style.family(other):
             assert any(looks[one][key] != looks[other][key] for key in ("color", "marker", "linestyle")), (one, other)
@@ -122,7 +124,8 @@ VALUES = [  # a value, as text, in LaTeX
     (float("nan"), "–", "--"),
     (np.bool_(True), "yes", "yes"),
     ("λ² [a] \\", "λ² [a] \\", r"$\lambda{}^{2}$ {[}a] \textbackslash{}"),
-    ("rtol = 1e-05", "rtol = 10⁻⁵", r"rtol = 10${}^{-}{}^{5}$"),
+    ("x\u0304² α₁²", "x\u0304² α₁²", r"$\bar{x}{}^{2}$ $\alpha{}_{1}{}^{2}$"),
+    ("rtol = 1e-05", "rtol = 10⁻⁵", r"rtol = 10${}^{-5}$"),
 ]
 
 

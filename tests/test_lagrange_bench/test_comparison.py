@@ -180,6 +180,7 @@ def test_beside_an_axis_on_the_right_names_are_inside_or_in_a_legend_or_nowhere(
     made().plot(y="height", tops=["generic"], ax=twin, names=False, linestyle=":")
     assert {line.get_linestyle() for line in twin.lines} == {":"}
     assert not twin.texts
+    assert (bool(ax.get_title()), twin.get_title()) == (True, "")
     figure.canvas.draw()
     assert all(text.get_window_extent().x1 <= ax.bbox.x1 for text in ax.texts)
     ax = made().plot(tops=["generic"], names="legend")
