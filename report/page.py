@@ -151,6 +151,7 @@ def _make(report: Report, name: str, make: Callable[[], Any]) -> Any:
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
     old = sources.summary(sum((section.source_ages for section in sections), Counter[str]()))
+    old += f": {', '.join(section.experiment for section in sections if section.old)}" if old else ""
     if again := [f"{section.command} --again" for section in sections if section.source_ages[sources.OUTDATED]]:
         return f"{old} ({' && '.join(again)} computes them again)"
     folder = shlex.quote(sections[0].origin.folder) if old else ""

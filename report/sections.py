@@ -29,7 +29,7 @@ from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import Store, StoreError
+from lagrange_bench.results.store import NAMES, Store, StoreError
 from lagrange_bench.support.files import write_file
 from lagrange_bench.support.interrupts import interrupt_held_back
 
@@ -78,6 +78,11 @@ class Section:
     def absent(self) -> bool:
         """Whether nothing of the experiment is stored, and there is no error and no note to show."""
         return self.rows.empty and not self.errors and not self.notes
+
+    @property
+    def of_a_profile(self) -> bool:
+        """Whether `command` computes these rows: a sweep has cells that are in no profile."""
+        return self.profiles != () or self.origin.folder in NAMES
 
     @property
     def command(self) -> str:

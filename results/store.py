@@ -26,6 +26,7 @@ from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.support.source_digest import Sources
+from lagrange_bench.support.words import suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,8 +95,12 @@ def find_results(chosen: str | Path | None) -> Path:
         if name := name_of(folder):
             command = f"lagrange-bench run --profile {name}"
             raise FileNotFoundError(f"there is no {name} run yet in {os.path.abspath(folder)}: compute it, {command}")
-        known = f"; the name {folder.name} alone means {folder_of(folder.name)}" if folder.name in NAMES else ""
-        raise FileNotFoundError(f"no such folder of results: {folder}{known}")
+        beside = sorted(path for path in default_results("quick").parent.glob("*/") if path.name not in NAMES)
+        there = [*(name for name in NAMES if folder_of(name).is_dir()), *map(str, beside)]
+        close = suggestion(str(folder), NAMES)
+        if folder.name in NAMES:
+            close = f"; the name {folder.name} alone means {folder_of(folder.name)}."
+        raise FileNotFoundError(f"no such folder of results: {folder}{close} There are {', '.join(there)}")
     if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
         raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
     return folder

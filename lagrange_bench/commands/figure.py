@@ -60,7 +60,8 @@ def run(options: argparse.Namespace) -> Answer:
     results = find_results(options.results)
     choice = choice_of(options, None if options.x else results)
     if options.list:
-        figures = export.names(results, choice)
+        with progress.waiting("figures are drawn to see which there are", show=not (options.quiet or options.json)):
+            figures = export.names(results, choice)
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})
     kind = _format(options)
     path = options.output or Path("figures" if options.all else f"{options.name}.{kind}")

@@ -65,8 +65,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
 
     method = command.add_argument_group("the method")
-    text = "see lagrange-bench methods; or package.module:METHOD (default: backlund)"
-    method.add_argument("--method", default="backlund", metavar="NAME", help=text)
+    text = "see lagrange-bench methods; or package.module:METHOD (default: the exact one, of a top backlund)"
+    method.add_argument("--method", metavar="NAME", help=text)
     text = "an option of the method, see methods --verbose; a number, a complex number as 0.1+0.5j, true, false or a "
     text += "word; may be repeated"
     method.add_argument("--option", type=arguments.option, action="append", default=[], metavar="KEY=VALUE", help=text)
@@ -101,14 +101,16 @@ def physical(text: str) -> dict[str, float]:
 def run(options: argparse.Namespace) -> Answer:
     """Follow the top, write the files, and sum up."""
     from lagrange_bench import summary
-    from lagrange_bench.integrators.api import own_step
+    from lagrange_bench.integrators.api import default_method, own_step
     from lagrange_bench.integrators.registry import METHODS, find_method
     from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
     if options.times is None:
         options.h, options.h_scaled = own_step(options.h, options.h_scaled, (top, y0)), None
-    grid, method, settings = _grid(options), find_method(options.method), dict(options.option)
+    grid, settings = _grid(options), dict(options.option)
+    word = options.method or default_method(top)
+    method = find_method(word)
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
     if reason := method.takes(top):
@@ -116,7 +118,7 @@ def run(options: argparse.Namespace) -> Answer:
         names = f"lagrange-bench methods {' '.join(words)}"
         if options.problem is not None:
             names = ", ".join(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)
-        raise ValueError(f"--method: {reason} (those that do: {names})")
+        raise ValueError(f"--method: {reason} (those that take it: {names})")
     if options.times is None:
         method.prepare_for(top, settings)
     elif method.evaluate_for(top, settings) is None:
@@ -129,7 +131,7 @@ def run(options: argparse.Namespace) -> Answer:
     text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
     with progress.waiting(text, show=not (options.quiet or options.json)):
-        trajectory = _follow(options.method, method, top, y0, {**grid, **settings})
+        trajectory = _follow(word, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {"top": name, "alpha": getattr(top, "alpha", None), "y0": y0, "method": method.name, "options": settings}

@@ -15,13 +15,14 @@ class Cells:
     """How many cells of each experiment are done and failed. bars : rich's `Progress`. plain : print lines, too."""
 
     def __init__(self, totals: Mapping[str, int], bars: Any, plain: bool):
-        self.bars, self.plain, self.begun = bars, plain, monotonic()
+        self.bars, self.plain = bars, plain
         many = [f" ({i} of {len(totals)})" if len(totals) > 1 else "" for i in range(1, len(totals) + 1)]
         self.titles = {name: f"{name}{place}" for name, place in zip(totals, many, strict=True)}
         more = {"start": False, "failures": ""}
         self.tasks = {name: bars.add_task(self.titles[name], total=n, **more) for name, n in totals.items()}
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
+        self.before: tuple[float, float] | None = None  # when the last line was printed; cells that were done then
 
     def begin(self, experiment: str) -> None:
         """Say that a cell of this experiment begins."""
@@ -45,10 +46,14 @@ class Cells:
             print(", ".join(filter(None, words)), file=sys.stderr, flush=True)
 
     def _left(self, now: float) -> str:
-        """How long all experiments will still take, if the other cells take as long as the finished ones."""
+        """How long all experiments will still take, if the other cells take as long as those since the line before.
+
+        Those before the first line do not count: their methods were compiled.
+        """
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
-        minutes = (now - self.begun) * (total - done) / done / 60
-        return f"about {minutes:.0f} min left" if minutes >= 1 and done > total / 20 else ""
+        before, self.before = self.before, (now, done)
+        minutes = (now - before[0]) * (total - done) / (done - before[1]) / 60 if before else 0
+        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
 
 
 @contextlib.contextmanager

@@ -25,7 +25,7 @@ RTOL, ATOL = 1e-3, 1e-12
 ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
 COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
-SHOWN = 3  # reasons why nothing was computed
+SHOWN = 3  # reasons why nothing was computed, and names
 EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
 
 
@@ -134,8 +134,9 @@ def _sample(
         changed = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {changed} changed (VERSION) since this was stored: {again}")
     if absent:
+        first, more = ", ".join(sorted(absent)[:SHOWN]), f" and {n} more" if (n := len(absent) - SHOWN) > 0 else ""
         how = "not available here (of a file of your own: --module NAME)"
-        result.notes.append(f"not computed: {', '.join(sorted(absent))}: {how}")
+        result.notes.append(f"not computed: cells of {first}{more}: {how}")
     result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     for records in groups.values():
         draw.shuffle(records)

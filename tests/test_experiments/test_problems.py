@@ -187,7 +187,12 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
     row = {"position": 1.0, "rotation": 1.0, "ns_per_step": 1.0, "version": "1", "date": "2026-11-25"}
     Store(tmp_path).append(make_record("engines", engines.VERSION, 0, ABSENT, rows=[row]))
     assert run(["engines"], "full", tmp_path, show=False).experiments["engines"].stored == 1
-    with pytest.raises(StoreError, match="not computed: no-such-engine: not available here"):
+    for name in ("x1", "x2", "x3"):
+        monkeypatch.setitem(engines.ENGINES, name, fake(package=name))
+        Store(tmp_path).append(make_record("engines", engines.VERSION, 0, {**ABSENT, "engine": name}, rows=[row]))
+    with pytest.raises(
+        StoreError, match="not computed: cells of no-such-engine, x1, x2 and 1 more: not available here"
+    ):
         verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
 
 

@@ -108,3 +108,8 @@ def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process,
     drawn = sorted((tmp_path / "out" / "page" / "figures").glob("*.svg"))
     assert drawn, out
     assert any(">strang<" in text or "Strang" in text for text in (path.read_text() for path in drawn))
+    assert run("report", "--results", tmp_path / "out", "--quiet")[0] == 0
+    page = (tmp_path / "out" / "page" / "index.html").read_text("utf-8")
+    assert "redraw: " in page
+    assert "recompute: " not in page, "it would add the cells of a profile"
+    assert "<h2>In short</h2>" not in page, "no claim is tested"

@@ -159,7 +159,7 @@ def test_a_problem_of_ones_own(answer, run, folder):
     for more, said in (
         ("--draw x.svg", "no axis on a sphere"),
         ("--top slow", "not allowed with argument --state"),
-        ("--method backlund", "(those that do: taylor, "),
+        ("--method backlund", "(those that take it: taylor, "),
     ):
         code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
         assert (code, said in err) == (2, True)

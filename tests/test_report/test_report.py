@@ -335,7 +335,7 @@ def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, m
     assert run(*figure, "--quiet")[2] == ""
     shown = words(page.assemble(tmp_path / "out"))
     assert damaged in shown
-    assert old in shown
+    assert f"{old}: toy.good (lagrange-bench verify" in shown
     path.write_bytes(b"{}\n")
     path.with_name("toy.broken.jsonl").unlink()
     assert "cannot be drawn from out: toy.good.jsonl, line 1: damaged" in run(*figure)[2]

@@ -328,7 +328,10 @@ def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, c
     (local / "full" / "drift.jsonl").write_text("")
     with pytest.raises(FileNotFoundError, match=r"nothing is stored in .*full: give"):
         store.find_results("full")
-    with pytest.raises(FileNotFoundError, match="no such folder of results: nowhere"):
+    with pytest.raises(FileNotFoundError, match="no such folder of results: quik; did you mean 'quick'"):
+        store.find_results("quik")
+    fill(local / "study")
+    with pytest.raises(FileNotFoundError, match=r": nowhere\. There are reference, quick, full, \S*results\S*/study$"):
         store.find_results(Path("nowhere"))
 
 
