@@ -113,7 +113,8 @@ def judge_file(path: Path, what: Request, convention: Convention, how: reading.O
     try:
         judgement = _as_laid_out(reading.survey(path, how), what, convention)
     except (ValueError, StepError) as error:
-        raise ValueError(f"{path}: {error}") from None
+        clock = "; perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
+        raise ValueError(f"{path}: {error}{clock * isinstance(error, StepError)}") from None
     return replace(judgement, file=str(path))
 
 

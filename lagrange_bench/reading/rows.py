@@ -105,9 +105,11 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
         start = file.read(512)
     if not start.strip():
         raise ValueError("the file is empty")
-    if path.suffix.lower() == ".npz" or start.startswith(b"\x93NUMPY"):
+    if start.startswith(b"\x93NUMPY"):
+        return _of_arrays({"": np.load(path)})
+    if path.suffix.lower() == ".npz":
         with np.load(path) as arrays:
-            return _of_arrays(dict(arrays) if path.suffix.lower() == ".npz" else {"": np.asarray(arrays)})
+            return _of_arrays(dict(arrays))
     if start.startswith(b"PAR1"):
         import pandas as pd
 
@@ -180,7 +182,7 @@ class Text:
         if len(text) == HEAD and "\n" in text:  # JSON may be a single line
             text = text[: text.rfind("\n") + 1]
         if "\0" in text or not text:
-            raise ValueError("this is no text in UTF-8 with one row a line")
+            raise ValueError("this is no text in UTF-8; write a text file with one row a line, .npz, .parquet or .mat")
         self.lines = text.split("\n")
         self.separator: str | None = None
         self.comma = False

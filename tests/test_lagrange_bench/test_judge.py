@@ -131,7 +131,7 @@ FILES = {  # what is in it → exit code, what is said
     "t,a,b\n0,1,2": (2, "angular velocity. Its columns are t a b. Name them: --columns x=1"),
     "t,x,y,z\n0,0,foo,0": (2, "line 2: 'foo' is no number"),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n.5,0,1,0": (2, "row 3: the time is 0.5 after 1; times must be numbers that increase"),
-    "t,x,y,z\n1e300,0,1,0": (2, "run.csv: theta_functions at h = 1e+300 (own unit)"),
+    "t,x,y,z\n1e300,0,1,0": (2, "perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"),
     "t\tx\ty\tz\n\n0\t0\t1\t0 # start\r\n0.1\t\t1\t0\r\n": (0, "1 of 2 rows have a number that is missing"),
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, a matrix or quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),

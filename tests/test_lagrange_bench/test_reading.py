@@ -187,6 +187,8 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     np.savez(tmp_path / "a.npz", time=T, position=X, rotation=M.reshape(-1, 3, 3), name="top")
     savemat(tmp_path / "a.mat", {"out": {"t": T[:, None], "pos": X.T, "omega": W}})
     pd.DataFrame({"t": T, **dict(zip("xyz", X.T, strict=True))}).to_parquet(tmp_path / "a.parquet")
+    np.save(tmp_path / "a.npy", np.column_stack((T, X)))
+    check(tmp_path / "a.npy", Options(columns={"t": "0", "x": "1", "y": "2", "z": "3"}))
     check(tmp_path / "a.npz", groups=("position", "matrix"))
     check(tmp_path / "a.mat", groups=("position", "omega"))
     check(tmp_path / "a.parquet")
@@ -209,6 +211,7 @@ REFUSED = {  # what is in a file → what the line says
     "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
     "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
+    "FEA1\0": "write a text file with one row a line, .npz, .parquet or .mat",
     "SQLite format 3\0": "write its topic as .csv",
     '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
     "time,x,y,z\n2024-01-01T00:00,0,1,0\n": "'2024-01-01T00:00' is no number; without times in seconds, say --step",
