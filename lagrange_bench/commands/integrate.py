@@ -115,6 +115,7 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError("--option: each name once")
     if reason := method.takes(top):
         words = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
+        words += [f"--parameters {','.join(map(repr, options.parameters))}"] if options.parameters else []
         names = f"lagrange-bench methods {' '.join(words)}"
         if options.problem is not None:
             names = ", ".join(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)

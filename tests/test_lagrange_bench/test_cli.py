@@ -73,6 +73,7 @@ BAD = {  # words → what the line must name
     f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
     f"{I} --top magnet": "no exact one is known here; name one, such as taylor",
     f"{I} --top magnet --method kahan": "(those that take it: lagrange-bench methods --top magnet)",
+    f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "methods --potential tide --parameters 0.1,1.0,0.0,0.0)",
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
     f"{JUDGE} --step 1/0": "--step: must be a number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
