@@ -318,6 +318,8 @@ def test_other_results_stand_beside(results, tmp_path, undrawn):
     assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
     assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
     assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
+    pages = (held, replace(held, claims=held.claims[3:]))  # with answers, and without
+    assert ["<h2>In short</h2>" in page.html(each) for each in pages] == [True, False]
 
 
 def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, monkeypatch):
