@@ -72,8 +72,7 @@ def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[
             own, best = (work_precision.best(runs, target, "total") for runs in (good, others))
             line = {"top": states.label(state), "length": span, "error at most": target}
             if own.empty:
-                limit = f"not reached in runs of at most {run.longest.iloc[0]:g} s"
-                yield {**line, "place": f"{limit}; {len(best)} methods reach it"}
+                yield {**line, "place": f"not within {run.longest.iloc[0]:g} s; {len(best)} methods reach it"}
                 continue
             time, first = own.total.iloc[0], best.iloc[0]
             place = f"{1 + int((best.total < time).sum())} of {1 + len(best)}"

@@ -293,7 +293,7 @@ def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
     places = mine.places.set_index("error at most").place
     first, last = (places[target].split(" of ") for target in (1e-4, 1e-8))
     assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
-    assert places[1e-10].startswith("not reached in runs of at most 0.02 s; ")
+    assert places[1e-10].startswith("not within 0.02 s; ")
     assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
     stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
     monkeypatch.setattr(own, "find_stored_method", lambda name: METHODS["rk4"])
