@@ -316,10 +316,10 @@ def test_nearly_equal_moments_keep_their_difference():
     needle = RigidBody(1.0, (0, 0, 0), (1.0, 1.0 + 5e-13, 1e-12 + 5e-13))
     assert needle.axis is None
     assert RigidBody(1.0, (0, 0, 0), (0.1 + 0.2, 0.3, 0.4)).axis is not None  # apart by an ulp
-    close = RigidBody(1.0, (0, 0, 0), (1.0, 1.0 + 2e-12, 2.0))
+    close = RigidBody(1.0, (0, 0, 0), (3.0, 3.0 * (1 + 2e-12), 5.0))
     rates = close.rhs(close.state(rotation=np.eye(3), omega_body=(1.0, 1.0, 1.0)))[4:]
-    difference = (1.0 + 2e-12) - 1.0  # what the double is
-    assert rates[2] == pytest.approx(-difference, rel=1e-11)
+    difference = 3.0 * (1 + 2e-12) - 3.0  # what the double is
+    assert rates[2] == pytest.approx(-difference, rel=1e-11, abs=0)
 
 
 def test_a_case_of_ones_own():
