@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lagrange_bench.experiments.catalogue import SCALED, load, with_units
-from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, find, of_cell
+from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, SCHEME_OPTIONS, find, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
 from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method
 from lagrange_bench.support.files import read_toml
@@ -119,7 +119,7 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
     part = _table(table).get("part", next(iter(templates)))
     if part not in templates:
         raise ValueError(f"part: unknown {part!r}{suggestion(str(part), templates)} Known: {', '.join(templates)}")
-    template = templates[part]
+    template = {word: value for word, value in templates[part].items() if word not in SCHEME_OPTIONS}
     words = dict.fromkeys((*template, *OPTIONS))
     keys = dict(zip(with_units(experiment, {**words, "part": part}), words, strict=False))
     keys = {LISTS.get(word, key): word for key, word in keys.items()}

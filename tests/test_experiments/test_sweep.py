@@ -84,6 +84,8 @@ def test_a_top_in_a_potential_and_a_method_of_ones_own(write):
     assert {(cell["potential"], cell["parameters"]) for cell in cells} == {("tide", "0.1,1.0,0.0,0.0")}
     top, y0 = states.of_cell(cells[0])
     assert (top.potential.name, top.parameters, y0[2]) == ("tide", (0.1, 1.0, 0.0, 0.0), 2.0)
+    race = IN_A_TIDE.replace('"order"', '"work"').replace("h_scaled = [0.5, 0.25]", "span_scaled = 50")
+    assert "scheme" not in sweep.read(write(race)).cells[0], "the first cell of this part is of another method"
     assert _own_modules(["drift"], cells) == []
     assert _own_modules(["my.study"], [{"method": "mine:METHOD", "potential": "other:V"}]) == [
         "my.study",
