@@ -48,12 +48,12 @@ class Cells:
     def _left(self, now: float) -> str:
         """How long all experiments will still take, if the other cells take as long as those since the line before.
 
-        Those before the first line do not count: their methods were compiled.
+        The first fifth says little: its methods are compiled.
         """
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
         before, self.before = self.before, (now, done)
         minutes = (now - before[0]) * (total - done) / (done - before[1]) / 60 if before else 0
-        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
+        return f"about {minutes:.0f} min left" if minutes >= 1 and done > total / 5 else ""
 
 
 @contextlib.contextmanager
