@@ -5,6 +5,7 @@ import os
 import platform
 import re
 import subprocess
+import tomllib
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -12,8 +13,9 @@ from pathlib import Path
 
 from lagrange_bench.support import machine
 
+BENCH = "lagrange-bench"
 # a result is stored under these versions: if one of them changes, `run` measures again
-DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", "lagrange-bench")
+DECISIVE = ("numpy", "scipy", "numba", "heyoka", "mpmath", BENCH)
 PACKAGES = (*DECISIVE, "llvmlite", "pandas", "matplotlib")
 
 
@@ -24,7 +26,12 @@ def provenance() -> dict[str, object]:
 
 @cache
 def version(package: str) -> str | None:
-    """Installed version, None if it is not installed."""
+    """Installed version, None if it is not installed.
+
+    In a clone the bench has the version of its sources: that of its installation may be older.
+    """
+    if package == BENCH and (root := checkout()):
+        return str(tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"])
     try:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
@@ -36,7 +43,7 @@ def checkout() -> Path | None:
     """The root of the source tree of this package; None if it is an installed wheel."""
     root = Path(__file__).resolve().parent.parent
     project = root / "pyproject.toml"
-    ours = project.is_file() and 'name = "lagrange-bench"' in project.read_text(encoding="utf-8")
+    ours = project.is_file() and f'name = "{BENCH}"' in project.read_text(encoding="utf-8")
     return root if ours else None
 
 

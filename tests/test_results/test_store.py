@@ -7,6 +7,7 @@ import os
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
@@ -286,6 +287,12 @@ def test_provenance_is_flat_and_discreet_and_never_fails(monkeypatch):
     facts = provenance.provenance()
     json.dumps(facts, allow_nan=False)
     assert facts["numpy"] == np.__version__
+    monkeypatch.setattr(provenance.metadata, "version", lambda package: "0")
+    project = tomllib.loads((provenance.checkout() / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert provenance.version.__wrapped__("lagrange-bench") == project["version"], (
+        "an old installation counts for nothing"
+    )
+    monkeypatch.undo()
     assert set(facts) >= {"utc", "commit", "dirty", "python", "cpu", "cores", "platform", "lagrange-bench", "heyoka"}
     assert os.uname().nodename not in json.dumps(list(facts.values()))
 
