@@ -188,9 +188,9 @@ class Registry(Mapping[str, Any]):
             self._in_block.reset(token)
 
     @property
-    def state(self) -> tuple[int, int]:
+    def state(self) -> tuple[tuple[str, ...], int]:
         """Another one where the names in this thread are others: what is derived from them holds as long as it is the same."""
-        return len(self._entries), self._in_block.get()[0]
+        return tuple(self._entries), self._in_block.get()[0]
 
     def each(self) -> Iterator[tuple[str, Any, str]]:
         """Every name with what it stands for and ""; or with None and the reason why it cannot be loaded."""
