@@ -39,6 +39,10 @@ KNOWN = [
     "| program, version | settings | error, 1/60 s | error, 1/1024 s | within 10 cm, 1/60 s | smaller steps lead to |",
     "|---|---|---|---|---|---|",
 ]
+ENERGIES = [
+    "| program | settings | numbers | energy gained | p | least error | its step |",
+    "|---|---|---|---|---|---|---|",
+]
 BEGIN, END = "<!-- measured: written by `python docs/measured.py` -->", "<!-- end of measured -->"
 PUBLISHED = [
     "| program | what it publishes | t (s) | difference from the exact motion | source |",
@@ -156,6 +160,21 @@ def known() -> list[str]:
     ]
 
 
+def energies() -> list[str]:
+    """What becomes of the energy in known engines, and how small their errors get."""
+    table = engines.tables(stored())["energy"]
+    table = table[table.engine.isin(engines.KNOWN) & table.setting.isin((engines.DEFAULT, engines.BEST))]
+    lines = []
+    for _, row in table.iterrows():
+        setting = row.setting if row.integrator == row.setting else f"{row.setting}: {row.integrator}"
+        growth = shown(row["exponent p"], ".1f", "–")
+        cells = [row.engine, setting, row.precision, shown(row["energy gained"], ".1e", "–"), growth]
+        lines.append(
+            f"| {' | '.join(cells)} | {shown(row['least error'], '.1e', '–', ' m')} | 1/{1 / row['its step']:.0f} s |"
+        )
+    return [*ENERGIES, *lines]
+
+
 def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
     """What is stored of a run; NaN if it gave up."""
     rows = engines.runs(stored(), sweep=False)
@@ -205,7 +224,7 @@ def shown(number: float, form: str, none: str, unit: str = "") -> str:
     return none if pd.isna(number) else f"{number:{form}}{unit}"
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story, programs], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story, energies, programs], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:
