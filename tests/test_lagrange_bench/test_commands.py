@@ -60,11 +60,20 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypa
     assert (len(listed), listed[-1]["error"]) == (len(known), "ImportError: it calls sys.exit('no')")
 
 
+UNITS = {  # so that V has those of J²
+    "quadratic": "S in units of J²/x²",
+    "axisymmetric": "ck in units of J²/x^k",
+    "charge": "k in units of J² x",
+    "dipole": "b in units of J²/x",
+    "tide": "k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
+}
+
+
 def test_potentials(answer):
     data = {potential["name"]: potential for potential in answer("potentials")}
     assert data["tide"]["parameters"] == ["k", "n1", "n2", "n3"]
     assert data["axisymmetric"]["parameters"] is None
-    assert all("in units of J²" in potential["note"] for potential in data.values())
+    assert all(potential["note"].endswith(UNITS[name]) for name, potential in data.items())
 
 
 def test_methods_of_a_top(run, answer):
