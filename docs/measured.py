@@ -50,7 +50,7 @@ PUBLISHED = [
 ]
 ENGINES = [
     "| program, version | integrator | order, `bruels` | order, `slow` | position, `bruels` | position, `slow` | µs a step "
-    "| of these overhead |",
+    "| overhead, µs |",
     "|---|---|---|---|---|---|---|---|",
 ]
 

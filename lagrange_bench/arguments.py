@@ -43,7 +43,7 @@ several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
 whole = in_range(int, -math.inf, math.inf, "a whole number")
 positive = in_range(int, 1, math.inf, "a whole number, at least 1")
 seconds = in_range(
-    lambda text: float(Fraction(text)), 1e-9, LONGEST, f"a number such as 0.5 or 1/60, at most {LONGEST:g}"
+    lambda text: float(Fraction(text)), 1e-9, LONGEST, f"a positive number such as 0.5 or 1/60, at most {LONGEST:g}"
 )
 tolerance = in_range(float, 0, sys.float_info.max, "a number that is not negative")
 

@@ -50,7 +50,7 @@ class Rows:
     def kinematics(self, frame: str | None = None, part: str = "mean") -> Array:
         """|Θ/dt − ω| between neighbouring rows, rad/s, (N − 1,), if ω is in this frame; q' = q ω/2 makes it vanish.
 
-        part : the ω that is meant: the mean of both rows, or that of the "first" or of the "second". The mean is of fourth
+        part : the ω that is meant: the "mean" of both rows, the "first" or the "second". The mean is of fourth
         order in dt: ω with its slope, and ω × ω' of Magnus's series, whose sign is another one in the world.
         """
         assert self.omega is not None
@@ -69,7 +69,7 @@ class Rows:
         return np.linalg.norm(self.turn / self.dt, axis=1)  # type: ignore[no-any-return]
 
     def errors(self) -> Array | None:
-        """`kinematics` of all rows (N,), that of the first and of turns that are not clear 0; None where few turns are clear."""
+        """`kinematics` of all rows (N,), 0 in the first and where a turn is not clear; None where few turns are clear."""
         if self.omega is None or not len(self.clear) or 2 * np.count_nonzero(self.clear) < len(self.clear):
             return None
         errors = np.zeros(self.rows)
@@ -88,7 +88,7 @@ class Rows:
         return other if CLEARLY * self.off(other) < self.off(self.frame) else None
 
     def without_gyroscopic_torque(self, body: RigidBody) -> bool:
-        """Whether ω changes clearly more like that of a body without ω × I_c ω."""
+        """Whether ω changes clearly more as in a body without the torque ω × I_c ω."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
             return False
         omega, inertia = self._in_body(), tensor(body)

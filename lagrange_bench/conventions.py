@@ -57,8 +57,8 @@ class Convention:
 class Frames:
     """A rigid body, and the axes in which a trajectory of it is written.
 
-    `to_world` takes vectors from the world of the rows to the world of the case, `from_body` from the body of the case to that
-    of the rows. `known_until` is the time up to which the exact motion is known.
+    `to_world` takes vectors from the world of the rows to the world of the case, `from_body` from the body of the case to the
+    body of the rows. `known_until` is the time up to which the exact motion is known.
 
     case : its exact motion is compared with the rows; without a case they are compared with themselves. digit : what matrices
     are rounded by.
@@ -273,7 +273,7 @@ class Frames:
         return self.to_world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.from_body, defect
 
     def _turned(self, E: Array) -> dict[str, Array]:
-        """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and that of the axis.
+        """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and the tilt of the axis.
 
         The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
         """
@@ -292,7 +292,7 @@ class Frames:
 
 
 def _turn(name: str | None, to: Array) -> Array:
-    """The smallest rotation from an axis of the rows to that of the case; half a turn is about x, or about y if that is x."""
+    """The smallest rotation from a named axis to the axis `to`; half a turn is about x, or about y if `to` is x."""
     if name is None:
         return np.eye(3)
     if AXES[name] @ to < -1 + 1e-12:

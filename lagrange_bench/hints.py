@@ -79,11 +79,11 @@ class Hints:
         return bool(self.now.get(quantity, 0.0) > START)
 
     def _limit(self, quantity: str) -> float:
-        """An error below it is much smaller than that of the rows as they are."""
+        """Below it an error is much smaller than the error of the rows as they are."""
         return float(self.now[quantity] / BETTER)
 
     def _bound(self, quantity: str) -> float:
-        """An error below it is so, and small itself."""
+        """Below it an error is within `_limit`, and small beside the size of the quantity."""
         return min(self._limit(quantity), RIGHT * self.sizes[quantity])
 
     def _best(self, quantity: str, errors: Mapping[str, float]) -> list[str]:
@@ -365,7 +365,7 @@ def _attitudes(frames: Frames, trajectory: Mapping[str, Array], way: str = "") -
 
 
 def _clearest(errors: Mapping[str, float]) -> str | None:
-    """The hint whose error is clearly smaller than that of any other."""
+    """The hint whose error is clearly smaller than any other."""
     least, *others = sorted(errors.values()) or [math.nan]
     return min(errors, key=errors.__getitem__) if all(least * BETTER < error for error in others) and errors else None
 

@@ -71,7 +71,7 @@ def judge(
     omega_frame : {"body", "world"}
         The frame of omega. Its error is measured in the same frame.
     up : str, optional
-        The axis that points up in the world of these numbers, such as "y" or "-z"; by default that of the case. The smallest
+        The axis that points up in the world of these numbers, such as "y" or "-z"; by default as in the case. The smallest
         turn leads to it; where that is half a turn, it is about x.
     axis : str, optional
         The axis of symmetry in the body of these numbers, likewise.

@@ -60,7 +60,7 @@ ALL = Choice()
 
 
 def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
-    """Why no cell has a method: all these tops are in a potential that it does not take, or nothing is known of it."""
+    """The message for a method that no cell has. If it takes no potential of these tops, that is the reason."""
     from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
     from lagrange_bench.integrators.own_modules import in_own_file
 

@@ -28,7 +28,7 @@ def provenance() -> dict[str, object]:
 def version(package: str) -> str | None:
     """Installed version, None if it is not installed.
 
-    In a clone the bench has the version of its sources: that of its installation may be older.
+    Of the bench in a clone, the version of its sources: it may have been installed at an older one.
     """
     if package == BENCH and (root := checkout()):
         return str(tomllib.loads((root / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"])

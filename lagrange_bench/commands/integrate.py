@@ -65,7 +65,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     grid.add_argument("--times", type=times, metavar="t0:t1:n | t,t,…", help=text)
 
     method = command.add_argument_group("the method")
-    text = "see lagrange-bench methods; or package.module:METHOD (default: the exact one, of a top backlund)"
+    text = "see lagrange-bench methods; or package.module:METHOD (default: the exact one; for a top backlund)"
     method.add_argument("--method", metavar="NAME", help=text)
     text = "an option of the method, see methods --verbose; a number, a complex number as 0.1+0.5j, true, false or a "
     text += "word; may be repeated"

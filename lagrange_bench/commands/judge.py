@@ -80,8 +80,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "frame of the angular velocity (default: body)"
     how.add_argument("--omega", default="body", choices=("body", "world"), help=text)
     axes = tuple(sign + name for name in "xyz" for sign in ("", "-"))
-    how.add_argument("--up", choices=axes, help="axis of the world that points up (default: that of the case)")
-    how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: that of the case)")
+    how.add_argument("--up", choices=axes, help="axis of the world that points up (default: as in the case)")
+    how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: as in the case)")
     text = "the steps of the files, for the orders (default: the distances of their rows)"
     how.add_argument("--steps", type=_steps, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")

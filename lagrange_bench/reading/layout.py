@@ -63,9 +63,9 @@ class Options:
 class Layout:
     """How a file is written.
 
-    groups : the indices of its columns. quat : order of quaternions if the file tells it: wxyz by their names, xyzw of four
-    that are counted from 1. floor : half a unit of the last printed digit; first_floor : of numbers as large as those of the
-    first row. columns : the groups and their names, and what is not used, to be read.
+    groups : the indices of its columns. quat : order of the quaternions, if their names tell it: wxyz if a name says which is
+    the scalar, xyzw if they are counted from 1. floor : half a unit of the last printed digit; first_floor : of numbers as large
+    as those of the first row. columns : the groups and their names, and what is not used, to be read.
     """
 
     table: Table
@@ -286,13 +286,14 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
 
 
 def _are_places(group: Group, groups: Sequence[Group], sample: Sequence[Sequence[str]]) -> bool:
-    """Whether r_x, r_y, r_z are a position: beside another rotation, or of a point that stays as far from the origin."""
+    """Whether r_x, r_y, r_z are a position: there is another rotation, or their distance from the origin is constant."""
     kinds = {other.kind for other in groups if other is not group}
     if group.rank == 0 or "position" in kinds:  # rank 0: the user names them
         return False
     lengths = _lengths(sample, group.places)
-    level = len(lengths) > 2 and np.nanmin(lengths) > 0 and np.ptp(lengths) < WHOLE * np.nanmax(lengths)
-    return bool(level or kinds & {"quaternion", "matrix", "angles", "axis and angle", "mrp", "three of a rotation"})
+    lengths = lengths[np.isfinite(lengths)]
+    constant = len(lengths) > 2 and np.ptp(lengths) < WHOLE * lengths.max()
+    return bool(constant or kinds & {"quaternion", "matrix", "angles", "axis and angle", "mrp", "three of a rotation"})
 
 
 def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:

@@ -48,7 +48,7 @@ class Cells:
     def _left(self, now: float) -> str:
         """How long all experiments will still take, if the other cells take as long as those since the line before.
 
-        The first fifth says little: its methods are compiled.
+        Empty in the first fifth, while methods are compiled.
         """
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
         before, self.before = self.before, (now, done)

@@ -25,7 +25,7 @@ RTOL, ATOL = 1e-3, 1e-12
 ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
 COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
-SHOWN = 3  # reasons why nothing was computed, and names
+SHOWN = 3  # so many reasons, or names of what is absent, are listed
 EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
 
 

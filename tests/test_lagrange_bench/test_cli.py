@@ -76,7 +76,7 @@ BAD = {  # words → what the line must name
     f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "methods --potential tide --parameters 0.1,1.0,0.0,0.0)",
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
-    f"{JUDGE} --step 1/0": "--step: must be a number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
+    f"{JUDGE} --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
     "case --until 3": "--until belongs to the NAME of a case",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",

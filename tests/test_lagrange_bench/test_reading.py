@@ -238,6 +238,8 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     assert note == "r_x r_y r_z is taken for a position; else say --columns rx=r_x,ry=r_y,rz=r_z."
     said = Options(columns={"rx": "r_x", "ry": "r_y", "rz": "r_z"})
     assert set(read(survey(file, said))) == {"time", "rotation vector"}
+    file.write_text("t,r_x,r_y,r_z\n" + "".join(f"{t},nan,nan,nan\n" for t in T), encoding="utf-8")
+    assert "rotation vector" in survey(file).groups, "what is missing is no position, and gives no warning"
     file.write_text(table("t,q1,q2,q3,q4", T, R.as_quat()), encoding="utf-8")
     assert "--quat wxyz" in check(file, groups=("quaternion",)).notes[0]
     file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
