@@ -26,6 +26,7 @@ from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
 from lagrange_bench.integrators.own_modules import import_modules
 from lagrange_bench.report import origin
+from lagrange_bench.report.headlines import headline
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -204,6 +205,9 @@ def draw(experiment: str, store: Store) -> Section:
         section.tables = make_tables(module, section.rows)
     except Exception as error:
         section.errors.append(f"tables cannot be made: {described(error)}")
+    named = {table.name: table.frame for table in section.tables}
+    for figure in section.figures:
+        figure.headline = figure.headline or headline(section.file(figure.name), section.rows, named)
     return section
 
 

@@ -1,6 +1,7 @@
 """Claims pass only on rows that bear them out; and what else the page says: methods to take, panels, origins, errata."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 from importlib.metadata import EntryPoint
@@ -18,6 +19,7 @@ from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.report import chooser, claims, origin, own, page, panels, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
+from lagrange_bench.report.headlines import HEADLINES, headline
 from lagrange_bench.report.origin import Origin
 from lagrange_bench.results import store
 from lagrange_bench.results.store import default_results
@@ -381,3 +383,16 @@ def test_the_command_lists_them(run, found, monkeypatch):
     first, other = (run("errata", "--points", "1", "--seed", seed, "--json")[1] for seed in (5, 6))
     assert first != other
     assert len(json.loads(first)) == len(found)
+
+
+def test_headlines_say_what_the_rows_show(stored):
+    names = {figure: next(name for name in stored if figure.startswith(f"{name}_")) for figure in HEADLINES}
+    made = {name: load(name).tables(stored[name]) for name in set(names.values())}
+    for figure, name in names.items():
+        frames = {key: tables.flat(table) for key, table in made[name].items()}
+        assert re.search(r"\d", headline(figure, stored[name], frames)), figure
+        for none in ({key: frame.iloc[:0] for key, frame in frames.items()}, {}):
+            assert headline(figure, stored[name].iloc[:0], none) == "", figure
+    winners = pd.DataFrame({"span": [1e3, 1e3, 1e4], "cheapest": ["rk4", "backlund_splitting", "backlund_splitting"]})
+    assert headline("perturbed_work_t1000", winners, {"winners": winners}).endswith("in 1 of 2 races")
+    assert headline("driven_work", winners, {"winners": winners}).endswith("in 2 of 3 races")
