@@ -18,10 +18,10 @@ slashes, underscores and brackets do not matter. A name may begin with another o
   qpos, qvel                     of a free or a ball joint of MuJoCo
 Units are converted if they are in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names. In a text file
 the names are in the last line above the numbers that has as many words as a row has numbers. Commas, semicolons, tabs, bars or
-blanks separate them. Decimal commas, exponents with D, UTF-16, .gz, JSON (lines, rows or arrays), .npz, .parquet and .mat are
-read. If a column may mean two things, the file is refused, and the message names the option that decides. If your body has
-another axis of symmetry, or another axis of your world points up, add --axis z, --up y, or --up=-y. The smallest turn leads from
-there to the frames of the case; if that is half a turn, it is about x.
+blanks separate them. Decimal commas, exponents with D, UTF-16, .gz, JSON (lines, rows or arrays), .npz, .npy, .parquet and .mat
+are read. If a column may mean two things, the file is refused, or a note says what it is taken for. Both name the option that
+decides. If your body has another axis of symmetry, or another axis of your world points up, add --axis z, --up y, or --up=-y. The
+smallest turn leads from there to the frames of the case; if that is half a turn, it is about x.
 
 Sums of steps are rounded. So times that are very near to decimals of nine digits are taken as these (nearer than 1e-10 of the
 last time, with fewer than 100 rows 5e-13). q and -q are the same rotation. If a file has quaternions and matrices, or positions

@@ -22,7 +22,9 @@ class Cells:
         self.tasks = {name: bars.add_task(self.titles[name], total=n, **more) for name, n in totals.items()}
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
-        self.before: tuple[float, float] | None = None  # when the last line was printed; cells that were done then
+        self.fifth: tuple[float, float] | None = (
+            None  # of the first line after a fifth: when, and how many cells were done
+        )
 
     def begin(self, experiment: str) -> None:
         """Say that a cell of this experiment begins."""
@@ -46,14 +48,17 @@ class Cells:
             print(", ".join(filter(None, words)), file=sys.stderr, flush=True)
 
     def _left(self, now: float) -> str:
-        """How long all experiments will still take, if the other cells take as long as those since the line before.
+        """How long all experiments will still take, if the other cells take as long as those done after the first fifth.
 
-        Empty in the first fifth, while methods are compiled.
+        In the first fifth methods are compiled.
         """
         done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
-        before, self.before = self.before, (now, done)
-        minutes = (now - before[0]) * (total - done) / (done - before[1]) / 60 if before else 0
-        return f"about {minutes:.0f} min left" if minutes >= 1 and done > total / 5 else ""
+        if self.fifth is None:
+            self.fifth = (now, done) if done > total / 5 else None
+            return ""
+        begun, before = self.fifth
+        minutes = (now - begun) * (total - done) / (done - before) / 60
+        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
 
 
 @contextlib.contextmanager

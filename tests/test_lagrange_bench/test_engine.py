@@ -194,7 +194,7 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
     begin, *lines, drawing, last = shown().splitlines()
     assert begin.startswith("drift: 300 cells; the first ones")
     assert 10 <= len(lines) <= 17  # 160 s, one in 10 s
-    assert lines[2:4] == ["drift: 41/300 cells", "drift: 61/300 cells, about 2 min left"]
+    assert lines[3:5] == ["drift: 61/300 cells", "drift: 81/300 cells, about 2 min left"]
     assert lines[-1] == "drift: 300/300 cells, 1 failed"
     assert drawing.startswith("drawing")
     assert last == f"drawn from {tmp_path}"
