@@ -112,7 +112,7 @@ def judge_file(path: Path, what: Request, convention: Convention, how: reading.O
     """The judgement of a file. what : it is compared with this. how : the file is written like this."""
     try:
         judgement = _as_laid_out(reading.survey(path, how), what, convention)
-    except (ValueError, StepError) as error:
+    except (ValueError, EOFError, StepError) as error:
         clock = "; perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
         raise ValueError(f"{path}: {error}{clock * isinstance(error, StepError)}") from None
     return replace(judgement, file=str(path))

@@ -8,6 +8,7 @@ import json
 import lzma
 import math
 import re
+import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -108,6 +109,8 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
     if start.startswith(b"\x93NUMPY"):
         return _of_arrays({"": np.load(path)})
     if path.suffix.lower() == ".npz":
+        if not zipfile.is_zipfile(path):
+            raise ValueError("this is no .npz file, or only a part of one: write it again")
         with np.load(path) as arrays:
             return _of_arrays(dict(arrays))
     if start.startswith(b"PAR1"):

@@ -23,7 +23,7 @@ class Cells:
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
         self.fifth: tuple[float, float] | None = (
-            None  # of the first line after a fifth: when, and how many cells were done
+            None  # at the first line after a fifth: the time, and how many were done
         )
 
     def begin(self, experiment: str) -> None:

@@ -1,5 +1,6 @@
 """`judge`: whatever a program writes is read in its own convention, and the error that was put in is the one reported."""
 
+import gzip
 import json
 import math
 import os
@@ -271,6 +272,12 @@ def test_rows_of_one_body_are_chosen_from_a_long_file(monkeypatch, tmp_path, ans
         monkeypatch.setattr(reading_rows, name, value)
     (found,) = answer("judge", tmp_path / "run.csv", "--case", "bruels", "--where", "body=top")["files"]
     assert (found["rows"], found["position"]["max"] < 1e-14) == (401, True)
+
+
+def test_a_packed_file_that_is_not_whole(tmp_path, run):
+    (tmp_path / "run.csv.gz").write_bytes(gzip.compress(b"t,x,y,z\n0,0,1,0\n")[:-9])
+    code, _, err = run("judge", tmp_path / "run.csv.gz", "--case", "bruels")
+    assert (code, "run.csv.gz: Compressed file ended before" in err, err.count("\n")) == (2, True, 1)
 
 
 def test_times_of_few_digits_hide_errors(tmp_path, answer, run):

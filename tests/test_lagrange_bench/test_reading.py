@@ -190,6 +190,9 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     np.save(tmp_path / "a.npy", np.column_stack((T, X)))
     check(tmp_path / "a.npy", Options(columns={"t": "0", "x": "1", "y": "2", "z": "3"}))
     check(tmp_path / "a.npz", groups=("position", "matrix"))
+    (tmp_path / "part.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:300])
+    with pytest.raises(ValueError, match="only a part"):
+        survey(tmp_path / "part.npz")
     check(tmp_path / "a.mat", groups=("position", "omega"))
     check(tmp_path / "a.parquet")
     case = CASES["slow"]
