@@ -91,6 +91,9 @@ class Rows:
         """Whether ω changes clearly more as in a body without the torque ω × I_c ω."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
             return False
+        turning, spins = np.median(self.speed()[self.clear]), np.median(np.linalg.norm(self.omega, axis=1))
+        if not spins / 2 < turning < 2 * spins:  # another unit of times or of ω hides torques
+            return False
         omega, inertia = self._in_body(), tensor(body)
         torque = np.cross(body.up @ self.R, body.weight @ body.axes)
         coupling, own = np.cross(omega, omega @ inertia), np.cross(omega, omega @ body.inertia_com)

@@ -164,16 +164,21 @@ class Hints:
             yield f"the axis of symmetry is {axis}: --axis={axis}."
 
     def _mirrored(self) -> Iterator[str]:
-        """A world and a body with axes of the other hand."""
-        quantity = next((name for name in ("rotation", "position") if name in self.now), None)
-        if quantity is None or not self._wrong(quantity):
-            return
+        """A world and a body with other axes, perhaps of the other hand: rotations are the same with all axes reversed."""
+        wrong = [name for name in ("rotation", "position") if self._wrong(name)]
         signs_and_letters = itertools.product(itertools.product(("", "-"), repeat=3), itertools.permutations("xyz"))
-        names = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters]
-        mirrors = [each for each in names if np.linalg.det([AXES[name] for name in each]) < 0]
-        for each in self._best(quantity, {", ".join(each): self._error(quantity, mirror=each) for each in mirrors}):
-            vector = f"the vector part of quaternions, rotation vectors and ω −({each})"
-            yield f"the world is left-handed: write ({each}) for positions (x, y, z), and for {vector}."
+        names = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters] if wrong else []
+        left = {", ".join(each): bool(np.linalg.det([AXES[name] for name in each]) < 0) for each in names}
+        errors = {
+            each: max(self._error(name, mirror=tuple(each.split(", "))) / self.sizes[name] for name in wrong)
+            for each in left
+            if left[each] or "position" in wrong
+        }
+        each = _clearest(errors)
+        if each is not None and all(errors[each] * self.sizes[name] < self._bound(name) for name in wrong):
+            vector = f"the vector part of quaternions, rotation vectors and ω {'−' * left[each]}({each})"
+            others = "the world is left-handed" if left[each] else "the axes have other names"
+            yield f"{others}: write ({each}) for positions (x, y, z), and for {vector}."
 
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""

@@ -234,8 +234,9 @@ def _judged(
     judged = Judgement(*facts, turns=turns, sizes=frames.sizes)
     if own_start:
         return judged
-    if end - first > 10 * case.until and judged.leaves:
-        judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds.")
+    if end - first > 10 * case.until and (judged.leaves or start["right"] is False):
+        perhaps = "perhaps they are no seconds: --units t=us, or ms, ns"
+        judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: {perhaps}.")
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")
     return judged

@@ -25,7 +25,8 @@ smallest turn leads from there to the frames of the case; if that is half a turn
 
 Sums of steps are rounded. So times that are very near to decimals of nine digits are taken as these (nearer than 1e-10 of the
 last time, with fewer than 100 rows 5e-13). q and -q are the same rotation. If a file has quaternions and matrices, or positions
-and displacements, the larger error counts. A NaN in a row makes the error NaN, and so does a matrix that is no rotation.
+and displacements, the larger error counts. Angles beside these are not read without --angles. A NaN in a row makes the error
+NaN, and so does a matrix that is no rotation.
 
 Without a start, --body compares the energy and all else that the motion conserves with the first row, and judges whether ω fits
 the rotations (kinematics, of fourth order in the distance of the rows). With --bounds, a file also fails if a number in it is not

@@ -141,7 +141,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
 
 def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
-    names = {i: parse(word) for i, word in enumerate(header) if word}
+    names = {i: parse(word) for i, word in enumerate(header) if word and any(row[i] for row in table.sample)}
     given: set[int] = set()
     for name, where in how.columns.items():
         said = parse(name)
@@ -270,6 +270,8 @@ def _order_angles(chosen: dict[str, Group], header: list[str], how: Options, not
             raise ValueError(f"--angles {axes}: the file has no angles; {advice}")
         if len(set(axes)) == 3 and angles.order in ROLES[:3]:  # roll is about x, pitch about y, yaw about z
             angles.places = [angles.places["xyz".index(axis)] for axis in axes.lower()]
+    elif angles is not None and {"quaternion", "matrix"} & set(chosen):
+        del chosen["angles"]  # what they are about is surer of the others
     elif angles is not None and angles.order != "roll pitch yaw":
         words = " ".join(header[i] or f"{i}" for i in angles.places)
         notes.append(f"{words} are angles: say about which axes, --angles ZYX (that move) or xyz (that do not).")
@@ -281,8 +283,8 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
     stamps = {parse(header[i]).unit[:1]: i for group in clocks for i in group.places}
     if len(clocks) == 2 and set(stamps) == {"s", "n"} and clocks[0].stem == clocks[1].stem:
         return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t t", 1)]
-    plain = [group for group in clocks if group.stem in (("t",), ("time",))]
-    return plain if len(plain) == 1 else []
+    plain = ([group for group in clocks if group.stem in stems] for stems in ([("t",), ("time",)], [("timestamp",)]))
+    return next((groups for groups in plain if len(groups) == 1), [])
 
 
 def _are_places(group: Group, groups: Sequence[Group], sample: Sequence[Sequence[str]]) -> bool:
@@ -345,7 +347,7 @@ def _nothing(names: Mapping[int, Name], notes: list[str], header: list[str]) -> 
         return "a run of the bench in J and x has no position or rotation; its `error()` compares it"
     nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
     columns = f"Its columns are {' '.join(header)[:200]}. " if header else ""
-    return f"{nothing} {columns}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,…"
+    return f"{nothing} {columns}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,… or wx=4,… or angle1=4,…"
 
 
 def _floor(words: Sequence[str], like: Sequence[str] | None = None) -> float:

@@ -91,9 +91,9 @@ LETTERED = (
 )
 ROLES = ("x y z", "roll pitch yaw", "phi theta psi", "alpha beta gamma", "0 1 2", "1 2 3")
 ANGLES = {name for role in ROLES[1:4] for name in role.split()}
-CLOCKS = {"t", "ts", "time", "timestamp", "timestamps", "stamp", "simtime", "seconds", "elapsed"}
+CLOCKS = {"t", "ts", "tout", "time", "timestamp", "timestamps", "stamp", "simtime", "seconds", "elapsed"}
 NO_CLOCK = {"step", "steps", "factor", "wall", "cpu", "real", "delta", "derivative", "offset"}
-FRAMES = {"body", "world", "local", "global", "inertial", "com", "cg", "base", "map", "odom"}
+FRAMES = {"body", "world", "local", "loc", "global", "inertial", "com", "cg", "base", "map", "odom"}
 
 
 def parse(word: str) -> Name:
@@ -162,19 +162,19 @@ KINDS = [  # the first that fits the words of a stem; "" is something else that 
     ("", r"\binertias?$|energy|(^|\w{3} )[afhjl]$|\bb [aw]\b|normal$"),
     ("qpos", r"\bqpos$"),
     ("qvel", r"\bqvel$"),
-    ("omega", r"omega|\bom$|ang(ular)? ?(vel|rate|speed)|\bgyr|\brates?\b|\bangular\b|\bwb?n?$"),
+    ("omega", r"omega|\bom$|(ang(ular)?|rot(ation)?) ?(vel|rate|speed)|\bavel|\bgyr|\brates?\b|\bangular\b|\bwb?n?$"),
     ("velocity", r"\bvel|linvel|\blinear\b|\bv$|speed"),
     ("axis and angle", r"\baxis"),
-    ("quaternion", r"quat|versor|\bq$|\be$|\bep$|euler param"),
-    ("angles", r"euler|\bangles?\b|\brpy\b|\bypr\b"),
+    ("quaternion", r"quat|versor|\bqb?n?$|\be$|\bep$|euler param"),
+    ("angles", r"euler|\bangles?\b|\brpy\b|\bypr\b|\b(tilt|theta|phi|psi)$"),
     ("position", r"\br [a-z]{2} [a-z]$"),  # r_BN_N
     ("rotation vector", r"rot(ation)? ?vec|\brv$|\brvec|exp ?map"),
     ("rotation vector or position", r"\br$"),
     ("mrp", r"\bmrp|rodrigues|\bsigma"),
     ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$|\br t$"),
-    ("attitude", r"rotation|\brot$|orient|\bor[in]\b|attitude|\batt\b"),
+    ("attitude", r"\brotat(e|ion)|\brot$|orient|\bor[in]\b|attitude|\batt\b"),
     ("displacement", r"disp|\bu$"),
-    ("position", r"pos|translation|location|\bloc\b|\bcom\b|\bcg\b|origin|cent(er|re)|\b[pt]$|coord"),
+    ("position", r"pos|translat|location|^loc$|^(?![vw] ).*\b(com|cg)\b|origin|cent(er|re)|\b[pt]$|coord"),
 ]
 
 
@@ -193,7 +193,8 @@ def kind_of(stem: Iterable[str]) -> str | None:
         if kind is not None:
             return kind
         if len(words) < 2 or not (len(words[-1]) <= 2 or words[-1] in FRAMES):  # names of frames, as in omega_BN_B
-            return None
+            kind = kind_of(words[:1]) if len(words) > 1 else None
+            return kind if kind in ("omega", "velocity", "quaternion") else None  # w_sim is no place
         words = words[:-1]
 
 
@@ -228,14 +229,14 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "quaternion": (("quaternion", QUATERNIONS),),
     "attitude": (
         ("quaternion", QUATERNIONS),
-        ("matrix", NINE),
+        ("matrix", (*NINE, *FLAT)),
         ("angles", ROLES[1:4]),
         ("axis and angle", ("x y z angle",)),
         ("three of a rotation", VECTORS),
     ),
     "matrix": (("matrix", (*NINE, *FLAT)),),
     "rotation vector": (("rotation vector", VECTORS),),
-    "rotation vector or position": (("matrix", NINE), ("rotation vector or position", VECTORS)),
+    "rotation vector or position": (("matrix", (*NINE, *FLAT)), ("rotation vector or position", VECTORS)),
     "axis and angle": (("axis and angle", tuple(f"{order} angle" for order in VECTORS)),),
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),

@@ -32,7 +32,9 @@ ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  #
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
 PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
-NO_ROW = "a table must have one header and then its rows; begin other lines with #, or leave them out"
+NO_ROW = (
+    "a table must have one header, then a line with all columns for each time; begin others with #, or leave them out"
+)
 OTHERS = {
     b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
     b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
@@ -116,7 +118,8 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
     if start.startswith(b"PAR1"):
         import pandas as pd
 
-        return _of_arrays(pd.read_parquet(path).to_dict("series"))
+        frame = pd.read_parquet(path)
+        return _of_arrays((frame.reset_index() if any(frame.index.names) else frame).to_dict("series"))
     if start.startswith(b"MATLAB 5.0"):
         from scipy.io import loadmat
 
@@ -134,8 +137,9 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
 
     def collect(name: str, value: Any) -> None:
         if isinstance(value, Mapping):
-            for key, each in value.items():
-                collect(f"{name}.{key}" if name else str(key), each)
+            for key, each in value.items():  # pandas has tuples for names in two lines
+                word = ".".join(filter(None, map(str, key))) if isinstance(key, tuple) else str(key)
+                collect(f"{name}.{word}" if name else word, each)
         else:
             array = np.asarray(value)
             array = np.asarray(array.tolist()) if array.dtype.kind == "O" else array
@@ -195,7 +199,7 @@ class Text:
 
     def table(self, indices: Sequence[int]) -> Table:
         first = next(line.strip() for line in self.lines if line.strip())
-        if re.match(r"\{\s*(\"|$)|\[\{|\[$", first):
+        if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[.*\]\]$", first):
             return self._json(first)
         shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
@@ -216,7 +220,7 @@ class Text:
             block = [(i, words[:width]) for i, words in block]
         for i, words in block[:SAMPLE]:
             if len(words) != width:
-                raise ValueError(f"line {i + 1}: {len(words)} columns instead of {width}")
+                raise ValueError(f"line {i + 1}: {len(words)} columns instead of {width}; {NO_ROW}")
         numbers = {k for k, word in enumerate(block[0][1]) if word and is_number(word, self.comma)}
         for i, words in split[:a] + split[b:]:
             like = len(words) == width and all(words[k] and is_number(words[k], self.comma) for k in numbers)
@@ -285,7 +289,10 @@ class Text:
                 whole = first.startswith("[") or not first.endswith("}")
                 data = json.load(file) if whole else [json.loads(line) for line in file if line.strip()]
             data = data[0] if isinstance(data, list) and len(data) == 1 else data
-            data = pd.json_normalize(data).to_dict("series") if isinstance(data, list) else data
+            if isinstance(data, dict):
+                data = _of_data_frame(data)
+            if isinstance(data, list):
+                data = pd.json_normalize(data).to_dict("series") if isinstance(data[0], dict) else {"": data}
         except (ValueError, TypeError, AttributeError) as error:
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {error}") from None
         return _of_arrays(data)
@@ -337,6 +344,21 @@ class Text:
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
                     yield line, words
+
+
+def _of_data_frame(data: dict[str, Any]) -> Any:
+    """Rows or columns, if a data frame of pandas was written as JSON with its indices; else the same data."""
+    if isinstance(rows := data.get("data"), list):
+        names = data.get("columns")
+        return [dict(zip(names, row, strict=True)) for row in rows] if names else rows
+    first = next(iter(data.values()), None)
+    if isinstance(first, dict) and all(
+        isinstance(each, dict) and each.keys() == first.keys() for each in data.values()
+    ):
+        counted = all(key.isdecimal() for key in data)
+        if counted or all(key.isdecimal() for key in first):
+            return list(data.values()) if counted else {name: list(each.values()) for name, each in data.items()}
+    return data
 
 
 def _score(lines: Sequence[str], separator: str | None) -> int:

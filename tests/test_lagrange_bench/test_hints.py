@@ -190,6 +190,7 @@ def test_what_engines_do_to_a_spin_is_named():
     assert "within 0.1 m until t =" in judged.summary()[1]
 
 
+CYCLE = np.roll(np.eye(3), -1, 1)
 MIRROR = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, as in Unity
 
 
@@ -213,6 +214,10 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
         ({"position": 1e3 * right.position}, "mm: --units position=mm"),
         ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
         ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
+        (
+            {"position": right.position @ CYCLE, "rotation": CYCLE.T @ M @ CYCLE, "omega": right.omega_body @ CYCLE},
+            "(z, x, y)",
+        ),
     ):
         rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}
         (found,) = judge(**rows, case=name).hints

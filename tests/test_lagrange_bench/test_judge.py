@@ -137,7 +137,10 @@ FILES = {  # what is in it → exit code, what is said
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, a matrix or quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1000,0": (0, "is right, as far as the file says: it has no angular velocity."),
-    "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (0, "The times go to 200, the case to 2 s: perhaps they are no seconds."),
+    "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (
+        0,
+        "The times go to 200, the case to 2 s: perhaps they are no seconds: --units",
+    ),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
 }
 

@@ -3,6 +3,7 @@
 import gzip
 import json
 import re
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -92,6 +93,15 @@ others beside | t wb_~xyz domega_~xyz wdot_~xyz mag_~xyz x_true y_true z_true | 
 Webots | time translation_~xyz rotation_~xyz rotation_angle[deg] | t x v dangle |
 PyBullet | time pos[*]~012 orn[*]~0123 | t x wxyz |
 Euler | t phi theta psi | t dZXZ | angles=ZXZ units=angles:deg
+Chrono, local axes | t ~x,y,z e~0123 w*_loc~xyz | t x wxyz w |
+omega of one run of two | t w*_sim~xyz w*_ref~xyz | t w - |
+speeds | t AVel~XYZ Vel~XYZ | t w - |
+NASA 42 | tout qbn~1234 RotSpeed~XYZ | t xyzw w |
+two stamps | timestamp timestamp_sample q[*]~0123 | ns ns wxyz | units=t:ns
+Maya | t translate~XYZ rotate~XYZ | t x dxyz | angles=xyz units=angles:deg
+angles by axes | t theta_~xyz | t dxyz | angles=xyz units=angles:deg
+angles beside a quaternion | t q~wxyz roll pitch yaw | t wxyz - |
+nine of a matrix | t R~012345678 | t m |
 xmat | time xmat_~012345678 | t m |
 matrix by letters | t Rx~xyz Ry~xyz Rz~xyz | t m |
 units in names | time_ns ~x_mm,y_mm,z_mm ~wx_deg_s,wy_deg_s,wz_deg_s | ns mm dw |
@@ -142,6 +152,7 @@ def lines(header, row):
     return "\n".join([header, *(row.format(t, *x) for t, x in ROWS), ""])
 
 
+FRAME, PANDAS = pd.DataFrame(np.column_stack((T, X)), columns=list("txyz")), ("columns", "index", "split", "table")
 WAYS = {  # how text is written → the bytes of the file
     "tabs, one at the end": lambda: table("t\tx\ty\tz", T, X, separator="\t", end="\t\n").replace("z\t", "z"),
     "tabs, also below the header": lambda: table("t\tx\ty\tz\t", T, X, separator="\t", end="\t\n").replace("\t\t", "\t"),
@@ -170,6 +181,8 @@ WAYS = {  # how text is written → the bytes of the file
     "JSON in a long line": lambda: json.dumps({"t": T.tolist(), "pos": X.tolist(), "rest": [[0.5] * 10**5] * 12}),
     "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
     "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
+    **{f"pandas, JSON, {orient}": partial(FRAME.to_json, orient=orient, double_precision=15) for orient in PANDAS},
+    "an empty column": lambda: lines("t,Second,x,y,z", "{},,{},{},{}"),
     "numbered rows": lambda: table("t x y z", K + 1, T, X, separator=" "),
     "equal rows": lambda: table(PLAIN, T[K.repeat(2)], X[K.repeat(2)]),
 }  # fmt: skip
@@ -186,7 +199,10 @@ def test_every_way_to_write_a_table_is_read(way, tmp_path):
 def test_arrays_and_what_the_bench_saves(tmp_path):
     np.savez(tmp_path / "a.npz", time=T, position=X, rotation=M.reshape(-1, 3, 3), name="top")
     savemat(tmp_path / "a.mat", {"out": {"t": T[:, None], "pos": X.T, "omega": W}})
-    pd.DataFrame({"t": T, **dict(zip("xyz", X.T, strict=True))}).to_parquet(tmp_path / "a.parquet")
+    FRAME.to_parquet(tmp_path / "a.parquet")
+    FRAME.set_index("t").to_parquet(tmp_path / "index.parquet")
+    double = pd.MultiIndex.from_tuples([("time", ""), *(("pos", letter) for letter in "xyz")])
+    FRAME.set_axis(double, axis=1).to_parquet(tmp_path / "double.parquet")
     np.save(tmp_path / "a.npy", np.column_stack((T, X)))
     check(tmp_path / "a.npy", Options(columns={"t": "0", "x": "1", "y": "2", "z": "3"}))
     check(tmp_path / "a.npz", groups=("position", "matrix"))
@@ -194,7 +210,8 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     with pytest.raises(ValueError, match="only a part"):
         survey(tmp_path / "part.npz")
     check(tmp_path / "a.mat", groups=("position", "omega"))
-    check(tmp_path / "a.parquet")
+    for name in ("a", "index", "double"):
+        check(tmp_path / f"{name}.parquet")
     case = CASES["slow"]
     run = integrate(case.body, case.state, h=0.01, steps=20, method="rk4", every=1)
     for ending in ("csv", "npz", "parquet"):
@@ -211,6 +228,9 @@ REFUSED = {  # what is in a file → what the line says
     "t,body,x,y,z\n0,base,0,0,0\n.5,top,0,1,0\n1,base,0,0,0\n": "the column body has base, top in turn; say which",
     "t,q0,q1,q2,q3,e0,e1,e2,e3\n0,1,0,0,0,1,0,0,0\n": "several columns may be the quaternion",
     "t,rotation.x,rotation.y,rotation.z\n0,0,0,0\n": "if angles, say --angles ZYX; if a rotation vector, --columns rx=",
+    "t,rotateX,rotateY,rotateZ\n0,0,0,0\n": "if angles, say --angles ZYX",
+    "t,x,y,z\n0,0,1,0\n1,0,1\n": "line 3: 3 columns instead of 4; a table must have one header, then a line with all",
+    "t,vx_com,vy_com,vz_com\n0,0,1,0\n": "or wx=4,… or angle1=4,…",
     "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
     "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
