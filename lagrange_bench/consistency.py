@@ -68,6 +68,13 @@ class Rows:
         """How fast the attitudes turn between two rows, rad/s, (N − 1,)."""
         return np.linalg.norm(self.turn / self.dt, axis=1)  # type: ignore[no-any-return]
 
+    def speed_ratio(self) -> float:
+        """How fast the attitudes turn, over |ω|: 1 unless one has another unit; NaN where the rows do not tell."""
+        if self.omega is None or np.count_nonzero(self.clear) < FEWEST - 1:
+            return np.nan
+        size = np.median(np.linalg.norm(self.omega, axis=1))
+        return float(np.median(self.speed()[self.clear]) / size) if size else np.nan
+
     def errors(self) -> Array | None:
         """`kinematics` of all rows (N,), 0 in the first and where a turn is not clear; None where few turns are clear."""
         if self.omega is None or not len(self.clear) or 2 * np.count_nonzero(self.clear) < len(self.clear):
@@ -91,8 +98,7 @@ class Rows:
         """Whether ω changes clearly more as in a body without the torque ω × I_c ω."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
             return False
-        turning, spins = np.median(self.speed()[self.clear]), np.median(np.linalg.norm(self.omega, axis=1))
-        if not spins / 2 < turning < 2 * spins:  # another unit of times or of ω hides torques
+        if not 0.5 < self.speed_ratio() < 2:  # another unit of times or of ω hides torques
             return False
         omega, inertia = self._in_body(), tensor(body)
         torque = np.cross(body.up @ self.R, body.weight @ body.axes)

@@ -25,6 +25,8 @@ SPEEDS = {"degrees per second": ("deg/s", tau / 360), "revolutions per minute": 
 SPEEDS |= {"revolutions per second": ("rev/s", tau)}
 CLOCKS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 CLOCKS |= {"minutes": ("min", 60.0)}
+IN_UNIT = {f"omega is in {name}: --units omega={unit}.": factor for name, (unit, factor) in SPEEDS.items()}
+IN_UNIT |= {f"the times are in {name}: --units t={unit}.": factor for name, (unit, factor) in CLOCKS.items()}
 LATE = {
     "second": "ω is half a step late: it is what turned the row before into its own, as in leapfrog and semi-implicit Euler.",
     "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
@@ -343,6 +345,8 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
     """The convention in which the rows agree with themselves, q' = q ω/2, if that is clearly another one."""
     if rows is None or rows.omega is None:
         return []
+    if scaled := [hint for hint, factor in IN_UNIT.items() if abs(rows.speed_ratio() / factor - 1) < RIGHT]:
+        return scaled
     how, words, some = frames.convention, _words(frames.convention, way), _rows(trajectory, slice(HEAD))
     frame = _others(how)[1]
     off: dict[tuple[str, str, str], float] = {}

@@ -224,5 +224,8 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
         assert hint in found
     still = np.repeat(BOX.omega_body[:1], len(BOX.t), axis=0)
     assert "leaves out the gyroscopic torque" in judge(BOX.t, omega=still, case="box").hints[0]
+    assert judge(1e4 * BOX.t, rotation=BOX.rotation, omega=BOX.omega_body, body="box").hints == [], (
+        "a clock that no unit names"
+    )
     k = CASES["kovalevskaya"].solution(np.linspace(0, 10, 9))
     assert any("No closed form" in note for note in judge(1e6 * k.t, rotation=k.rotation, case="kovalevskaya").notes)

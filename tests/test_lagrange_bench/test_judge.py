@@ -371,12 +371,14 @@ SPIN = BOX.rotation.apply(BOX.omega_body)
         ({"rotation": BOX.rotation.inv()}, "transposed"),
         ({"omega": CASES["box"].solution(BOX.t - 1 / 480).omega_body}, "half a step late"),
         ({"omega": CASES["box"].solution(BOX.t + 1 / 480).omega_body}, "half a step early"),
+        ({"omega": np.rad2deg(BOX.omega_body)}, "--units omega=deg/s"),
+        ({"t": 1e3 * BOX.t}, "--units t=ms"),
     ],
 )
 def test_a_body_without_a_start_is_judged_by_itself(given, hint):
     """By what its motion keeps, and by q' = q ω/2; `first-row` adds the exact motion."""
     rows = {"rotation": BOX.rotation, "omega": BOX.omega_body, **given}
-    judged = judge(BOX.t, **rows, body="box")
+    judged = judge(rows.pop("t", BOX.t), **rows, body="box")
     assert hint in (judged.hints or [""])[0]
     assert len(judged.hints) == bool(hint)
     assert (judged.start, "rotation" in judged.errors) == ({}, False)
