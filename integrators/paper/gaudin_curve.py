@@ -117,6 +117,8 @@ def pade_roots(k: int) -> list[Any]:
 def polynomial_roots(p: Any) -> list[Any]:
     """All roots of a polynomial with ascending coefficients, mpmath numbers: the eigenvalues of its companion matrix."""
     n = len(p) - 1
+    if n == 1:  # mpmath 1.3 returns the eigenvalue of one number in a tuple
+        return [-mp.mpc(p[0]) / p[1]]
     companion = mp.matrix(n)
     for i in range(n):
         companion[i, n - 1] = -mp.mpf(p[i]) / p[n]
