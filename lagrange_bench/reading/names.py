@@ -93,7 +93,7 @@ ROLES = ("x y z", "roll pitch yaw", "phi theta psi", "alpha beta gamma", "0 1 2"
 ANGLES = {name for role in ROLES[1:4] for name in role.split()}
 CLOCKS = {"t", "ts", "tout", "time", "timestamp", "timestamps", "stamp", "simtime", "seconds", "elapsed"}
 NO_CLOCK = {"step", "steps", "factor", "wall", "cpu", "real", "delta", "derivative", "offset"}
-FRAMES = {"body", "world", "local", "loc", "global", "inertial", "com", "cg", "base", "map", "odom"}
+FRAMES = {"body", "world", "local", "global", "inertial", "com", "cg", "base", "map", "odom"}
 
 
 def parse(word: str) -> Name:

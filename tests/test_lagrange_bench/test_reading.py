@@ -182,7 +182,7 @@ WAYS = {  # how text is written → the bytes of the file
     "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
     "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
     **{f"pandas, JSON, {orient}": partial(FRAME.to_json, orient=orient, double_precision=15) for orient in PANDAS},
-    "an empty column": lambda: lines("t,Second,x,y,z", "{},,{},{},{}"),
+    "an empty column": lambda: lines("SampleTime,Second,x,y,z", "{},,{},{},{}"),
     "numbered rows": lambda: table("t x y z", K + 1, T, X, separator=" "),
     "equal rows": lambda: table(PLAIN, T[K.repeat(2)], X[K.repeat(2)]),
 }  # fmt: skip
