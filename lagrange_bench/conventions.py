@@ -219,11 +219,8 @@ class Frames:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.rigid_body.energy_of(R, in_body) - self.energy))
                 off = self.rigid_body.momentum_of(R, in_body) - self.momentum
-                add(
-                    momentum=np.linalg.norm(off, axis=1)
-                    if self.rigid_body.is_free
-                    else np.abs(off @ self.rigid_body.up)
-                )
+                without_torque = self.rigid_body.is_free  # else only the part about the vertical is conserved
+                add(momentum=np.linalg.norm(off, axis=1) if without_torque else np.abs(off @ self.rigid_body.up))
             if body and not attitudes and kinds.free_body(self.rigid_body):
                 length = np.linalg.norm(self.rigid_body.momentum_of(np.eye(3), omega), axis=1)
                 add(energy=np.abs(self.rigid_body.energy_of(np.eye(3), omega) - self.energy))

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from math import tau
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -25,13 +25,15 @@ SPEEDS = {"degrees per second": ("deg/s", tau / 360), "revolutions per minute": 
 SPEEDS |= {"revolutions per second": ("rev/s", tau)}
 CLOCKS = {"milliseconds": ("ms", 1e-3), "microseconds": ("us", 1e-6), "nanoseconds": ("ns", 1e-9)}
 CLOCKS |= {"minutes": ("min", 60.0)}
-IN_UNIT = {f"omega is in {name}: --units omega={unit}.": factor for name, (unit, factor) in SPEEDS.items()}
-IN_UNIT |= {f"the times are in {name}: --units t={unit}.": factor for name, (unit, factor) in CLOCKS.items()}
+# hint → the factor that leads to SI units
+OMEGA_UNITS = {f"omega is in {name}: --units omega={unit}.": factor for name, (unit, factor) in SPEEDS.items()}
+TIME_UNITS = {f"the times are in {name}: --units t={unit}.": factor for name, (unit, factor) in CLOCKS.items()}
 LATE = {
     "second": "ω is half a step late: it is what turned the row before into its own, as in leapfrog and semi-implicit Euler.",
     "first": "ω is half a step early: it is what turns its row into the next, as in leapfrog.",
 }
 WITHOUT = "the program leaves out the gyroscopic torque ω × I ω: an option of many engines."
+Reading = TypeVar("Reading")  # a hint, or what it changes
 HEAD = 2000  # rows that hints are taken from
 SHIFTS, SHIFTED = (1, -1, 2, -2, 3, -3), 10  # rows that times may be late; more rows than these show it
 BETTER = 10  # a hint makes errors so many times smaller than the rows as they are, and than any other hint
@@ -168,34 +170,36 @@ class Hints:
     def _mirrored(self) -> Iterator[str]:
         """A world and a body with other axes, perhaps of the other hand: rotations are the same with all axes reversed."""
         wrong = [name for name in ("rotation", "position") if self._wrong(name)]
+        if not wrong:
+            return
         signs_and_letters = itertools.product(itertools.product(("", "-"), repeat=3), itertools.permutations("xyz"))
-        names = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters] if wrong else []
-        left = {", ".join(each): bool(np.linalg.det([AXES[name] for name in each]) < 0) for each in names}
+        triples = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters]
+        left_handed = {triple: bool(np.linalg.det([AXES[name] for name in triple]) < 0) for triple in triples}
         errors = {
-            each: max(self._error(name, mirror=tuple(each.split(", "))) / self.sizes[name] for name in wrong)
-            for each in left
-            if left[each] or "position" in wrong
+            triple: max(self._error(name, mirror=triple) / self.sizes[name] for name in wrong)
+            for triple in triples
+            if left_handed[triple] or "position" in wrong
         }
-        each = _clearest(errors)
-        if each is not None and all(errors[each] * self.sizes[name] < self._bound(name) for name in wrong):
-            vector = f"the vector part of quaternions, rotation vectors and ω {'−' * left[each]}({each})"
-            others = "the world is left-handed" if left[each] else "the axes have other names"
-            yield f"{others}: write ({each}) for positions (x, y, z), and for {vector}."
+        best = _clearest(errors)
+        if best is not None and all(errors[best] * self.sizes[name] < self._bound(name) for name in wrong):
+            axes, sign = f"({', '.join(best)})", "−" * left_handed[best]
+            vector = f"the vector part of quaternions, rotation vectors and ω {sign}{axes}"
+            others = "the world is left-handed" if left_handed[best] else "the axes have other names"
+            yield f"{others}: write {axes} for positions (x, y, z), and for {vector}."
 
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""
         if self._wrong("omega"):
             now, other = self.frames.convention.omega_frame, _others(self.frames.convention)[1]
-            units = {f"in {name}: --units omega={unit}": factor for name, (unit, factor) in SPEEDS.items()}
-            units["of the other sign"] = -1.0
+            factors = {**OMEGA_UNITS, "omega is of the other sign.": -1.0}
             scaled = {
-                (what, frame): self._error("omega", self._scaled("omega", factor), omega_frame=frame)
-                for (what, factor), frame in itertools.product(units.items(), (now, other))
+                (hint, frame): self._error("omega", self._scaled("omega", factor), omega_frame=frame)
+                for (hint, factor), frame in itertools.product(factors.items(), (now, other))
             }
             best = min(scaled, key=scaled.__getitem__)
             if scaled[best] < self._bound("omega"):
-                what, frame = best
-                yield f"omega is {what}." + f" It is in the {other} frame, too: --omega {other}." * (frame == other)
+                hint, frame = best
+                yield hint + f" It is in the {other} frame, too: --omega {other}." * (frame == other)
 
     def _times(self) -> Iterator[str]:
         quantity = next((name for name in ("rotation", "position") if name in self.now), "omega")
@@ -207,8 +211,7 @@ class Hints:
 
         still = error_at(0 * self.t) / BETTER
         least = min(self._bound(quantity), still)
-        clocks = {f"the times are in {name}: --units t={unit}.": factor for name, (unit, factor) in CLOCKS.items()}
-        scaled = {hint: error_at(factor * self.t) for hint, factor in clocks.items()}
+        scaled = {hint: error_at(factor * self.t) for hint, factor in TIME_UNITS.items()}
         yield from (hint for hint in self._best(quantity, scaled) if scaled[hint] < still)
         (trajectory, exact), late = self.head, {0: math.inf}
         n = len(exact[0])
@@ -227,8 +230,8 @@ class Hints:
         t = self.head[0]["time"][:, 0]
         if self._wrong("omega") and len(t) >= ENOUGH:
             step, later = float(np.median(np.diff(t))), _rows(self.trajectory, slice(1, None))
-            times = {LATE["second"]: self.t[1:] - step / 2, LATE["first"]: self.t[1:] + step / 2}
-            errors = {hint: self._error("omega", later, self.frames.exact(t)) for hint, t in times.items()}
+            shifted = {LATE["second"]: self.t[1:] - step / 2, LATE["first"]: self.t[1:] + step / 2}
+            errors = {hint: self._error("omega", later, self.frames.exact(times)) for hint, times in shifted.items()}
             yield from self._best("omega", errors)
 
     def bodies(self) -> list[str]:
@@ -330,9 +333,9 @@ def find_hints(
     if not hints:
         own = own_hints(frames, trajectory, rows, way)
         hints = [hint for hint in own if hint not in (*LATE.values(), WITHOUT)] or list(whole.points())
-    right = next((changes for text, changes in _attitudes(frames, trajectory, way).items() if text in hints), {})
-    if right:  # misread rotations agree with a misread ω
-        rows = frames.changed(**right).rows(_rows(trajectory, slice(HEAD)))
+    correction = next((changes for text, changes in _attitudes(frames, trajectory, way).items() if text in hints), {})
+    if correction:  # misread rotations agree with a misread ω
+        rows = frames.changed(**correction).rows(_rows(trajectory, slice(HEAD)))
     if rows is not None:
         if rows.other_frame() and not any("--omega" in hint for hint in hints):
             hints.append(_words(frames.convention)["frame"])
@@ -345,7 +348,8 @@ def own_hints(frames: Frames, trajectory: Mapping[str, Array], rows: Rows | None
     """The convention in which the rows agree with themselves, q' = q ω/2, if that is clearly another one."""
     if rows is None or rows.omega is None:
         return []
-    if scaled := [hint for hint, factor in IN_UNIT.items() if abs(rows.speed_ratio() / factor - 1) < RIGHT]:
+    factors, ratio = {**OMEGA_UNITS, **TIME_UNITS}, rows.speed_ratio()
+    if scaled := [hint for hint, factor in factors.items() if abs(ratio / factor - 1) < RIGHT]:
         return scaled
     how, words, some = frames.convention, _words(frames.convention, way), _rows(trajectory, slice(HEAD))
     frame = _others(how)[1]
@@ -373,8 +377,8 @@ def _attitudes(frames: Frames, trajectory: Mapping[str, Array], way: str = "") -
     return ways
 
 
-def _clearest(errors: Mapping[str, float]) -> str | None:
-    """The hint whose error is clearly smaller than any other."""
+def _clearest(errors: Mapping[Reading, float]) -> Reading | None:
+    """The way to read the rows whose error is clearly smaller than any other."""
     least, *others = sorted(errors.values()) or [math.nan]
     return min(errors, key=errors.__getitem__) if all(least * BETTER < error for error in others) and errors else None
 

@@ -230,8 +230,19 @@ def _judged(
             start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
     whole = rows if rows is not None and rows.rows == run.rows else None
     turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], whole)
-    facts = case.name, run.rows, (first, end), errors, start, floors, hints, notes, measured.curves
-    judged = Judgement(*facts, turns=turns, sizes=frames.sizes)
+    judged = Judgement(
+        case.name,
+        run.rows,
+        (first, end),
+        errors,
+        start,
+        floors,
+        hints,
+        notes,
+        measured.curves,
+        turns=turns,
+        sizes=frames.sizes,
+    )
     if own_start:
         return judged
     if end - first > 10 * case.until and (judged.leaves or start["right"] is False):

@@ -109,12 +109,14 @@ def survey(path: Path, how: Options | None = None) -> Layout:
             raise ValueError(f"--step is for files without times; column {place} has them")
     if not set(chosen) - {"time"}:
         raise ValueError(_nothing(names, notes, table.names))
-    quat, order = None, chosen["quaternion"].order if "quaternion" in chosen else "0"
-    if order[0] not in "01":
-        quat = "wxyz"
-    elif order == "1 2 3 4" and how.quat is None:
-        quat = "xyzw"
-        notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
+    quat = None
+    if "quaternion" in chosen:
+        order = chosen["quaternion"].order
+        if order[0] not in "01":  # named by letters
+            quat = "wxyz"
+        elif order == "1 2 3 4" and how.quat is None:
+            quat = "xyzw"
+            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     factors: dict[int, float] = {}
     words: list[str] = []
     floor: dict[str, float] = {}

@@ -22,9 +22,8 @@ class Cells:
         self.tasks = {name: bars.add_task(self.titles[name], total=n, **more) for name, n in totals.items()}
         self.failed = Counter[str]()
         self.last: dict[str, float] = {}  # when a line was printed
-        self.fifth: tuple[float, float] | None = (
-            None  # at the first line after a fifth: the time, and how many were done
-        )
+        # at the first line after a fifth of all cells: the time, and how many were done
+        self.fifth: tuple[float, float] | None = None
 
     def begin(self, experiment: str) -> None:
         """Say that a cell of this experiment begins."""
