@@ -166,7 +166,7 @@ def lead(
             rivals = race.family == "closed-form" if closed else ~race.family.isin(EXACT)
             ours, others = race[race.family == "backlund"].total, race[rivals].total
             ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0
-            ratios[f"error {show(target)} at t = {show(span)} on {state}, which {len(others)} others reach"] = ratio
+            ratios[f"error {show(target)} at t = {show(span)} on {state}, reached by {len(others)} more"] = ratio
     if not ratios:
         raise NoData("no runs of these lengths")
     return Reading(list(ratios.values()), f"closest: {min(ratios, key=lambda run: abs(np.log(ratios[run] or 1e-9)))}")
