@@ -60,10 +60,13 @@ def built_in_potentials() -> pd.DataFrame:
 
 
 def programs(rows: pd.DataFrame) -> pd.DataFrame:
-    """How far engines are off on a slow top, as `engines.overview` has it: columns without a number are left out."""
-    table = pd.DataFrame() if rows.empty else engines.overview(rows)
-    if table.empty:
-        return table
+    """How far engines are off on a slow top, as `engines.overview` has it; empty where no engine was run.
+
+    Columns without a number are left out.
+    """
+    if rows.empty or rows.engine.eq(engines.OURS).all():
+        return pd.DataFrame()
+    table = engines.overview(rows)
     ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
     if len(ours):
         errors = dict.fromkeys(engines.OVERVIEW, ours.position.max())

@@ -17,7 +17,7 @@ from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
 from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.integrators.registry import BUILT_IN
-from lagrange_bench.report import chooser, claims, origin, own, page, panels, promises, readme
+from lagrange_bench.report import chooser, claims, lists, origin, own, page, panels, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.report.headlines import HEADLINES, headline
 from lagrange_bench.report.origin import Origin
@@ -396,3 +396,9 @@ def test_headlines_say_what_the_rows_show(stored):
     winners = pd.DataFrame({"span": [1e3, 1e3, 1e4], "cheapest": ["rk4", "backlund_splitting", "backlund_splitting"]})
     assert headline("perturbed_work_t1000", winners, {"winners": winners}).endswith("in 1 of 2 races")
     assert headline("driven_work", winners, {"winners": winners}).endswith("in 2 of 3 races")
+
+
+def test_the_table_of_programs_needs_an_engine(stored):
+    rows = stored["engines"]
+    assert {"this bench", "MuJoCo, 4.0.0"} <= set(lists.programs(rows)["program"])
+    assert lists.programs(rows[rows.engine == "lagrange-bench"]).empty, "as in the quick profile"
