@@ -2,8 +2,8 @@
 
 The files are those of the experiment, the method and the potential, and all that these import (`support.source_digest`).
 If an experiment names a method in quotes, the file of that method counts for all its cells. The process that computes a cell
-takes the digest before it begins, and afterwards checks that no file was edited. Some files decide about no row and do not
-count: how figures look, how cells are run, and the list of methods.
+takes the digest before it begins, and afterwards checks that no file was edited. What decides about no row does not count:
+comments and docstrings, how figures look, how cells are run, and the list of methods.
 """
 
 import re
@@ -58,7 +58,7 @@ def _code(sources: Sources, experiment: str, method: str | None, potential: str 
         texts = (sources.read(path) for name, path in files.items() if not name.startswith(f"{BENCH}.integrators."))
         named = {METHODS.module(word) for word in frozenset().union(*map(_quoted, texts)) & set(METHODS)}
         if named <= modules:
-            return sources.code(modules)
+            return sources.code(modules, words=False)
         modules |= named
 
 

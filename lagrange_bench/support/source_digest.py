@@ -9,9 +9,11 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib.util
+import io
 import re
 import sys
 import sysconfig
+import tokenize
 from collections.abc import Collection
 from functools import cache
 from importlib.machinery import ModuleSpec, PathFinder
@@ -59,10 +61,17 @@ class Sources:
         """Whether one of the files was edited since it was read. Then it is not known which version this process imported."""
         return any(_stamp(path) != self._stamps[path] for path in code.paths if path in self._stamps)
 
-    def code(self, modules: Collection[str], *more: str) -> SourceDigest:
-        """The source code of these modules and of all that they import. more : texts that enter the digest, too."""
+    def code(self, modules: Collection[str], *more: str, words: bool = True) -> SourceDigest:
+        """The source code of these modules and of all that they import.
+
+        more : texts that enter the digest, too. words : whether comments, docstrings and empty lines count. It takes a second to
+        leave them out of all files.
+        """
         files = self.files(modules)
-        lines = [f"{name} {hashlib.sha256(self.content[path]).hexdigest()}" for name, path in sorted(files.items())]
+        content = {
+            name: self.content[path] if words else _without_words(self.content[path]) for name, path in files.items()
+        }
+        lines = [f"{name} {hashlib.sha256(content[name]).hexdigest()}" for name in sorted(content)]
         digest = hashlib.sha256("\n".join([*lines, *more]).encode()).hexdigest()[:24]
         return SourceDigest(digest, frozenset(files.values()))
 
@@ -132,6 +141,25 @@ def _stamp(path: str) -> tuple[int, int] | None:
     except OSError:
         return None
     return status.st_mtime_ns, status.st_size
+
+
+@cache
+def _without_words(source: bytes) -> bytes:
+    """A module without comments, docstrings and empty lines, which decide about no number."""
+    text = importlib.util.decode_source(source)
+    lines = text.splitlines(keepends=True)
+    tokens = list(tokenize.generate_tokens(io.StringIO(text).readline))
+    words = [token for token in tokens if token.type in (tokenize.COMMENT, tokenize.NL)]
+    code = [token for token in tokens if token.type not in (tokenize.COMMENT, tokenize.NL)]
+    for before, here, after in zip([None, *code], code, code[1:], strict=False):
+        begins = before is None or before.type in (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT)
+        if begins and here.type == tokenize.STRING and after.type == tokenize.NEWLINE:
+            words.append(here)  # a statement that is a string
+    for word in sorted(words, key=lambda word: word.start, reverse=True):
+        (first, left), (last, right) = word.start, word.end
+        rest = lines[first - 1][:left].rstrip() + lines[last - 1][right:]
+        lines[first - 1 : last] = [rest if rest.strip() else ""]
+    return "".join(lines).encode()
 
 
 @cache

@@ -268,7 +268,7 @@ class Edited(Sources):
     def __init__(self, file):
         super().__init__()
         path = ROOT / file  # as it is imported
-        self.content[str(path)] = path.read_bytes() + b"\n# edited\n"
+        self.content[str(path)] = path.read_bytes() + b"\nEDITED = True\n"
 
 
 def of(*words):
@@ -330,6 +330,25 @@ def test_all_that_a_file_of_ones_own_imports_counts(folder, text):
     assert first not in (None, folder("helper.py", "x = 2\n"))
     assert first == folder("helper.py", "x = 1\n") == folder("other.py", "x = 2\n")
     assert "mine" not in sys.modules, "nothing of the user's is run for it"
+
+
+CODE = 'def f(x):\n    if x:\n        return """a\n\n    # b"""\n    return (x, 2)\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("", "# a comment\n", True),
+        ("def f(x):\n", 'def f(x):\n    """Two\n\n    lines."""  # and more\n\n', True),
+        ("    if x:\n", "    # why\n    if x:  # so\n\n", True),
+        ("(x, 2)", "(\n        x,  # the one\n        2,\n    )", False),  # a comma more
+        ("# b", "# c", False),
+        ("a\n\n", "a\n", False),
+        ("return (x, 2)", '"""return (x, 2)"""', False),
+    ],
+)
+def test_comments_and_docstrings_are_no_code(folder, old, new, same):
+    assert (folder("mine.py", CODE) == folder("mine.py", CODE.replace(old, new, 1))) == same
 
 
 def test_what_cannot_be_known_is_not(folder):
