@@ -1,26 +1,26 @@
-"""The exact time-h map in rational form, by the addition theorems of Weierstrass' and Lamé's functions.
+"""The exact step over h in rational form, by the addition theorems of Weierstrass' and Lamé's functions.
 
-In the closed-form solution Y(t) = alpha x3/2 satisfies Y'² = 4Y³ − 2HY² + G1 Y + G0, so Y = ℘ + H/6; and J+ = J1 + iJ2 obeys
-J+' = i alpha x+ and, freed of a rotation, Lamé's equation: u = J+ e^{−i J3 t/2}, u'' = (2Y − J3²/4) u. Over a step h,
+Y(t) = alpha x3/2 satisfies Y'² = 4Y³ − 2HY² + G1 Y + G0, so Y = ℘ + H/6. J+ = J1 + iJ2 obeys J+' = i alpha x+. Freed of a
+rotation, u = J+ e^{−i J3 t/2}, it obeys Lamé's equation u'' = (2Y − J3²/4) u. Over a step h,
 
     u(t + h) = M11 u + M12 u',    μ = (Y'(h) − Y'(t)) / (2 (Y(h) − Y(t)))
-    M11 = −c1 (Y(h) − J3²/4 + Y(t)) − c0 μ        M12 = c0 + c1 μ        Y(t + h) = μ² − Y(t) − Y(h) + H/2,
+    M11 = −c1 (Y(h) − J3²/4 + Y(t)) − c0 μ        M12 = c0 + c1 μ        Y(t + h) = μ² − Y(t) − Y(h) + H/2.
 
-where Y(h) and the constants c1 = −φ(h)/3, c0 = φ'(h)/3 belong to the torus: Y(h) is the solution with the pole at h = 0,
-φ that of Lamé's equation with φ ~ h² there. (M12 is an elliptic function of t with simple poles where Y(t) or Y(t + h) has
-its own, hence linear in μ; the rest follows from M' = A(t + h) M − M A(t), A = (0, 1; 2Y − J3²/4, 0).) On real orbits
-Y(h) > Y(t): the one denominator does not vanish, as x+ does in the familiar quotient of elliptic functions.
+Y(h) is the solution with the pole at h = 0. The constants are c1 = −φ(h)/3 and c0 = φ'(h)/3, with the solution φ ~ h² of Lamé's
+equation. All three depend on the torus and on h only. (M12 is an elliptic function of t. It has simple poles where Y(t) or
+Y(t + h) has a pole, so it is linear in μ. The rest follows from M' = A(t + h) M − M A(t), A = (0, 1; 2Y − J3²/4, 0).) On real
+orbits Y(h) > Y(t), so this denominator does not vanish. The familiar quotient of elliptic functions divides by x+, which may.
 
-Written for x3, x+ = x1 + ix2 and J+ nothing divides by alpha. With p = 1/Y(h), n = −p', χ = φ/p,
-e = (n x3 − p x3')/(2 − alpha p x3), all updates are increments of size h, and h = 0, p = 0 is a regular point.
+In x3, x+ = x1 + ix2 and J+ nothing is divided by alpha. With p = 1/Y(h), n = −p', χ = φ/p and
+e = (n x3 − p x3')/(2 − alpha p x3) all updates are increments of size h, and h = 0, p = 0 is a regular point.
 
-Off the torus the map is not the flow and leads further off, exponentially. So the state is moved back onto H, C1 and C2 every
-few steps, in every step if h is long. And where a long step takes Y(h) close to the orbit's largest Y(t), which it can only
-near the separatrix, the denominator loses the digits of x3. Such steps are refused. So are rows off the torus, to which the
-constants of a still longer step lead, as they have no digits.
+Off the torus the map is not the flow, and leads further off exponentially. So the state is moved back onto H, C1 and C2 every few
+steps, or in every step if h is long. Near the separatrix a long step may take Y(h) close to the largest Y(t) of the orbit. Then
+the denominator loses the digits of x3, and the step is refused. The constants of a still longer step have no digits, and lead to
+rows off the torus. Such rows are refused, too.
 
-Set-up, in double-double: p and φ from their power series at h/2^k, then k doublings, t = h in the formulas above. h is taken
-modulo the nutation period; a whole period is a rotation about e3, `time_step.precession`.
+Set-up, in double-double: p and φ come from their power series at h/2^k. Then k doublings follow: the formulas above with t = h. h
+is taken modulo the nutation period; a whole period is a rotation about e3, `time_step.precession`.
 
 Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23.10, 29.2; matrix form: this project.
 """
@@ -61,18 +61,18 @@ G, GX, GE, GE_X, K1, K2, K3, L = range(TORUS + 7, TORUS + 23, 2)
 SIZE = L + 2
 
 TERMS = 9  # of the power series in h²
-START = 2.0**-8  # times up to this, in units of 1/(|J| + √(|alpha||x|)) up to a factor two, start from the series
+START = 2.0**-8  # longest time of the series, in units of 1/(|J| + √(|alpha||x|)) up to a factor two
 
-LONG = 0.5  # |h|, in the same units, from which the state is moved back onto its torus in every step
+LONG = 0.5  # from this |h| on, in the same units, every step moves the state back onto its torus
 UNSTABLE = 1.0  # times up to which no unstable orbit has gone far
-LEAST = 1e-3  # of 1 − Y(t)/Y(h)
+LEAST = 1e-3  # least 1 − Y(t)/Y(h)
 
 ZERO, ONE = (0.0, 0.0), (1.0, 0.0)
 
 
 @jit
 def step(s, c, counters):
-    """The map; (a, b) stands for a + ib."""
+    """The map. a1 + i a2 and so on are complex numbers; x3' = v."""
     J1, J2, J3, x1, x2, x3 = s
     v = J1 * x2 - J2 * x1  # x3'
     r = 1.0 / (1.0 - c[HALF_ALPHA_P] * x3)
@@ -128,7 +128,10 @@ def product(a, b, j, low):
 
 @jit
 def start(torus, h):
-    """p, p', φ, φ' and e^{i J3 h/2} for a small time: power series in h², from p'' and p φ'' = (2 − J3² p/4) φ."""
+    """p, p', φ, φ' and e^{i J3 h/2} for a small h, from power series in h².
+
+    They solve p'' = 2 − 2Hp + 3 G1 p²/2 + 2 G0 p³ and p φ'' = (2 − J3² p/4) φ.
+    """
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
     quarter = scale(mul(m, m), 0.25)
     p, f, pp = np.zeros((TERMS + 1, 2)), np.zeros((TERMS + 1, 2)), np.zeros((TERMS + 1, 2))
@@ -154,7 +157,7 @@ def start(torus, h):
 
 @unrolled
 def double_time(torus, p, dp, f, df, turn):
-    """The same at twice the time: t = h in the formulas of the module's docstring."""
+    """The same at 2h, from their values at h: t = h in the formulas of the module's docstring."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
     quarter = scale(mul(m, m), 0.25)
     Hp, pp = mul(H_, p), mul(p, p)
@@ -193,7 +196,7 @@ def functions(torus, h):
 
 @jit
 def coefficients(alpha, torus, values, turn):
-    """All that a step needs, as double-doubles: real numbers, then complex ones, the latter turned about e3 by `turn`."""
+    """All constants of a step, as double-doubles: seven real ones, then eight complex ones, turned about e3 by `turn`."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
     p, dp, f, df, own_turn = values
     eps = cmul(own_turn, turn)
@@ -233,7 +236,7 @@ def coefficients(alpha, torus, values, turn):
 
 @jit
 def constants(alpha, y, h):
-    """The constants of `step` on the torus of y, computed in double-double and rounded once; and the least denominator."""
+    """The constants of `step` on the torus of y, and the least denominator. Computed in double-double, rounded once."""
     torus = cubic(alpha, y)
     period = ts.nutation_period(alpha, y)
     turn, r, turns = (ONE, ZERO), dd(h), 0.0
@@ -266,7 +269,7 @@ first_constants = at_first_interpreted(constants)
 
 
 class AdditionStepper(real_map.TorusStepper):
-    """A map that leads off the torus, if h is so long that its constants have no digits."""
+    """Refuses rows off the torus. The map leaves it if h is so long that the constants have no digits."""
 
     def rows(self, out: Array, every: int) -> Array:
         on = real_map.first_rows_on_torus(out, self.constants, real_map.OFF_TORUS)
@@ -281,7 +284,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
 
     Parameters
     ----------
-    pin : steps between two corrections onto the invariants, 0 for none (then round-off grows exponentially). By default 8,
+    pin : steps between two corrections onto the invariants; 0 for none, but then round-off grows exponentially. By default 8,
         and 1 if |h| is about 1/(|J| + √(|alpha||x|)) or longer.
     """
     name = "addition_theorem"

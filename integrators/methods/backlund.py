@@ -1,15 +1,14 @@
 """The two-point Bäcklund transformation of Kuznetsov, Petrera and Ragnisco as a real, pole-free integrator.
 
-The map conserves H, J3, C1 and C2, is Poisson and symmetric; the formula is in `torus.real_map`. A step costs one
-division and about eighty other operations, its updates are increments of size O(h), so nothing cancels for small h. A
-second form takes over where λ is large, or close to a root of Q.
+The map conserves H, J3, C1 and C2, and is Poisson and symmetric; the formula is in `torus.real_map`. A step costs one division
+and about eighty other operations. It adds increments of size O(h), so nothing cancels for small h. Where λ is large, or close to
+a root of Q, the map is computed in another form.
 
-Three records: `backlund` chooses λ(h) on the torus of the initial state, which makes the step the exact flow over h;
-`backlund_unpinned` is the same without the correction below; `backlund_paper` takes λ = i h √C1/2, the paper's own time
-step.
+There are three records. `backlund` takes λ(h) on the torus of the initial state, which makes the step the exact flow over h.
+`backlund_unpinned` does the same without the correction below. `backlund_paper` takes λ = i h √C1/2, the paper's own time step.
 
-Round-off: constants are computed in double-double and rounded once; what is left is a random walk. Every `pin` steps
-the state is moved back onto its own invariants (H, C1, C2) by the smallest correction, ~1e-16 in size.
+Constants are computed in double-double and rounded once. What is left of round-off is a random walk. Every `pin` steps the state
+is moved back onto its own H, C1 and C2 by the smallest correction, about 1e-16 in size.
 """
 
 from __future__ import annotations
@@ -38,11 +37,9 @@ from lagrange_bench.integrators.torus.any_parameter import check_parameter, pape
 from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
 
 PIN = 8  # steps between two pins, by default
-SHORT = 16  # steps of an ensemble up to which λ(h) comes in plain doubles: else set-up would cost fifty times as much as they
-# of a step of the attitude, in units of rate 1: towards the unstable vertical |m|² falls below round-off
-LONGEST_TURN = 16.0
+SHORT = 16  # steps; shorter ensembles take λ(h) in plain doubles, or set-up would cost fifty times as much as the steps
+LONGEST_TURN = 16.0  # longest step of the attitude, at rate 1; beyond, near the unstable vertical, |m|² has no digits
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
-
 
 first_form, first_flow = at_first_interpreted(real_map.form), at_first_interpreted(ts.exact_flow)
 first_nutation_period = at_first_interpreted(ts.nutation_period)
@@ -57,20 +54,20 @@ def _stepper(
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
-    """The exact step over h, any h ≠ 0; or, with `lam`, the two-point map of that parameter.
+    """The exact step over h ≠ 0 of any length; or, with `lam`, the two-point map of that parameter.
 
     Parameters
     ----------
     pin : steps between two corrections onto the invariants, 0 for none.
-    lam : λ with Im λ > 0. The map is then a time step of T(λ) and a turn about e3, and h only labels the steps;
-        h < 0 takes the inverse map.
+    lam : λ with Im λ > 0. The map is then a step of the time T(λ) and a turn about e3, and h only labels the steps. h < 0
+        takes the inverse map.
     """
     pin = check_count(pin, "pin")
     return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """The exact step over h with nothing pinned: what the map does by itself."""
+    """The exact step over h, never pinned: it shows what the map does by itself."""
     return _exact("backlund_unpinned", top, y0, h, 0)
 
 
@@ -95,7 +92,7 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: 
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
-    """Jumps: one two-point map from y0 to each output time, whatever the distance."""
+    """The states at any times: one two-point map from y0 to each time, whatever the distance."""
     if kinds.symmetric_body(top):
         return symmetric_body.evaluated("backlund", top, y0, times, evaluate_exact, frames_exact)  # type: ignore[arg-type]
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
@@ -110,12 +107,12 @@ def many(
     alphas: Array, Y0: Array, h: float, steps: int, every: int, out: Array, stopped: Callable[[], bool],
     *, pin: int = PIN, lam: complex | None = None,
 ) -> NDArray[np.bool_]:  # fmt: skip
-    """The exact steps of many tops, each with λ(h) and constants of its own; options as in `prepare_exact`.
+    """The exact steps of many tops, each with its own λ(h) and constants; options as in `prepare_exact`.
 
-    More than `SHORT` steps have the bits of `prepare_exact`.
+    Runs of more than `SHORT` steps have the bits of `prepare_exact`.
     """
     pin, n = check_count(pin, "pin"), len(Y0)
-    if lam is not None:  # another λ in the units of each top
+    if lam is not None:  # λ is another number in the units of each top: they are taken one by one
         check_parameter(lam)
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
@@ -139,10 +136,10 @@ def many(
 
 
 def frames_exact(top: LagrangeTop, y0: Array, times: Array, pin: int = PIN) -> Array:
-    """The frame that turns with J, quaternions (N, 4): exact steps from one time to the next, see `torus.attitude`."""
+    """The frame that turns with J, as quaternions (N, 4): exact steps from one time to the next, see `torus.attitude`."""
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
-    # whole nutations have no λ of their own: steps of at most half of one, or of LONGEST_TURN where it takes for ever
+    # A whole nutation has no λ. So a step is at most half a nutation, and at most LONGEST_TURN if a nutation takes for ever.
     longest = 0.5 * min(first_nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
     if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")

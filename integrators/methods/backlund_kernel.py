@@ -1,7 +1,7 @@
-"""Kernels of the splitting with the exact step inside: the exact flow of a top, kicks by V, and what goes with them.
+"""Kernels for `backlund_splitting`: the exact flow of a top, kicks by V, and the box of the tables.
 
-`backlund_splitting` says what they are for. A kick leaves the torus, so λ and m are others at every flow. They come from a table
-over a box of (H, J3), see `step_table`; a trial run with long steps shows how wide the box must be.
+A kick leaves the torus, so every flow has another λ and m. They come from a table over a box of (H, J3), see `step_table`. A
+trial run with long steps shows how wide the box must be.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
 from lagrange_bench.integrators.torus.step_table import look_up, table_size
 
-# places of the constants: those of the top, of the box, of the field, then of each group its own and its table
+# Places of the constants: of the top, the box and V. The constants of each group follow, with its table.
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
-# of one flow and one kick: how long the flow lasts; factors of V, W and Z in the kick; when it is, from the start of the step;
-# 1/(2|m|²) in the middle of the box
+# A group is one flow and one kick: the time of the flow; the factors of V, W and Z in the kick; the time of the kick from the
+# start of the step; 1/(2|m|²) in the middle of the box.
 TIME, KICK_V, KICK_W, KICK_Z, WHEN, INVERSE, GROUP = range(7)
 
 LOST = 1
-MOST_PARTS = 2**16  # of an exact step that is too long for one; its kicks are too far from one another long before
+MOST_PARTS = 2**16  # of a flow; kicks are too far from each other long before
 FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 
 
 @jit
 def exact_flow(s, alpha, h):
-    """The exact step over h, λ(h) computed in place, and whether one was found: in equal parts where h is too long for that."""
+    """The exact step over h, λ(h) computed in place, and whether λ was found. Too long an h is divided into equal parts."""
     torus, parts = invariants(s, alpha), 1
     R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h)
     while not ok and parts < MOST_PARTS:
@@ -48,11 +48,11 @@ def exact_flow(s, alpha, h):
 
 @unrolled
 def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
-    """The exact step with λ and m of a table, and one step of Newton's method for m on the curve m² = Q(λ).
+    """The exact step with λ and m of a table, after one step of Newton's method for m on the curve m² = Q(λ).
 
-    It is `plain_step.move`, arranged for a short chain of operations. The m of the table has all its digits but the
-    last. So the division by n need not wait for the correction d of m: 1/(n + δ) is 1/n − δ/n². For the same reason
-    1/(2|m|²) may be that of another torus of the box.
+    It is `plain_step.move`, arranged for a short chain of operations. The m of the table has all its digits but the last. So
+    the division by n need not wait for the correction d + ie of m: 1/(n + f) is 1/n − f/n². For the same reason `inverse`,
+    1/(2|m|²), may belong to another torus of the box.
     """
     J1, J2, J3, x1, x2, x3 = s
     double = 2.0 * alpha
@@ -94,7 +94,7 @@ def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
 
 @cache
 def kick_of(V: System, gradients: int) -> Any:
-    """(s, q, weights) → the state after kicks by V and as many of W and Z as `gradients` says; q = (t, *p)."""
+    """(s, q, weights) → the state after a kick by V and the first `gradients` of W and Z; q = (t, *p)."""
     total, conserves_J3 = torques(V, gradients), 2 in V.constant
 
     @jit(inline=True)
@@ -107,7 +107,7 @@ def kick_of(V: System, gradients: int) -> Any:
 
 @cache
 def numbers_of(V: System) -> Any:
-    """(c, first, t) → t and the parameters; in c from `first` on they follow the time at the start."""
+    """(c, first, t) → t and the parameters. c[first] is the time at the start, and the parameters follow it."""
     at_start, parameters, timed = tuple_loader(1 + V.parameters), tuple_loader(V.parameters), V.timed
 
     @jit
@@ -119,7 +119,7 @@ def numbers_of(V: System) -> Any:
 
 @cache
 def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
-    """The step; `degree` of the tables, 0 for none; `single`: of one flow and one kick, at places that the compiler knows."""
+    """The step. degree : of the tables, 0 for none. single : one flow and one kick, at places that the compiler knows."""
     conserves_J3, timed = 2 in V.constant, V.timed
     kicked, numbers, look = kick_of(V, gradients), numbers_of(V), look_up(degree or 1, conserves_J3)
     first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
@@ -148,7 +148,7 @@ def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
 
 @jit
 def restore_casimirs(s, c):
-    """Back onto C1 and C2: x along itself, then J along x."""
+    """Move a state back onto C1 and C2: first x along x, then J along x."""
     J1, J2, J3, x1, x2, x3 = s
     f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
     x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
@@ -158,7 +158,7 @@ def restore_casimirs(s, c):
 
 @jit
 def restore_casimirs_at_fixed_J3(s, c):
-    """The same where J3 is kept: J moves within the horizontal plane, and not at all where x is vertical."""
+    """The same where J3 is conserved: J moves in the horizontal plane, and not at all where x is vertical."""
     J1, J2, J3, x1, x2, x3 = s
     f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
     x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
@@ -173,7 +173,8 @@ RESTORE_EVERY = 16  # steps
 def map_over(V: System) -> Any:
     """Apply the flows and kicks of `parts`, one after the other, to each row, in place.
 
-    numbers : alpha, t at the start and the parameters. times : t, dt, n: the time of the first row is t + n dt, and so on.
+    numbers : alpha, t at the start and the parameters. times : t, dt, n; the first row is at the time t + n dt, the next at
+    t + (n + 1) dt, and so on.
     """
     kicked, numbers_at = kick_of(V, 0), numbers_of(V)
     get, write = tuple_loader(6), tuple_storer(6)
@@ -200,14 +201,14 @@ def map_over(V: System) -> Any:
 
 # ------------------------------------------------------------------------------------ the box of the tables
 
-# steps that show where (H, J3) go, and their length in time scales of the top: they need not be exact
+# Number and length of the steps that show where (H, J3) go, in time scales of the top. They need not be exact.
 TRIAL_STEPS, TRIAL_STEP = 96, 1.2
-MARGIN = 8.0  # the box is so many times as wide: a slow motion goes further than the trial run, and a table is cheap
+MARGIN = 8.0  # the box is so many times as wide as the trial run: a slow motion goes further, and a table is cheap
 
 
 @cache
 def trial_run(V: System) -> Any:
-    """(y, c, h, steps) → the least and largest 2H, then J3, of the top without V, along steps of one flow and one kick."""
+    """(y, c, h, steps) → least and largest 2H, then J3, along steps of one flow and one kick; H is without V."""
     kicked, numbers = kick_of(V, 0), numbers_of(V)
 
     @jit
@@ -232,7 +233,10 @@ def trial_run(V: System) -> Any:
 def set_box(
     c: Array, scales: tuple[float, float, float], y0: Array, run: Callable[..., tuple[float, ...]], h: float
 ) -> bool:
-    """Put the box of the tables into c, from a trial run with long steps; False if the run fails."""
+    """Put the box of the tables into c, from a trial run with long steps; False if there is no such box.
+
+    scales : rate, length and time scale of the top without V.
+    """
     rate, _, unit = scales
     if not math.isfinite(unit):  # without V nothing moves
         return False

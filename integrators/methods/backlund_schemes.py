@@ -1,6 +1,6 @@
 """The schemes of the splitting with the exact step inside, and their correctors: numbers only, for h = 1.
 
-`backlund_splitting` says what each is for, docs/perturbed.md derives them.
+`backlund_splitting` says what each scheme is for, docs/perturbed.md derives them.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from lagrange_bench.support.precision import workdps
 
 
 class Scheme(NamedTuple):
-    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h; what error is left, and where from.
+    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h.
 
-    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z. Here N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its
-    corrector has two parts: that of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
+    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z, where N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its corrector
+    has two parts: the kicks of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
     """
 
     a: tuple[float, ...]
@@ -32,10 +32,10 @@ class Scheme(NamedTuple):
     second: float = 0.0
 
 
-# processed6. At a frequency w = ωh of V, with kicks at ∓τ in this order, the part of second order in ε is right for long times if
-# sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w: w gives γ = 1/12 + τ² − τ/2, w³ gives (τ² − τ/2)² = 1/240. Of the two τ < 0, and
-# τ > 1/2, which is the same kernel; the flow between the kicks goes back. DELTA and SECOND_ORDER are for what is left at h⁵, of
-# order ε³ and of the ends: see docs/perturbed.md, section 5.
+# processed6. V has a frequency ω along the motion, w = ωh, and the kicks are at −τ and τ, in this order. The part of second
+# order in ε is right for long times if sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w. The terms in w give γ = 1/12 + τ² − τ/2,
+# those in w³ (τ² − τ/2)² = 1/240. We take τ < 0: the flow between the kicks goes back. The other solution, τ > 1/2, is the
+# same kernel. DELTA and SECOND_ORDER reduce the errors at h⁵, of order ε³ and at the ends: see docs/perturbed.md, section 5.
 TAU = 0.25 * (1.0 - math.sqrt(1.0 + 16.0 / math.sqrt(240.0)))
 GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
 DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
@@ -61,15 +61,18 @@ PROCESSED = tuple(name for name, one in SCHEMES.items() if one.c)
 # ------------------------------------------------------------------------------------ correctors
 
 SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h
-WIDEST = 4.0  # |ωh| up to which it is fitted
-LEAP = 2.0  # the longest flow between two of them, in h
-SECOND_REACH = 0.5  # of the kicks whose commutators make the part of second order, in h
+WIDEST = 4.0  # largest |ωh| of the fit
+LEAP = 2.0  # longest flow between two kicks, in h
+SECOND_REACH = 0.5  # distance, in h, of the kicks whose commutators make the part of second order
 
 
 @cache
 def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
-    """b_j with Σ_j 2 b_j sin(j w SPACING) ≈ Σ b_i cos(w t_i)/(2 sin(w/2)) − 1/w on (0, WIDEST), t_i the times of the kicks from
-    the middle of the step: least squares with the weight exp(−3w)/w, in forty digits.
+    """The kicks b_j at ±j SPACING, least squares with the weight exp(−3w)/w on 0 < w < WIDEST, in forty digits:
+
+        Σ_j 2 b_j sin(j w SPACING) ≈ Σ_i b_i cos(w t_i)/(2 sin(w/2)) − 1/w
+
+    The t_i are the times of the scheme's kicks b_i, from the middle of the step.
     """
     import mpmath
 
@@ -87,10 +90,10 @@ def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
 
 
 def _corrector(chosen: Scheme, b: Sequence[float], spacing: float) -> list[tuple[float, float]]:
-    """(flow, kick) one after the other, for h = 1: half of all kicks in the order of their times, and the other half backwards.
+    """The corrector as (flow, kick) pairs, for h = 1: half of each kick in the order of the times, then half backwards.
 
-    So no commutator of two kicks is left, of size ε²h³. What is of second order is made of commutators, once with both signs of
-    their kicks: so nothing of order ε³ is left.
+    So no commutator of two kicks is left, of size ε²h³. The part of second order is made of commutators of kicks, once with each
+    sign of the kicks: so nothing of order ε³ is left.
     """
     numbered = list(enumerate(b, 1))
     half = [(side * spacing * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]

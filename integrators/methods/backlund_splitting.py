@@ -2,24 +2,26 @@
 
     H = A + B,    A = |J|²/2 + alpha x3,    B = V(x)
 
-The flow of A is a Bäcklund step, exact for any length; the flow of B is a kick, x being constant. As with Kepler's motion in the
-maps of Wisdom and Holman, the step follows what perturbs the top, not the top, and errors come with a factor ε, the size of V.
-A kick leaves the torus, so λ(h) is another at every step: a function of (H, J3) of A, which move in a small box. Four polynomials
-in them, a table made once, give λ and m; one step of Newton's method puts m on the curve m² = Q(λ), on which the map keeps the
-invariants to round-off. Outside of the box, and where no table of degree 12 has all digits, λ(h) is computed in place
-(`torus.plain_step`), and where that does not reach, in double-double.
+The flow of A is a Bäcklund step, exact for any length. The flow of B is a kick, because x is constant. The maps of Wisdom and
+Holman do the same with Kepler's motion. The step has to follow V only, not the top, and its errors have a factor ε, the size
+of V.
 
-Schemes, A B A … B A, and the errors they leave, where the frequencies of V along the motion are well below 2π/h:
+A kick leaves the torus, so λ(h) changes with every step. It is a function of (H, J3) of A, which move in a small box. A table,
+made once, gives λ and m as four polynomials in H and J3. One step of Newton's method then puts m on the curve m² = Q(λ), so the
+map keeps the invariants to round-off. Outside of the box λ(h) is computed in place (`torus.plain_step`), as everywhere if no
+table of degree 12 has all digits. A flow too long for that is taken in parts.
 
-strang      one flow a step, with a `modified_kick` and a `corrector` at both ends of the run and at every recorded row: ε²h⁴
-processed6  two kicks and a flow back between them, with both corrections too, and one more of each: ε²h⁶
+Schemes, A B A … B A, and their errors, if the frequencies of V along the motion are well below 2π/h:
+
+strang      one flow a step, with a `modified_kick`, and a `corrector` at both ends of the run and at every recorded row: ε²h⁴
+processed6  two kicks and a flow back between them, with both corrections and one more of each kind: ε²h⁶
 aba864      seven kicks and nothing at the ends, for states that are recorded often: εh⁸ + ε²h⁶ + ε³h⁴
 
-V may depend on t: a kick takes it at the time of the flows before. With `tol` in place of h the step is halved until two runs
-agree (`step_halving`).
+V may depend on t: a kick takes V at the time that the flows before it have reached. With `tol` in place of h the step is halved
+until two runs agree (`step_halving`).
 
-Every map here is Poisson and symmetric, and C1 and C2 are pinned. Only a table with all digits makes it so, not any smooth one: a
-step of time T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
+Every map here is Poisson and symmetric, and C1 and C2 are pinned. It is Poisson only if the table has all digits: a step of time
+T(H, J3) and turn Θ(H, J3) is Poisson only if ∂T/∂J3 = ∂Θ/∂H. docs/perturbed.md derives all of it.
 
 Sources: Wisdom & Holman, Astron. J. 102 (1991) 1528; Wisdom, Holman & Touma, Fields Inst. Commun. 10 (1996) 217 (correctors);
 Blanes, Casas, Farrés, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 58 (aba864). The exact step as the flow of A, its
@@ -63,9 +65,9 @@ TOLERANCE = 1e-9
 
 
 class ExactSplittingStepper(loops.ConjugateStepper):
-    """Runs over the conjugate of a scheme; states enter and leave through its first flow and its corrector.
+    """Repeats a conjugate of the scheme. States enter and leave through its first flow and its corrector.
 
-    `after`: how much later than the problem it starts, if V depends on time.
+    after : the time from the problem's start to the start of this run, if V depends on time.
     """
 
     def __init__(
@@ -135,7 +137,7 @@ def prepare(
     top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> Stepper:  # fmt: skip
-    """Without V every scheme is the exact step."""
+    """In a uniform field, V = 0, every scheme is the exact step."""
     _check(scheme, corrector, modified_kick, table)
     try:
         stepper = backlund.EXACT.prepare(top, y0, h)
@@ -149,12 +151,13 @@ def prepare_in_field(
     problem: Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
     modified_kick: bool | None = None, table: bool = True,
 ) -> ExactSplittingStepper:  # fmt: skip
-    """Kicks by V, exact flows of the top without it.
+    """Kicks by V, and exact flows of the top without V.
 
     Parameters
     ----------
-    scheme : of SCHEMES. corrector, modified_kick : on by default for "strang" and "processed6", and possible for these only.
-    table : λ from a table in (H, J3); False: computed at every flow.
+    scheme : a name of SCHEMES.
+    corrector, modified_kick : True by default for "strang" and "processed6". Other schemes have none.
+    table : True: λ from a table in (H, J3). False: λ computed at every flow.
     """
     corrected, modified = _check(scheme, corrector, modified_kick, table)
     warn_strong(problem, y0)
@@ -179,9 +182,9 @@ def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple
 
 
 def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
-    """The step is halved until two runs agree to `tol`, relative to the scales of J and x: see `step_halving`.
+    """The states at any times. The step is halved until two runs agree to `tol` of the scales of J and x: see `step_halving`.
 
-    In a uniform field one exact step to each time, whatever `tol`.
+    In a uniform field there is one exact step to each time, whatever `tol`.
     """
     tol, notes = step_halving.check_tolerance(tol), []
     if kinds.uniform(problem):
@@ -215,9 +218,9 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
 
 
 def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:
-    """States at the times of `grid` and, with equal distances, at parts − 1 before each; steps of at most longest/finer.
+    """The states at the times of `grid`, and at parts − 1 equidistant times before each. Steps are at most longest/finer.
 
-    A uniform grid is one run. Otherwise a run goes from each time to the next.
+    A uniform grid is one run. On another grid a run goes from each time to the next.
     """
     n, last, tracks = len(grid), float(grid[-1]), []
     uniform = np.allclose(grid, last * np.arange(1, n + 1) / n, rtol=4 * 2.0**-52, atol=0.0)

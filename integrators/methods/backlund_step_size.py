@@ -1,7 +1,7 @@
-"""Which steps suit a splitting with the exact step inside: warnings where V is strong, and where a step is in resonance with it.
+"""Which steps suit `backlund_splitting`: warnings where V is strong, and where a step is in resonance with V.
 
-Along the motion V has harmonics of the nutation's frequency and, if it depends on time, of its own. Where one of them comes near
-2π/h, the step excites it.
+Along the motion V has harmonics of the nutation's frequency and, if it depends on time, of its own frequency. A step excites a
+harmonic that comes near 2π/h.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import time_step
 
 NAME = "backlund_splitting"
-STRONG = 0.05  # of the range of V to the energy of the top, from which other methods are better
-RESONANT = 0.125  # of the nutation period, a step from which harmonics of the motion come near the step's own frequency
-SHORTEST = math.pi  # nutation period there is, in time scales of the top
+STRONG = 0.05  # range of V over energy of the top, from which on other methods are better
+RESONANT = 0.125  # a step over the nutation period, from which on harmonics of the motion come near 2π/h
+SHORTEST = math.pi  # the shortest nutation period of any top, in time scales
 first_nutation_period = at_first_interpreted(time_step.nutation_period)
 
 
 def warn_strong(problem: Problem, y0: Array) -> None:
-    """A warning where V is so strong that another method costs less."""
+    """Warn where V is so strong that another method costs less."""
     rate, length, _ = top_without_V(problem).scales(y0)
     V = problem.alpha_and_rest[1]
     strength = length * math.hypot(*map(float, V.gradient(problem.start, *y0.tolist(), *problem.numbers)))
@@ -38,7 +38,7 @@ def warn_strong(problem: Problem, y0: Array) -> None:
 
 
 def warn_long(problem: Problem, y0: Array, h: float, span: float = 0.0) -> None:
-    """A warning, or a StepError, where the step is in resonance with V along the motion from y0 on, over a time `span`."""
+    """Warn, or raise a StepError, where the step is in resonance with V along the motion from y0 on, over a time `span`."""
     h, frequency, unit = (
         abs(h),
         highest_frequency(problem, y0, np.array((0.0, span))),
@@ -62,19 +62,19 @@ def top_without_V(problem: Problem) -> LagrangeTop:
 
 
 def longest_step(period: float, frequency: float) -> float:
-    """The step from which V along the motion has harmonics near 2π/h: of the nutation, of H in time, and of both together."""
+    """The step from which on V has harmonics near 2π/h: of the nutation, of H in time, or of both together."""
     share = 1.0 / (RESONANT * period) + frequency / WIDEST
     return 1.0 / share if share > 0.0 else math.inf
 
 
 def highest_frequency(problem: Problem, y0: Array, after: Array) -> float:
-    """The highest angular frequency of V in time, at these times after the start: what sin, cos and exp in its formula show."""
+    """The highest angular frequency of V in time, at times `after` the start, from the sin, cos and exp in its formula."""
     V = problem.alpha_and_rest[1]
     return bandwidth(V.energy, 0, (problem.start + after, *y0, *problem.numbers)) if V.timed else 0.0
 
 
 def nutation_period(problem: Problem, y0: Array) -> float:
-    """Of the top without V, to 1e-15; where nothing oscillates inf, or a long time."""
+    """The nutation period of the top without V, to 1e-15; inf, or a long time, if nothing oscillates."""
     top = top_without_V(problem)
     rate, size, unit = top.scales(y0)
     if not 0.0 < rate < math.inf:
