@@ -1,4 +1,4 @@
-"""The paper's MATLAB program (section 5.7): the complex form of the two-point map, kept to show what the real form gains."""
+"""The paper's MATLAB program (section 5.7): the two-point map in complex form. It is here to show what the real form gains."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from lagrange_bench.integrators.torus.real_map import check_constants
 
 @jit
 def quotient(a, b):
-    """a/b as schools teach it: compilers and the interpreter have each another way, and other bits."""
+    """a/b by the schoolbook formula. Compilers and the interpreter divide in two other ways, with other bits."""
     size = b.real * b.real + b.imag * b.imag
     return complex((a.real * b.real + a.imag * b.imag) / size, (a.imag * b.real - a.real * b.imag) / size)
 
 
 @jit
 def textbook_step(s, c, counters):
-    """The loop body of the paper's program (section 5.7), complex, with its divisions; s = (J3, J-, J+, x3, x-, x+)."""
+    """The loop body of the paper's program (section 5.7), complex, with its divisions. s = (J3, J-, J+, x3, x-, x+)."""
     J3, Jm, Jp, x3, xm, xp = s
     alpha, l1, l2, mu1, mu2 = c[0], c[1], c[2], c[3], c[4]
     B1 = Jm * l1 + xm
@@ -62,7 +62,7 @@ def to_real(s: Array) -> Array:
 
 
 def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:
-    """The paper's program with λ = i h √C1/2 (or `lam`), μ frozen at the start, nothing pinned."""
+    """The paper's program with λ = i h √C1/2 (or `lam`), and μ fixed at the start. Nothing is pinned."""
     units = Units(top, y0, h)
     state = units.enter(y0)
     lam = papers_parameter("backlund_textbook", y0, h) if lam is None else check_parameter(lam)
@@ -89,6 +89,6 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
 METHOD = replace(
     PAPER, name="backlund_textbook", label="Bäcklund, paper's program",
     source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, kernels_for={},
-    # its map keeps H, C1 and C2, too; its divisions lose them wherever B(λ) is small, as in every pass near the vertical
+    # The map conserves H, C1 and C2, too. But the divisions lose them where B(λ) is small: at each pass near the vertical.
     claims=Claims(symmetric=True, poisson=True, conserves={"J3"}),
 )  # fmt: skip

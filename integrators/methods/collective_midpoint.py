@@ -1,29 +1,29 @@
 """The collective midpoint rule: the implicit midpoint rule on pairs of quaternions, seen in (J, x).
 
-With x = q k q̄ and J = ½ Im(p q̄) pairs (q, p) cover the states of the top: (q, p) → (J, x) is a Poisson map, |q|² = |x|, and
-q' = ½Jq, p' = ½Jp + 2 alpha kqk covers the flow of H. The implicit midpoint rule there is symplectic. It commutes with
-(q, p) → (q e^{kφ}, p e^{kφ}) and with (q, p) → (q, p + cq), which are linear and symplectic and move a lift along its
-fibre. So (J̃, x̃) does not depend on the lift, and (J, x) → (J̃, x̃) is a Poisson map; it keeps J3, C1, C2, but not H.
+Quaternions q and p stand for the state x = q k q̄, J = ½ Im(p q̄), with |q|² = |x|. The map (q, p) → (J, x) is Poisson, and the
+flow of H comes from q' = ½Jq, p' = ½Jp + 2 alpha kqk. The implicit midpoint rule for these is symplectic. It commutes with the
+linear symplectic maps (q, p) → (q e^{kφ}, p e^{kφ}) and (q, p) → (q, p + cq), which lead to all pairs of the same state. So (J̃,
+x̃) does not depend on the pair, and (J, x) → (J̃, x̃) is a Poisson map. It conserves J3, C1 and C2, but not H.
 
-The lift need not be made. Let u = (h/4) J̄ with J̄ = ½ Im(P Q̄) at the midpoint, n = |u|² and R the Cayley transform of u.
-The rule for q gives Q = (1 − u)⁻¹ q, hence Q k Q̄ = x̂/(1 + n) with x̂ = Rx, and x̃ = Rx̂. Put into the rule for p,
+No pair need be computed. Let u = (h/4) J̄ with J̄ = ½ Im(P Q̄) at the midpoint (Q, P), n = |u|², and R the Cayley transform of
+u. The rule for q gives Q = (1 − u)⁻¹ q, so Q k Q̄ = x̂/(1 + n) with x̂ = Rx, and x̃ = Rx̂. The rule for p gives
 
     (1 + n) u = (h/4) (J + (h alpha/2) B/(1 + n)),   B = e3×x + x3 u − u3 x − (u·x) e3,
     J̃ = J + h alpha e3×x̂/(1 + n).
 
-The derivative of (left − right) has a positive definite symmetric part if h²|alpha||x|/8 times (1 − t)² (1 + 2√t) is less than
-1, t = n/(1 + n). The largest value of that factor is 1.3254: for h²|alpha||x| < 6.03 the step is unique. Beyond, a StepError.
+The derivative of (left − right) has a positive definite symmetric part if (h²|alpha||x|/8) (1 − t)² (1 + 2√t) < 1, t = n/(1 +
+n). The factor with t is at most 1.3254. So for h²|alpha||x| < 6.03 the step is unique; longer steps are refused.
 
-In any field p' = ½Jp + 2gqk with g = ∇U(x), and with X = x̂/(1 + n), g = ∇U(X), in the same way
+In any field p' = ½Jp + 2gqk with g = ∇U(x). With X = x̂/(1 + n) and g = ∇U(X) the same derivation gives
 
     (1 + n) u = (h/4) (RJ + (h/2) (g×X − (g·X) u + u×(g×X))),    J̃ = J + h g×X,    x̃ = Rx̂.
 
-No bound for a unique step is known there. Newton's matrix I − … at the solution must have a positive determinant, as it
-has for h → 0: else a fold lies between, and a StepError says so.
+No bound for a unique step is known. The determinant of Newton's matrix I − … is positive for h → 0. If it is not at the solution,
+a fold of the equations lies between, and the step is refused.
 
-Round-off. Both turns are written so that a relative error of 1 + n does not change |x| to first order (as in
-`implicit_midpoint`), and u is iterated until it stagnates. C2 stays where it is if u is parallel to J + (h alpha/2) B/(1 + n)
-with the same h alpha that kicks J: a constant h² alpha/8 would be rounded apart from it, and C2 drift in proportion to time.
+Round-off: both turns are written so that a relative error of 1 + n does not change |x| to first order (as in
+`implicit_midpoint`), and u is iterated until it stagnates. C2 stays if u is parallel to J + (h alpha/2) B/(1 + n) with the same
+h alpha that kicks J. A constant h² alpha/8 would have another rounding error, and C2 would drift in proportion to time.
 
 Sources: McLachlan, Modin & Verdier, Nonlinearity 27 (2014) 1525 (collective integrators); reduced equations and uniqueness: this
 project.
@@ -54,9 +54,9 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.vectors import cross, dot
 
 QUARTER, KICK = range(2)  # places of the constants: h/4 and h alpha
-turned = interpreted(turn)  # of symbols
-UNIQUE = 6.03  # h²|alpha||x| below which the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5
-WEAK = 2.0**-8  # contraction below which the fixed point stagnates within half an ulp of the solution
+turned = interpreted(turn)  # takes symbols
+UNIQUE = 6.03  # below this h²|alpha||x| the step is unique: 8/max (1 − t)²(1 + 2√t), at √t = (√6 − 1)/5
+WEAK = 2.0**-8  # below this contraction the fixed point stagnates within half an ulp of the solution
 LIMIT = 500  # iterations; the fixed point takes 4 to 8, Newton 3 to 6
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
@@ -67,7 +67,7 @@ FAILURES = {
 
 @jit
 def residual(s, c, u1, u2, u3):
-    """B = e3×x + x3 u − u3 x − (u·x) e3, q = 1/(1 + n), and what is left of u = q ((h/4) J + q k B)."""
+    """B, q = 1/(1 + n), and r = q ((h/4) J + q k B) − u with k = (h/4)(h alpha/2): B = e3×x + x3 u − u3 x − (u·x) e3."""
     J1, J2, J3, x1, x2, x3 = s
     q = 1.0 / (1.0 + ((u1 * u1 + u2 * u2) + u3 * u3))
     b1 = (x3 * u1 - u3 * x1) - x2
@@ -82,7 +82,7 @@ def residual(s, c, u1, u2, u3):
 
 @jit
 def newton_correction(s, c, u1, u2, u3, b1, b2, b3, q, r1, r2, r3):
-    """Solves (I + 2q uuᵀ − q²k S + 2q³k Buᵀ) δ = r, S = x3 − x e3ᵀ − e3 xᵀ, by Cramer's rule."""
+    """Solve (I + 2q uuᵀ − q²k S + 2q³k Buᵀ) δ = r, S = x3 − x e3ᵀ − e3 xᵀ, by Cramer's rule."""
     x1, x2, x3 = s[3], s[4], s[5]
     w = q * q * (0.5 * c[QUARTER] * c[KICK])
     v = 2.0 * q * w
@@ -139,7 +139,7 @@ def newton_step(s, c, counters):
 
 @cache
 def rule_in_field(system: System) -> Program:
-    """(u, J, x, h, t, p) → what is left of u = …, and the kick h g×X."""
+    """(u, J, x, h, t, p) → the residual of the equation for u, and the kick h g×X."""
     tape = Tape()
     u, J, x = (tuple(tape.input() for _ in range(3)) for _ in range(3))
     h, t, *p = (tape.input() for _ in range(2 + system.parameters))
@@ -156,7 +156,7 @@ def rule_in_field(system: System) -> Program:
 
 @cache
 def kernel_in_field(system: System) -> Any:
-    """The step of |J|²/2 + U(x); constants: the solver, h, t and the parameters."""
+    """The step of |J|²/2 + U(x); constants: the number of the solver, h, t and the parameters."""
     rule, slopes = machine_code(rule_in_field(system)), machine_code(with_slopes(rule_in_field(system), 3))
     numbers, conserves_J3 = tuple_loader(2 + system.parameters), 2 in system.constant
 
@@ -206,7 +206,7 @@ def kernel_in_field(system: System) -> Any:
 
 
 def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less."""
+    """As `prepare`, for any field. "auto" passes to Newton in a step in which the fixed point contracts by less than 256."""
     check_choice(solver, "solver", SOLVERS)
     check_span("collective_midpoint", abs(h) * problem.scales(y0)[0], h)
     c = np.array((SOLVERS.index(solver), h, problem.start, *problem.numbers))
@@ -214,11 +214,11 @@ def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto")
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """Iterates every step until it stagnates.
+    """Every step is iterated until it stagnates.
 
     Parameters
     ----------
-    solver : "fixed_point"; "newton"; "auto": the fixed point where it contracts by 256 or more, else Newton.
+    solver : "fixed_point"; "newton"; or "auto": the fixed point if it contracts by 256 or more, else Newton.
     """
     check_choice(solver, "solver", SOLVERS)
     span = abs(h) * top.scales(y0)[0]

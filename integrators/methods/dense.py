@@ -1,7 +1,7 @@
-"""Methods that choose their own steps: what is common to libraries with dense output.
+"""What methods that choose their own steps have in common.
 
-Such a method supplies `run(y, grid, work) -> (len(grid), 6)`: the states at the times of a strictly monotone `grid`
-that leads away from 0, counted into `work`. It leaves `y` alone, and raises `StepError` where the library reports a failure.
+Such a method supplies `run(y, grid, work) -> (len(grid), 6)`: the states at the times of a strictly monotone `grid` that leads
+away from 0. `run` counts its work in `work`, leaves `y` alone, and raises `StepError` if the library reports a failure.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
-FARTHEST = 1e12  # in time scales of a top: at about a step each and a microsecond a step, eleven days
+FARTHEST = 1e12  # time scales of a top: with one step of a microsecond in each, eleven days
 Run = Callable[[Array, Array, Work], Array]
 Problem = LagrangeTop | PerturbedTop | AnyProblem
 
 
 class DenseStepper(Stepper):
-    """A `Stepper` whose h is only the output grid; `runner(top, **options)` makes its `run`."""
+    """A `Stepper` whose h only makes the output grid. `runner(top, **options)` makes its `run`."""
 
     def __init__(
         self, name: str, top: Problem, y0: Array, h: float, runner: Callable[..., Run], options: Mapping[str, Any]
@@ -39,7 +39,7 @@ class DenseStepper(Stepper):
         return type(self), self._arguments, {"work": self.work}
 
     def advance(self, y: Array, n: int) -> Array:
-        # not by `record`: two microseconds count against a library that takes one per unit of time
+        # not by `record`, which takes 2 µs more; a library takes 1 µs per unit of time
         y = as_state(y, self.size)
         if check_count(n, "n") == 0:
             return y.copy()
@@ -70,7 +70,7 @@ class DenseStepper(Stepper):
 def dense(
     name: str, runner: Callable[..., Run]
 ) -> tuple[Callable[..., DenseStepper], Callable[..., tuple[Array, Work]]]:
-    """`prepare` and `evaluate` of a method whose `runner(top, *, …)` makes the `run`, with the options of that."""
+    """`prepare` and `evaluate` of a method with the options of `runner`, where `runner(top, *, …)` makes its `run`."""
 
     def prepare(top: Problem, y0: Array, h: float, **options: Any) -> DenseStepper:
         return DenseStepper(name, top, y0, h, runner, options)
@@ -87,13 +87,13 @@ def dense(
 
 
 def farthest(top: Problem, y0: Array) -> float:
-    """The longest time from y0 on that can be reached by steps; inf for an equilibrium, where they grow without limit."""
+    """The longest time from y0 on that steps can reach; inf at an equilibrium, where steps grow without limit."""
     with np.errstate(all="ignore"):
         return FARTHEST * top.scales(y0)[2] if np.any(top.rhs(y0)) else math.inf
 
 
 def too_far(t: float, limit: float) -> str:
-    """Why a time is not tried: no run would ever end there."""
+    """Why a time is refused: no run would ever reach it."""
     return (
         f"|t| = {abs(t):g} is over {FARTHEST:g} times the shortest time scale of the motion, {limit / FARTHEST:g}: "
         f"more steps than can be taken"
@@ -113,7 +113,7 @@ def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tupl
 
 
 def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.intp]]]:
-    """Of the times after 0 and of those before: which they are, each once in the order away from 0, and their places there."""
+    """For the times after 0, then before 0: which they are, each once in the order away from 0, and their places there."""
     for side in (times > 0.0, times < 0.0):
         if np.any(side):
             grid, places = np.unique(np.abs(times[side]), return_inverse=True)
@@ -121,7 +121,7 @@ def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.i
 
 
 def finite(name: str, states: Array) -> Array:
-    # for six numbers numpy takes 2 µs
+    # NumPy takes 2 µs for six numbers
     good = all(map(math.isfinite, states[0].tolist())) if len(states) == 1 else np.isfinite(states).all()
     if not good:
         raise StepError(name, "the state left the range of floating-point numbers")

@@ -1,11 +1,11 @@
-"""DOP853: the explicit Runge-Kutta pair of order 8 with error estimates of orders 5 and 3, on its natural steps, compiled.
+"""DOP853 on its natural steps, compiled: the explicit Runge-Kutta pair of order 8 with error estimates of orders 5 and 3.
 
-The step control, the first step and the interpolant of order 7 are those of Hairer's program. The control has its
-defaults: safety 0.9, a step at most 6 times and at least a third of the one before, no stabilization. So this is the
-strongest explicit Runge-Kutta method with step control, compiled and not interpreted. The exponent 1/8 of the control
-is three square roots. h is only the output grid. A step takes 12 right-hand sides, the slope at its start among them,
-and 4 more if it is interpolated. Hairer's program keeps that slope, and saves one at a rejected step and one at an
-interpolated one.
+It shows what the strongest explicit Runge-Kutta method with step control costs without an interpreter. h is only the output grid.
+The step control, the first step and the interpolant of order 7 are those of Hairer's program, with its defaults: safety 0.9, no
+stabilization, each step between a third and six times the one before. The exponent 1/8 of the control is three square roots.
+
+A step takes 12 right-hand sides, with the slope at its start, and 4 more if it is interpolated. Hairer's program keeps that
+slope: it saves one right-hand side at a rejected step and one at an interpolated step.
 
 Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), sections II.4 (first step), II.5, II.6, and
 the program DOP853.
@@ -35,18 +35,18 @@ from lagrange_bench.integrators.methods.tableaux import DOP853
 from lagrange_bench.integrators.problem.system import System
 
 RTOL, ATOL, START, NUMBERS = range(4)  # places of the constants; START is the time at the start
-# places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done
-TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)  # WALK: the size of it
-SHRINK, GROW = 1.0 / 3.0, 6.0  # a step is at least this many times, and at most this many times, the one before
+# Places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done. WALK is their number.
+TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)
+SHRINK, GROW = 1.0 / 3.0, 6.0  # least and largest quotient of a step and the one before
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
-LARGEST = 2.0**1000  # of a state: beyond, stages overflow, and steps are cut until they change nothing
+LARGEST = 2.0**1000  # largest state: beyond, stages overflow, and steps shrink until they change nothing
 SAFETY = 0.9
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
 A = tuple(map(floats, DOP853.a))
 B = floats(DOP853.b)
-# what the error estimate of order 3 takes off the weights
+# The error estimate of order 3 subtracts these from the weights.
 LESS = {
     0: "0.244094488188976377952755905512",
     8: "0.733846688281611857341361741547",
@@ -57,8 +57,8 @@ E3 = tuple(float(b - Fraction(LESS.get(i, 0))) for i, b in enumerate(DOP853.b))
 
 @cache
 def more() -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-    """The error estimate of order 5, stages 13 to 16, and the weights d4 … d7 of the interpolant: those that SciPy has."""
-    import scipy.integrate  # of all methods that import this module only one waits for it
+    """The error estimate of order 5, stages 13 to 16, and the weights d4 … d7 of the interpolant, from SciPy."""
+    import scipy.integrate  # imported here, so that other methods that import this module need not wait for it
 
     program = scipy.integrate.DOP853
     ahead = tuple(tuple(row[: 13 + i].tolist()) for i, row in enumerate(program.A_EXTRA))
@@ -81,16 +81,16 @@ def eighth_root(a):
 
 @cache
 def kernels(system: System) -> tuple[Callable[..., Any], ...]:
-    """Of any system: trial, interpolant and value, on which `compile_loop` runs, and first_step(s, end, c).
+    """For any system: trial, interpolant and value, which `compile_loop` takes, and first_step(s, end, c).
 
-    Slopes have the components that move; constants: RTOL, ATOL, the time at the start, parameters.
+    Slopes have the components that move. Constants: RTOL, ATOL, the time at the start, parameters.
     """
     places, n = system.moving, system.size
     numbered, numbers = tuple(enumerate(places)), tuple_loader(system.parameters)
     count, (E5, AHEAD, D) = len(places), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
-        """`formula(follow, slopes, increment)` as a program of t, s, these, h and parameters; their products come first."""
+        """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters. Their products come first."""
         tape = Tape()
         t, s = tape.input(), [tape.input() for _ in range(n)]
         made = tuple(whole([tape.input() for _ in range(count)]) for _ in range(slopes))
@@ -115,7 +115,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
         return [v for part in (weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), *slopes) for v in moving(part)]
 
     def polynomial_of(follow: Any, slopes: Any, increment: Any) -> Any:
-        """Coefficients of the interpolant, in its own nested form, but for the state."""
+        """Coefficients of the interpolant in its own nested form, without the state."""
         slopes = follow(AHEAD, slopes=slopes)
         bend = minus(moving(slopes[0]), increment)
         twist = minus(minus(increment, moving(slopes[12])), bend)
@@ -174,7 +174,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
     @jit
     def size(v, s, c):
-        """The largest component, in units of its tolerance: the squares of the root mean square might overflow."""
+        """The largest component, in units of its tolerance. A root mean square might overflow."""
         largest = 0.0
         for i, j in numbered:
             largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[j]), LEAST_SCALE))
@@ -182,7 +182,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
     @jit
     def first_step(s, end, c):
-        """A step whose error should be a hundredth of the tolerance, from f and from its change along an Euler step."""
+        """A step whose error should be a hundredth of the tolerance, from f and its change along an Euler step."""
         q = numbers(c, NUMBERS)
         f = slope((c[START],) + s, q)  # noqa: RUF005 - compiled code does not unpack
         d0, d1 = size(parts(s), s, c), size(f, s, c)
@@ -201,16 +201,16 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
 @cache
 def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: int) -> Callable:
-    """The time loop of a kernel of `size` numbers that controls its own error: natural steps, rows at the times asked for.
+    """The time loop of a kernel of `size` numbers that controls its own error: natural steps, and rows at the times of `grid`.
 
-    `trial(s, t, h, c) -> (new, error, growth, slopes)`: the step is taken if error ≤ 1, and the next is growth·h;
-    `interpolant(s, new, t, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at s + theta h, 0 < theta < 1.
+    `trial(s, t, h, c) -> (new, error, growth, slopes)`: a step with error ≤ 1 is taken, and the next is growth·h.
+    `interpolant(s, new, t, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at t + theta h, 0 < theta < 1.
     """
 
     @jit
     def run(y, grid, most, c, walk, out):
-        # Up to `most` natural steps towards the last time of `grid`; rows of `out` where a step passes their times. Every h is
-        # the difference of two times, so that times do not add up roundings.
+        # Up to `most` natural steps towards the last time of `grid`. A step fills the rows of `out` whose times it passes. Every
+        # h is the difference of two times, so that no rounding adds up.
         s = column(y, 0, size, 1)
         t, h, row, end = walk[TIME], walk[STEP], int(walk[ROW]), grid[-1]
         fresh = True  # not the repetition of a rejected step
@@ -239,7 +239,7 @@ def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: 
                 fresh = True
             else:
                 walk[REJECTED] += 1.0
-                h *= growth if SHRINK < growth < 1.0 else SHRINK  # the latter if the error is not a number
+                h *= growth if SHRINK < growth < 1.0 else SHRINK  # SHRINK also if the error is not a number
                 fresh = False
         walk[TIME], walk[STEP], walk[ROW] = t, h, row
         put_column(y, 0, s, 1)
@@ -248,7 +248,7 @@ def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: 
 
 
 def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
-    """Natural steps with the local error kept below atol + rtol |y_i|, root mean square over the components."""
+    """Natural steps with the local error below atol + rtol |y_i|, as a root mean square over the components."""
     rtol, atol = check_tolerances(rtol, atol)
     (*made, first_step), n = kernels(top.system), top.system.size
     c, loop = np.array((rtol, atol, top.start, *top.numbers)), compile_loop(*made, n)
@@ -262,7 +262,7 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[-3:])  # a Casimir function
         while walk[ROW] < len(grid) and not walk[STUCK]:
-            # else it may spin ever faster, in ever smaller steps
+            # without this check it may spin ever faster, in ever smaller steps
             if not 0.5 * length <= math.hypot(*state[-3:]) <= 2.0 * length:
                 reason = (
                     f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[TIME]:g}"

@@ -1,4 +1,4 @@
-"""Explicit methods of one's own for any problem: what a step adds is written once, as a formula of the right-hand side."""
+"""Explicit methods of your own for any problem: you write what a step adds once, as a formula of the right-hand side."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ Increment = Callable[[Rates, Any, Sequence[Any], Any], Sequence[Any]]
 
 
 def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) -> FixedStepper:
-    """A stepper of an explicit one-step method of your own, for any problem: compiled, with nothing written for its equations.
+    """A compiled stepper of an explicit one-step method of your own, for any problem.
 
     Parameters
     ----------
     name : str
         The method, in messages.
     problem : LagrangeTop, PerturbedTop, Problem, …
-        What `prepare` of the method gets; it needs "rhs".
+        The problem that `prepare` of the method gets. It must offer "rhs".
     h : float
         The step.
     increment : callable
@@ -33,7 +33,12 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
     Returns
     -------
     FixedStepper
-        One step per h; the right-hand sides that it counts are calls of `rates`.
+        One step per h. It counts each call of `rates` as one right-hand side.
+
+    Raises
+    ------
+    ValueError
+        `increment` gives more or fewer numbers than a state has.
     """
     system = problem.system
     split, calls = _recorded(increment, system)
@@ -43,7 +48,7 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
 
 @cache
 def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
-    """The formula, for the components that move, and how often it asks for the right-hand side."""
+    """The formula for the components that move, and how many right-hand sides it takes."""
     calls = 0
 
     def formula(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:

@@ -1,15 +1,15 @@
 """The free rigid body in closed form, with its rotation: any moments of inertia, any start, any time.
 
-L, G = |L|, λ and the other constants are those of `problem.free_motion`. Where L points up, the axis k turns about the
-vertical, from where u = 0, by
+L, G = |L|, λ and the other constants are those of `problem.free_motion`. Let L point up. Since u = 0 the axis k has turned about
+the vertical by
 
     ψ = a_j G t + (a_j G² − D)/(G λ) C(u) + atan(p sn u cn u/dn u)        p = (a_i − a_j) G/λ
     C(u) = ∫ N sn²/(1 − N sn²) du = N sn³/3 · R_J(cn², dn², 1, 1 − N sn²)     1 − N = (a_j G² − D)/(a_i G² − D)
 
-Landau and Lifshitz have a_i G t − G (a_i − a_k)/λ (u − Π(u, −r)), r = (a_i − a_j)/(a_j − a_k): large terms that cancel where r is
-large, as in needles. DLMF 19.7.10, which takes −r to N = (k² + r)/(1 + r), leaves terms of one sign, or, of a body of matter,
-terms that cancel by half at most. Whole half periods and whole turns are taken off in double-double. With η = arg(L_1 + i L_2)
-and θ the angle from axis k to L, in axes 1, 2, 3 = k that are right-handed,
+Landau and Lifshitz have a_i G t − G (a_i − a_k)/λ (u − Π(u, −r)), r = (a_i − a_j)/(a_j − a_k): large terms, which cancel where r
+is large, as in needles. DLMF 19.7.10 takes −r to N = (k² + r)/(1 + r). Then all terms have one sign, or, for bodies of matter,
+cancel by half at most. Whole half periods and whole turns are subtracted in double-double. With η = arg(L_1 + i L_2) and the
+angle θ from axis k to L, in right-handed axes 1, 2, 3 = k,
 
     R(t) = R(0) M(0)ᵀ M(t)        M = R3(ψ) R2(−θ) R3(−η)
 
@@ -67,7 +67,7 @@ def sncndn(u: Array, complement: float) -> tuple[Array, Array, Array]:
 
 
 class Formula(NamedTuple):
-    """Numbers of the formulas above, for one motion."""
+    """The numbers of the formulas above, for one motion."""
 
     start: tuple[float, float]  # sn and cn of u0, on the unit circle
     phase: float  # u0; u = λ t + u0
@@ -76,13 +76,13 @@ class Formula(NamedTuple):
     bend: float  # p
     ratio: float  # N
     rest: float  # 1 − N
-    slow: Pair  # a_j G/2π, turns in a second; a double-double, as the next two are
+    slow: Pair  # a_j G/2π, turns in a second; a double-double, as the next two
     half: Pair  # half a period, 2K/λ; inf on the separatrix
-    turn: Pair  # the turns of ψ − a_j G t in it but for whole ones
+    turn: Pair  # turns of ψ − a_j G t in half a period, without whole turns
 
 
 def formula(motion: FreeMotion) -> Formula:
-    """The numbers of a motion, each from fractions, rounded once."""
+    """The numbers of a motion, computed from fractions and rounded once."""
     from scipy.special import elliprf
 
     (s, c), (a_i, a_j, a_k), G, rate = motion.start, motion.inverse, motion.momentum, motion.rate
@@ -110,7 +110,7 @@ def formula(motion: FreeMotion) -> Formula:
 
 
 def pair(v: Fraction) -> Pair:
-    """As a double-double."""
+    """v as a double-double."""
     return float(v), float(v - Fraction(float(v)))
 
 
@@ -125,20 +125,20 @@ def bent(f: Formula, s: Any, c: Any, d: Any) -> Any:
 
 
 def turned(n: Array, turns: Pair) -> Any:
-    """The angle of n times so many turns, but for whole ones."""
+    """The angle of n·turns, without whole turns."""
     p, e = two_prod(n, turns[0])
     return 2.0 * math.pi * ((p - np.rint(p)) + (e + n * turns[1]))
 
 
 def momenta_and_turns(motion: FreeMotion, t: Array) -> tuple[Array, Array]:
-    """L (N, 3) at times (N,), and quaternions (4, N) of the turn from the body at each time to the body at the start."""
+    """L (N, 3) at times (N,), and quaternions (4, N) of the rotation from the body at each time to the body at the start."""
     f = formula(motion)
     t = np.concatenate(([0.0], t))
     n, m1, (s0, c0) = np.zeros_like(t), motion.complement, f.start
     since = t
     if not math.isinf(f.half[0]):
         n = np.rint((t + f.phase / f.rate) / f.half[0])
-        n[0] = 0.0  # also where rounding takes u0 beyond a quarter period
+        n[0] = 0.0  # even if rounding takes u0 beyond a quarter period
         p, e = two_prod(n, f.half[0])
         since = (t - p) - (e + n * f.half[1])
     if not np.all(np.abs(n) < MOST_TURNS):
@@ -167,7 +167,7 @@ def momenta_and_turns(motion: FreeMotion, t: Array) -> tuple[Array, Array]:
 def evaluate(body: RigidBody, y0: Array, times: Array) -> tuple[Array, Work]:
     """States (N, 7) of a free body at any times, one evaluation each."""
     motion, y = free_motion(body.inertia, y0[4:]), np.empty((len(times), 7))
-    if motion is None:  # L stays, and the body turns about it
+    if motion is None:  # L is constant in the body, which turns about L
         omega = y0[4:] / body.inertia
         squares = (
             Fraction(L) ** 2 / Fraction(I) ** 2 for L, I in zip(y0[4:].tolist(), body.inertia.tolist(), strict=True)

@@ -1,26 +1,25 @@
 """Gauss collocation of order 4, 6, 8 and 12 for any problem, the stage equations solved to round-off.
 
-With Kᵢ = h bᵢ f(Yᵢ) the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ = y + Σ Kⱼ, where μᵢⱼ = aᵢⱼ/bⱼ; all that linear and quadratic
-invariants, such as J3, C1 and C2, and H in a quadratic potential, ask of it is μᵢⱼ + μⱼᵢ = 1. The μ used here do so without
-error (`gauss_coefficients`). The maps are symmetric, not Poisson.
+With Kᵢ = h bᵢ f(Yᵢ) and μᵢⱼ = aᵢⱼ/bⱼ the method reads Yᵢ = y + Σ μᵢⱼ Kⱼ and ỹ = y + Σ Kⱼ. It conserves linear and quadratic
+invariants if μᵢⱼ + μⱼᵢ = 1: J3, C1 and C2, and H in a quadratic potential. The μ used here fulfil this without error
+(`gauss_coefficients`). The maps are symmetric, not Poisson.
 
-∇H of a quadratic H is affine, so the discrete gradients (Gonzalez's, the averaged vector field) all are the midpoint rule, s = 1.
+For a quadratic H, ∇H is affine, so the discrete gradients (Gonzalez's, the averaged vector field) are the midpoint rule, s = 1.
 
-Unknowns. Some components have rates that depend on others only, as J of a top in a field, whose torque is a function of x: their
-K follow from the other stages. The unknowns are the K of the rest, and Newton's matrix holds all of them.
+Unknowns. The rates of some components depend on other components only: a top's J, whose torque is a function of x. Their K
+follow from the other stages. The unknowns are the other K, and Newton's matrix holds all of them.
 
-Solvers. The fixed point contracts like ρ(A) |h| (|J| + √(|alpha||x|)) for a top. A factorisation of Newton's matrix serves as
-long as each iteration divides the residual by 2⁸. Both start from the collocation polynomial of the last step, extrapolated (in
-the first step of a call from the state itself), and go on until the residual stagnates: what a tolerance leaves has a direction,
-and drifts. So does what the fixed point leaves where it contracts slowly, since a rounded iteration stops on the side it comes
-from; there Newton takes over.
+Solvers. The fixed point contracts like ρ(A) |h| (|J| + √(|alpha||x|)) for a top. A factorisation of Newton's matrix serves while
+each iteration divides the residual by 2⁸. Both start from the collocation polynomial of the last step, extrapolated; the first
+step of a call starts from the state itself. They end when the residual stagnates: what a tolerance leaves has a direction, and
+drifts. So does the rest of a slow fixed point, because a rounded iteration stops on the side it comes from; there Newton takes
+over.
 
-Of a top in a uniform field the stage equations have one solution for h²|alpha||x| below UNIQUE, and longer steps are refused. In
-general no bound is known. A step whose iteration does not end is taken again, by Newton from the state itself, and then refused.
-So is a solution with det(1 − h A f') < 0: on the way to it from h = 0 the determinant, 1 there, has passed through 0, a fold of
-the equations.
+In a uniform field the stage equations of a top have one solution for h²|alpha||x| below UNIQUE, and longer steps are refused. In
+general no bound is known. If an iteration does not end, Newton starts again from the state itself; then the step is refused. It
+is also refused if det(1 − h A f') < 0: the determinant is 1 at h = 0, and has passed through 0, a fold of the equations.
 
-Vectors over the stages lie one stage after the other, matrices of stages by columns.
+Vectors over the stages hold one stage after the other. Matrices of stages are stored by columns.
 
 Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, II.1.3, IV.2.1, VIII.5, VIII.6.1; Hairer & Wanner, Solving
 Ordinary Differential Equations II, IV.5 (the W-transformation); Antoñana, Makazaga & Murua, Numer. Algorithms 76 (2017) 861 (μ);
@@ -48,13 +47,13 @@ from lagrange_bench.integrators.methods.runge_kutta import two_sums
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System, depends
 
-# contraction below which the fixed point leaves no bias to be seen in some 10⁷ steps, without and with compensated sums
+# Below this contraction, without and with compensated sums, some 10⁷ steps show no bias of the fixed point.
 WEAK = (1 / 10, 1 / 16)
 LIMIT = 500  # iterations; the fixed point takes 5 to 40, Newton 3 to 9
-# h²|alpha||x| at the first fold of the stage equations in a uniform field, over all J and x, rounded down: found by minimising it
-# under the equations and det = 0 from some hundred random starts (the same search gives 4 for s = 1, where a cubic proves it)
+# The least h²|alpha||x| over all J and x at which the stage equations have a fold in a uniform field, rounded down. It was
+# minimised under the equations and det = 0 from some hundred random starts. (For s = 1 this gives 4, as a cubic proves.)
 UNIQUE = {2: 11.8, 3: 18.6, 4: 27.3, 6: 41.7}
-LONGEST = 1e6  # of |h|, in time scales of the top: beyond, differences lose as many digits as h has
+LONGEST = 1e6  # largest |h|, in time scales of the top: beyond, differences lose as many digits as h has
 
 NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
@@ -69,7 +68,7 @@ SOLVERS = ("fixed_point", "newton", "auto")
 
 @jit(inline=True)
 def at_stage(i, S, count, c, place, K, low, places, s, out):
-    """Components of stage i, at their places in the state s: s + (low + M K), the matrix M (S, S) by columns at c[place]."""
+    """Put s + (low + M K) at stage i into `out`, for the components at `places`; M (S, S) lies by columns at c[place]."""
     for a in range(count):
         total = low[places[a]]
         for j in range(S):
@@ -79,7 +78,7 @@ def at_stage(i, S, count, c, place, K, low, places, s, out):
 
 @jit(inline=True)
 def factor(m, A, pivots):
-    """A (m, m) = LU with partial pivoting, in its place; the diagonal of U inverted."""
+    """A (m, m) = LU with partial pivoting, in the place of A; the diagonal of U is inverted."""
     for k in range(m):
         p = k
         for i in range(k + 1, m):
@@ -97,7 +96,7 @@ def factor(m, A, pivots):
 
 @jit(inline=True)
 def substitute(m, A, pivots, r):
-    """A⁻¹ r in the place of r, of the factors of A."""
+    """Solve with the factors of A: A⁻¹ r in the place of r."""
     for k in range(m):
         p = int(pivots[k])
         r[k], r[p] = r[p], r[k]
@@ -112,7 +111,7 @@ def substitute(m, A, pivots, r):
 
 @cache
 def groups(system: System) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """The unknown components, and those whose rates depend on the unknown ones only."""
+    """The unknown components, and the eliminated ones, whose rates depend on the unknown ones only."""
     n, moving = system.size, system.moving
     eliminated = tuple(i for i in moving if i < 3) if system.space.affine else ()
     own = Program(system.rhs.inputs, system.rhs.lines, tuple(system.rhs.outputs[i] for i in eliminated))
@@ -123,7 +122,7 @@ def groups(system: System) -> tuple[tuple[int, ...], tuple[int, ...]]:
 
 @cache
 def formulas(system: System) -> tuple[Program, Program, Program, Program]:
-    """Rates of the unknown, rates of the eliminated; derivatives; sizes of the terms in the rates: of (t, y, p)."""
+    """Programs of (t, y, p): rates of the unknown, rates of the eliminated; derivatives; sizes of the terms in the rates."""
     unknown, eliminated = groups(system)
 
     def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
@@ -134,7 +133,7 @@ def formulas(system: System) -> tuple[Program, Program, Program, Program]:
         return [columns[k][i] for rows, across in blocks for i in rows for k in across]
 
     def terms(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-        """|∂H/∂v| |v|, summed over the vectors: what is rounded off in a rate is a share of it."""
+        """Σ |∂H/∂v| |v| over the vectors v: the round-off of a rate is proportional to it."""
         g = system.slopes(tape, t, y, p)
         total = tape.constant(0.0)
         for turning, vector in system.space.rotations(g, y):
@@ -149,7 +148,7 @@ def formulas(system: System) -> tuple[Program, Program, Program, Program]:
 
 @cache
 def kernel(stages: int, system: System) -> Any:
-    """The step of any system; numbers of the constants are the parameters."""
+    """The step of any system; the last constants are the parameters."""
     S, n, (unknown, eliminated) = stages, system.size, groups(system)
     U, E = len(unknown), len(eliminated)
     m, timed = S * U, system.timed
@@ -171,7 +170,7 @@ def kernel(stages: int, system: System) -> Any:
 
     @jit
     def residual(s, c, counters, low, K, Y, L, R):
-        """Y, L and R = h b f(Y) − K of the stages that K makes; returns Σ|R|."""
+        """Put Y, L and R = h b f(Y) − K of the stages that follow from K into arrays. Returns Σ|R|."""
         q = numbers(c, NUMBERS)
         u, e = stack(K_SIZE), stack(L_SIZE)
         size = 0.0
@@ -198,7 +197,7 @@ def kernel(stages: int, system: System) -> Any:
 
     @jit
     def linearise(c, counters, Y, A, pivots):
-        """Factors of the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
+        """Factor the matrix of ν δu − β (f_u δu + f_e δe) = r, δe = μ β g δu. Returns the sign of its determinant."""
         q, M = numbers(c, NUMBERS), stack(M_SIZE)
         for j in range(S):
             t = c[START] + c[STEP] * (counters[loops.CLOCK] + c[NODES + j]) if timed else 0.0
@@ -225,7 +224,7 @@ def kernel(stages: int, system: System) -> Any:
 
     @jit
     def solve(s, c, low, K, L, counters, newton):
-        """K and L of the step. Returns the number of iterations, 0 if there were too many."""
+        """Compute K and L of the step. Returns the number of iterations, or 0 if there were too many."""
         Y, R, A, r, pivots = stack(Y_SIZE), stack(K_SIZE), stack(A_SIZE), stack(K_SIZE), stack(K_SIZE)
         weak = WEAK[1] if c[COMPENSATED] != 0.0 else WEAK[0]
         t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
@@ -300,7 +299,7 @@ def kernel(stages: int, system: System) -> Any:
 
 
 def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> None:
-    """StepError if h is far longer than the time scale of the motion, `span` times as long."""
+    """StepError if h is more than `longest` time scales of the motion. span : |h| in time scales."""
     if not span <= longest:
         raise StepError(name, f"|h| is over {longest:g} times the time scale of the top or problem", h=h)
 
@@ -308,7 +307,7 @@ def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> No
 def stepper(
     name: str, stages: int, problem: Any, y0: Array, h: float, solver: str, compensated: bool = False
 ) -> loops.FixedStepper:
-    """Collocation in so many Gauss nodes. Options as those of `method`."""
+    """Collocation in so many Gauss nodes; options as those of `method`."""
     check_choice(solver, "solver", SOLVERS)
     check_flag(compensated, "compensated")
     system = problem.system
@@ -332,13 +331,13 @@ def method(stages: int) -> Method:
     def prepare(
         problem: Any, y0: Array, h: float, *, solver: str = "auto", compensated: bool = False
     ) -> loops.FixedStepper:
-        """Iterates every step until it stagnates.
+        """Every step is iterated until it stagnates.
 
         Parameters
         ----------
         solver : "fixed_point"; "newton"; "auto": Newton from the step on in which the fixed point contracts by less than 10 (16
             if compensated).
-        compensated : carry what the sums of a step round off into the next one.
+        compensated : True: carry the rounding errors of the sums of a step into the next one.
         """
         if kinds.uniform(problem) and not h * h * abs(problem.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"

@@ -1,10 +1,10 @@
-"""Coefficients of Gauss collocation, for any number of stages: nodes c, weights b and μᵢⱼ = aᵢⱼ/bⱼ.
+"""Coefficients of Gauss collocation, for any number s of stages: nodes c, weights b and μᵢⱼ = aᵢⱼ/bⱼ.
 
-In Legendre polynomials at the nodes zᵢ on [−1, 1],
+With the Legendre polynomials L_k at the nodes zᵢ on [−1, 1],
 
-    μᵢⱼ = ½ + ½ Σ_{0<k<s} (L_k(zᵢ) L_{k−1}(zⱼ) − L_{k−1}(zᵢ) L_k(zⱼ)),
+    μᵢⱼ = ½ + ½ Σ_{0<k<s} (L_k(zᵢ) L_{k−1}(zⱼ) − L_{k−1}(zᵢ) L_k(zⱼ)).
 
-exact fractions here, then rounded to multiples of 2⁻⁵², so that the sums of 1 stay exact. Rounded a and b would miss them
+μ is computed in exact fractions, then rounded to multiples of 2⁻⁵². So μᵢⱼ + μⱼᵢ = 1 stays exact. Rounded a and b would miss it
 in every step the same way, and the invariants would drift in proportion to time.
 
 Source: Antoñana, Makazaga & Murua, Numer. Algorithms 76 (2017) 861 (μ).
@@ -40,7 +40,7 @@ def legendre(n: int, x: Fraction) -> list[Fraction]:
 
 
 def legendre_zeros(n: int) -> list[Fraction]:
-    """The zeros of Lₙ, rising, in multiples of 2⁻¹²⁰: Newton's iteration from a double."""
+    """The zeros of Lₙ in rising order, to multiples of 2⁻¹²⁰, by Newton's iteration from doubles."""
     zeros = []
     for k in range(n):
         x = Fraction(-math.cos(math.pi * (k + 0.75) / (n + 0.5)))
@@ -74,5 +74,5 @@ def matrices(stages: int) -> tuple[Array, Array, Array, Array, Array]:
 
 
 def lagrange(c: list[Fraction], j: int, t: Fraction) -> Fraction:
-    """The polynomial that is 1 at c[j] and 0 at the other c."""
+    """The polynomial that is 1 at c[j] and 0 at the other nodes, at t."""
     return math.prod(((t - node) / (c[j] - node) for node in c if node != c[j]), start=Fraction(1))
