@@ -1,10 +1,10 @@
-"""Geometric integrators for the symmetric Lagrange top, behind one interface.
+"""Geometric integrators for spinning tops, rigid bodies and problems of your own, behind one interface.
 
     from lagrange_bench.integrators import LagrangeTop, integrate
     trajectory = integrate(LagrangeTop(alpha=1.0), y0, h=0.1, steps=10_000, method="backlund", every=10)
     trajectory.t, trajectory.y, trajectory.invariants(), trajectory.work
 
-`METHODS` lists what there is; `exact` is the closed-form solution they are all judged by.
+`METHODS` lists the methods. The closed forms in `exact` judge them, and `reference` where there is no closed form.
 """
 
 from __future__ import annotations

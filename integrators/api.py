@@ -1,4 +1,4 @@
-"""What a user calls: `prepare`, `integrate`, `two_point`."""
+"""The functions that a user calls: `prepare`, `integrate`, `two_point`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lagrange_bench.integrators.registry import find_method, find_top
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 
-FEW = 8  # numbers for which Python is quicker than NumPy
+FEW = 8  # with so few numbers Python is quicker than NumPy
 TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
 
@@ -36,7 +36,7 @@ def prepare(
     h_scaled: float | None = None,
     **options: Any,
 ) -> Stepper:
-    """A stepper for `method` with step h; everything slow (compilation, λ(h)) happens here, once.
+    """A stepper of `method` with step h. Everything slow happens here, once: compiling, finding λ(h).
 
     Parameters
     ----------
@@ -47,11 +47,11 @@ def prepare(
     h : float
         The step, not 0, in the top's own unit of time.
     method : str or Method, optional
-        A name in METHODS, or a record. By default the exact step, backlund, where there is one; of a free body the closed form.
+        As in `integrate`.
     h_scaled : float
         The step in the time scale of the motion, in place of `h`; see `integrate`.
     **options : dict
-        The method's own.
+        Options of the method.
 
     Returns
     -------
@@ -61,8 +61,7 @@ def prepare(
     Raises
     ------
     ValueError
-        A state, step or option that makes no sense, or a method that does not take the top's potential; the message names the
-        argument.
+        A state, step or option that makes no sense, or a method that does not take this top; the message names the argument.
     StepError
         The method cannot be prepared for this top and step.
     """
@@ -84,9 +83,9 @@ def integrate(
 ) -> Trajectory:
     """Follow a top, or a problem of your own, from y0.
 
-    Give either `h` and `steps`, or `t`. With `h` and `steps` every `every` steps are recorded (default: only the start
-    and the end). With `t`, any times counted from that of y0, the method's dense output is used. The exact Bäcklund map takes one
-    map for each time then: a jump, not a sequence of steps. With `t` and `tol`, `backlund_splitting` halves its step until two
+    Give either `h` and `steps`, or `t`. With `h` and `steps`, one state in `every` is recorded (default: only the start and the
+    end). With `t`, the method's dense output gives the states at these times, which count from y0. For this `backlund` takes one
+    map from y0 to each time: a jump, not a sequence of steps. With `t` and `tol`, `backlund_splitting` halves its step until two
     runs agree, and reports the step in `work.notes`.
 
     Parameters
@@ -94,14 +93,15 @@ def integrate(
     top : LagrangeTop, PerturbedTop, RigidBody, Problem, NamedTop, Case or str
         What to follow; a name such as "generic" or "bruels" stands for a named top or case.
     y0 : (6,), optional
-        By default that of a named top or case. Initial (J, x); of a Problem as many numbers as its space has; of a
-        RigidBody what its `state` returns.
+        The initial (J, x); of a Problem as many numbers as its space has; of a RigidBody what its `state` returns. A named top
+        or case has its own.
     h : float
         The step, in the top's own unit of time, 1 over the unit of J; of a RigidBody in s. A negative one runs backwards.
     steps : int
         Number of steps.
     method : str or Method, optional
-        A name in METHODS, or a record. By default the exact step, backlund, where there is one; of a free body the closed form.
+        A name in METHODS, or a record. By default `backlund`, the exact step; of a free body `theta_functions`, the closed form.
+        Other problems need a name.
     every : int
         Record every so many steps; must divide `steps`.
     t : (N,)
@@ -110,7 +110,7 @@ def integrate(
         In place of `h`: the step in the time scale of the motion, that is 1/(|J| + √(|alpha||x|)) at y0 for a top in a uniform
         field, and `top.scales(y0)[2]` for any.
     **options : dict
-        The method's own.
+        Options of the method.
 
     Returns
     -------
@@ -190,12 +190,12 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
 
 
 def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
-    """The step in the problem's own unit: h, or h_scaled in the shortest time scale of motions (problem, state); None for none.
+    """The step in the problem's own unit: h, or h_scaled in the shortest time scale of the starts (problem, state), or None.
 
     Raises
     ------
     ValueError
-        Both are given, or the motion is a rest, which has no time scale.
+        Both are given, or the motion is at rest and has no time scale.
     """
     if h_scaled is None:
         return h
@@ -208,7 +208,7 @@ def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
 
 
 def check_problem(top: Any) -> Any:
-    """A problem as it is; ValueError if it is none."""
+    """`top` itself; ValueError if it is no problem."""
     if not isinstance(top, Problem):
         hint = ": pass its problem()" if callable(getattr(top, "problem", None)) else ""
         raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}{hint}")
@@ -223,7 +223,7 @@ def grid_times(h: float, every: int, rows: int) -> Array:
 
 
 def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tuple[Any, Method, Array, Array | None]:
-    """The problem, the method and the state, all checked; and of a flying body position and velocity."""
+    """The problem, the method and the state, all checked; of a flying body also position and velocity."""
     if isinstance(top, str):
         top = CASES[top] if top in CASES else find_top(top)
     if isinstance(top, (NamedTop, Case)):
@@ -239,7 +239,7 @@ def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tup
 
 
 def default_method(problem: Any) -> str:
-    """The exact method of a problem. ValueError where there is none."""
+    """The name of the exact method of a problem; ValueError where there is none."""
     if kinds.uniform(problem) or kinds.symmetric_body(problem):
         return "backlund"
     if kinds.free_body(problem):
@@ -252,7 +252,7 @@ def default_method(problem: Any) -> str:
 
 
 def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, Any]) -> Stepper:
-    """`prepare`, of what has been checked."""
+    """`prepare` with arguments that have been checked."""
     build = method.prepare_for(top, options)
     start = perf_counter()
     before = y0.tobytes()

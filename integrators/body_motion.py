@@ -1,4 +1,4 @@
-"""Where a rigid body is along a run, and how it moves: what a `Trajectory` of a `RigidBody` has beside its states."""
+"""How a rigid body moves along a run: the part of a `Trajectory` that only a `RigidBody` has."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange_bench.integrators.problem.rigid_body import RigidBody
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-MOTION_COLUMNS = {  # of the body, in the conventions of `Case`
+MOTION_COLUMNS = {  # in tables, named as in `Case`
     "position": ("px", "py", "pz"),
     "quaternion": ("qw", "qx", "qy", "qz"),
     "omega_body": ("wx", "wy", "wz"),
@@ -35,13 +35,13 @@ class BodyMotion:
 
     @property
     def _body(self) -> RigidBody:
-        """The body that moves. AttributeError: there is none."""
+        """The body that moves; AttributeError for other problems."""
         if not kinds.rigid_body(self.problem):
             raise AttributeError(f"{self.top!r} has no rotation or position: follow a RigidBody")
         return self.problem
 
     def _with_rotation(self) -> NDArray[np.bool_]:
-        """The rows that have a rotation, a mask: not those where the method failed."""
+        """A mask of the rows with a rotation: there is none where the method failed."""
         with np.errstate(over="ignore"):
             size = np.sum(self.y[:, :4] ** 2, axis=1)
         return (size > 0.0) & (size < math.inf)
@@ -65,7 +65,7 @@ class BodyMotion:
             (theta, phi, psi) in rad: R = R3(phi) R2(theta) R3(psi).
         """
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # says that
+            warnings.simplefilter("ignore", UserWarning)  # SciPy warns of the vertical
             return self.rotation.as_euler("ZYZ")[:, (1, 0, 2)]
 
     @property
@@ -110,7 +110,7 @@ class BodyMotion:
         known, names = self._with_rotation(), ["position", "quaternion", "omega_body"]
         names += [] if self.problem.fixed else ["velocity"]
         motion = {name: np.full((len(known), len(MOTION_COLUMNS[name])), np.nan) for name in names}
-        if known.any():  # SciPy 1.15 makes no Rotation of none
+        if known.any():  # SciPy 1.15 cannot make a Rotation of no rows
             run = replace(self, y=self.y[known])  # type: ignore[type-var]
             motion["quaternion"][known] = run.rotation.as_quat(canonical=True, scalar_first=True)
             for name in {*names} - {"quaternion"}:

@@ -1,4 +1,4 @@
-"""Checks of what a user passes in: each returns the value in its type, or raises a ValueError that names the argument."""
+"""Checks of arguments. Each returns the argument in its proper type, or raises a ValueError that names it."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from lagrange_bench.support.words import suggestion
 
 Array = NDArray[np.float64]
 
-MOST = 2**62  # of anything that is counted
+MOST = 2**62  # the largest count
 # names in other programs → names here
 USUAL = {"dt": "h", "step": "h", "step_size": "h", "n": "steps", "n_steps": "steps", "t_eval": "t", "times": "t"}
 
 
 def warn_caller(text: str, category: type[Warning]) -> None:
-    """A warning that names the line of the user's code, however many calls of this package are between."""
+    """Warn, and name the line of the user's code that called this package."""
     level, frame, package = 1, sys._getframe(), os.path.dirname(__file__) + os.sep
     while frame.f_back and frame.f_code.co_filename.startswith(package):
         level, frame = level + 1, frame.f_back
@@ -39,7 +39,7 @@ def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def check_state(y0: Any, name: str = "y0") -> Array:
-    """`y0` as a fresh (6,) float64 array; ValueError naming the argument if it is anything else."""
+    """`y0` as a fresh (6,) float64 array; else ValueError."""
     try:
         y = np.array(y0)
     except ValueError as error:
@@ -59,14 +59,14 @@ def check_state(y0: Any, name: str = "y0") -> Array:
 
 
 def as_state(y: Any, size: int = 6) -> Array:
-    """`y` itself if it is a (size,) float64 array, for compiled code looks no further; else what the checks make of it."""
+    """`y` as a (size,) float64 array for compiled code, which checks nothing: `y` itself if it is one, else a checked copy."""
     if type(y) is np.ndarray and y.shape == (size,) and y.dtype == np.float64:
         return y
     return check_state(y, "y") if size == 6 else check_numbers(y, "y", size)
 
 
 def check_numbers(y: Any, name: str, size: int) -> Array:
-    """`y` as a fresh array of so many finite real numbers, whatever its shape; ValueError naming the argument."""
+    """`y`, of any shape, as a fresh array (size,) of finite real numbers; else ValueError."""
     try:
         numbers = np.array(y)
     except ValueError as error:
@@ -85,7 +85,7 @@ def check_step(h: Any, name: str = "h") -> float:
 
 
 def check_times(t: Any, single: bool = False) -> Array:
-    """`t` as a one-dimensional array of finite floats; with `single` one time will do, and has no axis."""
+    """`t` as a one-dimensional array of finite floats; with `single` one time is allowed, too, and gets no axis."""
     try:
         times = np.asarray(t)
     except ValueError:  # rows of different lengths
@@ -114,9 +114,9 @@ def check_times_or_grid(t: Any, h: Any, steps: Any, every: Any) -> Array | None:
 def check_options(
     name: str, function: Callable[..., Any], options: Mapping[str, Any], other: Callable[..., Any] | None, runs: str
 ) -> None:
-    """ValueError for an option that `function`, of the method `name`, does not have.
+    """Raise a ValueError for an option that `function`, of the method `name`, does not have.
 
-    other : the method's function for the other kind of runs of the same problem, which `runs` names; None if there are none.
+    other : the method's function for the other kind of runs, named by `runs`; None if there is none.
     """
     known = keyword_options(function) if options else ()
     for option in options:
@@ -129,7 +129,7 @@ def check_options(
 
 
 def check_grid(n: Any, every: Any = None, name: str = "n") -> tuple[int, int]:
-    """`n` steps and `every`, how many of them lead from one row to the next; by default all of them."""
+    """The number of steps, and how many of them lead from one row to the next: by default all."""
     n = check_count(n, name)
     every = max(n, 1) if every is None else check_count(every, "every", least=1)
     if n % every:

@@ -1,9 +1,10 @@
 """Many motions at once: `integrate_ensemble`.
 
-A method that offers `many`, the exact Bäcklund step, takes a thousand tops in a uniform field in one compiled call, in SIMD
-lanes. All other motions are runs of `integrate`, one by one in each thread; compiled code lets go of Python's lock. Every
-motion has the bits of `integrate`, but for short runs of the Bäcklund step: up to `backlund.SHORT` steps take λ(h) in plain
-doubles, and differ by round-off. What becomes of a motion depends on nothing but itself: not on the threads, or its place.
+The exact Bäcklund step offers `Method.many`: it takes a thousand tops in a uniform field in one compiled call, in SIMD lanes. All
+other motions are runs of `integrate`, one by one in each thread; compiled code releases Python's lock.
+
+Every motion has the bits of `integrate`, except in runs of the Bäcklund step of up to `backlund.SHORT` steps. These take λ(h) in
+plain doubles, and differ by round-off. A motion depends neither on the threads, nor on its place or its neighbours.
 """
 
 from __future__ import annotations
@@ -51,16 +52,16 @@ def integrate_ensemble(
     Parameters
     ----------
     top : LagrangeTop, PerturbedTop, RigidBody or Problem
-        The same for all; or LagrangeTop(alpha=array) with one alpha for each; of a PerturbedTop alpha and every parameter may be
-        such an array.
+        One for all motions; or LagrangeTop(alpha=array) with one alpha for each. alpha and every parameter of a PerturbedTop may
+        be such arrays.
     Y0 : (n, 6)
-        Of a Problem (n, size), and so are the states that are returned.
+        Initial states; of a Problem (n, size), and then the returned ones have this size, too.
     h, steps, method : float, int, str or Method
         As in `integrate`.
     every : int
-        Record every `every` steps, row 0 is Y0: steps//every + 1 rows; default: the end alone.
+        Record one state in `every`: steps//every + 1 rows, the first of them Y0. By default the end alone.
     t : (m,)
-        Output times in place of h and steps: m rows; for the exact Bäcklund map one map away from Y0 each: jumps, not steps.
+        Output times in place of h and steps: m rows. The exact Bäcklund step jumps from Y0 to each of them.
     threads : int
         Default: one per usable core.
     on_failure : str
@@ -69,7 +70,7 @@ def integrate_ensemble(
     h_scaled : float
         In place of `h`: the step in the shortest time scale of the tops; see `integrate`. All take the same step.
     **options : dict
-        The method's own.
+        Options of the method.
 
     Returns
     -------
@@ -115,7 +116,7 @@ def integrate_ensemble(
 
 @dataclass
 class _Work:
-    """The motions, and how each of them is followed: `grid` are arguments of `integrate`; `out` (rows, n, size) is filled."""
+    """The motions to follow. `grid` holds arguments of `integrate`; the states go into `out` (rows, n, size)."""
 
     problem: Any
     states: Array
@@ -127,7 +128,7 @@ class _Work:
     stop: threading.Event = field(default_factory=threading.Event)
 
     def do(self, threads: int) -> None:
-        """All motions."""
+        """Follow all motions."""
         n = len(self.states)
         length = max(1, min(CHUNK, -(-n // threads)))
         chunks = [slice(first, min(first + length, n)) for first in range(0, n, length)]
@@ -148,7 +149,7 @@ class _Work:
                 raise
 
     def follow(self, chunk: slice) -> None:
-        """Those of a chunk: together as far as that goes, the others one by one."""
+        """Follow a chunk of motions: together where the method can, the others one by one."""
         for i in np.flatnonzero(~self.together(chunk)):
             if self.stop.is_set():
                 return
@@ -165,7 +166,7 @@ class _Work:
         return integrate(problem, y0, method=self.method, **grid, **self.options).y
 
     def together(self, chunk: slice) -> NDArray[np.bool_]:
-        """Which motions of a chunk were followed in one call, a mask."""
+        """Follow a chunk in one call. Returns a mask of the motions that are done."""
         states, out, steps = self.states[chunk], self.out[:, chunk], self.grid.get("steps")
         done = np.zeros(len(states), dtype=bool)
         uniform = kinds.uniform(self.problem)
@@ -173,17 +174,17 @@ class _Work:
             return done
         every = self.grid["every"] or steps
         alphas = np.broadcast_to(self.problem.alpha, len(self.states))[chunk]
-        out[0] = states  # the end takes its place where nothing else is recorded
+        out[0] = states  # if only the end is recorded, it replaces this
         arguments = alphas, states, self.grid["h"], steps, every, out[len(out) - steps // every :]
         done = self.method.many(*arguments, self.stop.is_set, **self.options)
         finite = np.isfinite(out)
-        if not finite.all():  # along some axes only it takes many times as long
+        if not finite.all():  # along some axes only, `all` takes many times as long
             done &= finite.all(axis=(0, 2))
         return done
 
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
-    """The states (n, size), contiguous float64; of a LagrangeTop the caller's own memory where that is what it holds."""
+    """The states (n, size), contiguous float64; of a LagrangeTop not copied if Y0 is that already."""
     problem = check_problem(top)
     if not kinds.uniform(problem):
         try:
@@ -202,7 +203,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
     if states.dtype.kind not in "iuf":
         raise ValueError(f"Y0 must be real numbers; got dtype {states.dtype}")
     states = np.ascontiguousarray(states, dtype=np.float64)
-    if not np.isfinite(states).all():  # along one axis only it takes many times as long
+    if not np.isfinite(states).all():  # along one axis only, `all` takes many times as long
         _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
     vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
     _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
@@ -211,7 +212,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
 
 
 def _check_state(problem: Any, y: Any, name: str) -> Array:
-    """A state as `integrate` takes it."""
+    """A state, checked as `integrate` does."""
     y, flight = problem.split_state(y)
     state: Array = problem.check_state(y, name)
     return state if flight is None else np.concatenate((state, flight))

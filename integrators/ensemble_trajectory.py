@@ -1,4 +1,4 @@
-"""What `integrate_ensemble` returns: times and states of many motions."""
+"""The result of `integrate_ensemble`."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
     t : (rows,)
         Times in the units of h.
     y : (rows, n, 6)
-        States in those of Y0; of a Problem (rows, n, size).
+        States in the units of Y0; of a Problem (rows, n, size).
     end_only : bool
         Whether the one row is the end.
     start : RunInputs
-        How the run began: its `state` (n, 6) are those of all motions.
+        How the run began; its `state` (n, 6) is Y0.
     """
 
     top: Any
@@ -57,7 +57,7 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of what it is as an array."""
+        """The shape as an array."""
         return np.asarray(self).shape
 
     def __repr__(self) -> str:
@@ -66,9 +66,9 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
         return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
 
     def motion(self, place: int) -> Trajectory:
-        """The motion of one place, with its own `error()`, `plot()` and `sol()`.
+        """One of the motions, with its own `error()`, `plot()` and `sol()`.
 
-        Y0 is not copied: do not change it before.
+        Y0 is not copied, so do not change it before this call.
 
         Parameters
         ----------
@@ -78,7 +78,7 @@ class EnsembleTrajectory(Rows, np.lib.mixins.NDArrayOperatorsMixin):
         Returns
         -------
         Trajectory
-            Of that motion.
+            The motion.
 
         Raises
         ------

@@ -50,27 +50,27 @@ class StepError(RuntimeError):
 
 
 class StepWarning(RuntimeWarning):
-    """A step, or a potential, for which another step or another method is better: advice to a user, and no fault."""
+    """Advice to a user, not a fault: another step or another method is better here."""
 
 
 @dataclass
 class Work:
-    """What a stepper has done so far. Set-up is counted apart, with the compilation of a kernel's first use.
+    """What a stepper has done so far. Set-up is counted apart; it contains the compilation of kernels.
 
     Parameters
     ----------
     steps : int
         Internal steps: one per h for control "step", natural steps for control "tolerance".
     rhs_evals : int
-        Right-hand sides, or their equivalent where a method has any.
+        Evaluations of the right-hand side, or what a method does in their place.
     iterations : int
-        Of a nonlinear solver.
+        Iterations of a nonlinear solver.
     rejected : int
         Steps tried and thrown away.
     setup_seconds : float
-        In s.
+        Time of the set-up, s.
     notes : str
-        What a method has chosen, such as its step.
+        What the method has chosen, such as its step.
     """
 
     steps: int = 0
@@ -82,7 +82,7 @@ class Work:
 
 
 class Stepper(Protocol):
-    """Advances states by multiples of the step h it was built for. Those of a `Problem` have as many numbers as its space.
+    """Advances states by multiples of the step h it was built for. A state of a `Problem` has as many numbers as its space.
 
     `from_start` is True where n steps are not n calls of one step: for a multistep method, or a closed form of the time.
     Such a run must not be continued from a state on the way, so the experiments start it again for every sample. It is
@@ -101,7 +101,7 @@ class Stepper(Protocol):
         ...
 
 
-# what a method may need of a problem, see `Problem.offers`, and what is said of one without
+# what a method may need and a problem may offer (`Problem.offers`), and how messages name it
 NEEDS = {
     "uniform": "a top in a uniform field, a LagrangeTop",
     "rhs": "a right-hand side",
@@ -114,7 +114,7 @@ Need = str | Callable[[Any], bool]  # a word of NEEDS, or a predicate of problem
 
 
 def meets(problem: Any, need: Need) -> bool:
-    """Whether a problem has what a method needs."""
+    """Whether a problem offers what a method needs."""
     return need(problem) if callable(need) else need in problem.offers
 
 
@@ -123,7 +123,7 @@ def needed(need: Need) -> str:
     return (need.__doc__ or need.__name__) if callable(need) else NEEDS[need]
 
 
-# fields of `Method`: what they must be
+# what fields of `Method` must be, in words and as a test, and their names
 KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
     "a text": (lambda value: isinstance(value, str), "name label family source"),
     "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
@@ -144,7 +144,7 @@ Quantity = Callable[[Any, float, Array], tuple[Array, float]]
 
 
 def _check_kinds(record: Any, kinds: Mapping[str, tuple[Callable[[Any], bool], str]]) -> None:
-    for what, (fits, names) in kinds.items():  # of another kind, everything that reads it would fail
+    for what, (fits, names) in kinds.items():
         for name in names.split():
             if not fits(value := getattr(record, name)):
                 raise ValueError(f"{name} must be {what}; got {value!r}")
@@ -152,7 +152,7 @@ def _check_kinds(record: Any, kinds: Mapping[str, tuple[Callable[[Any], bool], s
 
 @dataclass(frozen=True)
 class Claims:
-    """What a method says of its steps, besides their order: `lagrange-bench check` puts each claim to the test.
+    """What a method claims of its steps, besides their order. `lagrange-bench check` puts each claim to the test.
 
     Parameters
     ----------
@@ -161,13 +161,13 @@ class Claims:
     poisson : bool
         One step is a Poisson map.
     conserves : set of str
-        Of INVARIANTS, or as a problem names its own: at round-off, for every h that the method takes, as far as the problem
+        Names of INVARIANTS, or of a problem's own. The method keeps them at round-off, for every h that it takes, if the problem
         conserves them. Round-off may grow with the angle of a step: some ulps for each time scale of h.
     conserves_if_quadratic : set of str
-        These, too, if H is quadratic.
+        Names of those that it also keeps if H is quadratic.
     conserves_own : dict
-        What else is kept at round-off for every h in a uniform field, such as a modified energy: name → function of
-        (top, h, states (N, 6)) that returns its values (N,) and the size of its terms at the first state.
+        Other quantities, such as a modified energy, that it keeps at round-off for every h in a uniform field: name → function
+        of (top, h, states (N, 6)) that returns the values (N,) and the size of their terms at the first state.
 
     Raises
     ------
@@ -204,7 +204,7 @@ MOVED = {  # fields of older records → what to do
 
 @dataclass(frozen=True)
 class Method:
-    """What a method claims. Every field is read by a test, a legend or a table; docs/adding-a-method.md explains each.
+    """The record of a method. Every field is read by a test, a legend or a table; docs/adding-a-method.md explains each.
 
     Parameters
     ----------
@@ -221,18 +221,18 @@ class Method:
     prepare : callable
         (problem, y0, h, **options) → Stepper: everything slow happens here, once.
     claims : Claims
-        Symmetry, the bracket, and what is conserved; nothing by default.
+        Whether it is symmetric or a Poisson map, and what it conserves; nothing by default.
     control : str
         "step": one internal step per h; "tolerance": h is the output grid, tol sets the accuracy.
     needs : str or callable
         What a problem must offer: a word of NEEDS; or a predicate, problem → bool, whose docstring says what it asks for.
     kernels_for : dict
-        Builders of another kernel, in place of `prepare`, for problems that offer a word of NEEDS or meet a predicate.
+        Need (a word of NEEDS or a predicate) → builder of another kernel, in place of `prepare`, for problems that meet it.
     evaluate : callable, optional
         (problem, y0, times, **options) → states and Work: dense output or jumps.
     many : callable, optional
         Many tops in a uniform field in one call, for `integrate_ensemble`: (alphas (n,), Y0 (n, 6), h, steps, every, out,
-        stopped, **options) → the tops done, a mask. It fills `out` (steps // every, n, 6), and ends early once `stopped()`.
+        stopped, **options) → a mask of the tops done. It fills `out` (steps // every, n, 6), and ends early once `stopped()`.
     requires : str, optional
         A package that may be missing on some platforms.
     engine : str
@@ -243,7 +243,7 @@ class Method:
     ValueError
         A field of a wrong type, or an unknown word.
     TypeError
-        A field that there is not; the message says where what it said is written now.
+        An unknown field; for a field of older records the message says what to write instead.
     """
 
     name: str
@@ -298,7 +298,7 @@ class Method:
         return next((build for need, build in self.kernels_for.items() if meets(problem, need)), None)
 
     def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
-        """What prepares a stepper for this problem: (problem, y0, h, **options).
+        """The builder of a stepper for this problem: (problem, y0, h, **options) → Stepper.
 
         Raises
         ------
@@ -329,7 +329,7 @@ class Method:
         return self.evaluate
 
     def conserves_on(self, problem: Any) -> frozenset[str]:
-        """Of the problem's invariants, such as H, J3, C1, C2, those that the method keeps at round-off; it takes the problem."""
+        """The invariants of the problem that the method keeps at round-off. The method must take the problem."""
         return frozenset(problem.conserved_by(self))
 
     @property
@@ -338,5 +338,5 @@ class Method:
         return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
 
 
-_FIELDS = inspect.signature(Method.__init__)  # not those of `__new__`
+_FIELDS = inspect.signature(Method.__init__)  # `inspect` would show `__new__`
 Method.__signature__ = _FIELDS.replace(parameters=list(_FIELDS.parameters.values())[1:])  # type: ignore[attr-defined]

@@ -1,4 +1,4 @@
-"""Modules of the user's own, which the words of a command name: they are looked for in the current folder, too."""
+"""Imports the user's own modules, which a command line names, also from the current folder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from types import ModuleType
 
 
 def import_modules(names: Iterable[str]) -> None:
-    """Imports the modules that the user names with --module, from the current folder too: results may name them then."""
+    """Import the modules that the user names with --module. Stored results may name what is in them from then on."""
     for name in names:
         try:
             import_own(name)
@@ -22,8 +22,8 @@ def import_modules(names: Iterable[str]) -> None:
 def import_own(module: str) -> ModuleType:
     """Import a module that the user names: from the current folder first, as `python -m` does, else as installed.
 
-    The folder comes first only meanwhile, and last from then on. So a file that is being edited is found before an
-    installed copy of it, and a folder called `results` or `report` hides nothing of the bench later.
+    The folder is first in sys.path during the import, and last from then on. So a file that is being edited is found before its
+    installed copy, and a folder called `results` or `report` hides nothing of the bench later.
     """
     here = str(Path.cwd())
     if "" not in sys.path and here not in sys.path:
@@ -38,7 +38,7 @@ def import_own(module: str) -> ModuleType:
 
 @contextmanager
 def no_exit() -> Iterator[None]:
-    """Inside, a module that calls sys.exit() cannot be imported; it does not end this process."""
+    """Turn the sys.exit() of an imported module into an ImportError. So it does not end this process."""
     try:
         yield
     except SystemExit as end:
@@ -46,5 +46,5 @@ def no_exit() -> Iterator[None]:
 
 
 def in_own_file(name: str, word: str) -> str:
-    """How to name what is in a file NAME.py of the current folder; nothing if there is no such file."""
+    """A hint how to name an object in NAME.py of the current folder; empty if there is no such file."""
     return f"; for the one in {name}.py use {name}:{word.upper()}" if Path(f"{name}.py").is_file() else ""

@@ -1,4 +1,4 @@
-"""Pictures of trajectories, and the files that they are kept in: what `Trajectory.plot` and `save` do."""
+"""Draws trajectories, and writes them to files: `Trajectory.plot` and `save`."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-LEAST = 2.0**-54  # a quarter of an ulp of 1: smaller errors, 0 among them, are drawn there on a logarithmic axis
+LEAST = 2.0**-54  # a quarter of an ulp of 1: where a logarithmic axis shows smaller errors and 0
 JOINED, SMOOTH, MOST_TURNS = (
     8,
     48,
     500,
-)  # rows a nutation that are joined, points of a smooth orbit, nutations that are drawn
+)  # rows a nutation, from which on they are joined; points a nutation of a smooth orbit; most nutations of a smooth orbit
 KINDS = ("components", "invariants", "error", "axis")
 FORMATS = (".csv", ".npz", ".parquet")
 
@@ -91,7 +91,7 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
 
 
 def _orbit(run: Any) -> Array:
-    """The axis along the run (N, 3): by dense output, else the rows, where there are enough to be joined, or nothing (0, 3)."""
+    """The axis along the run (N, 3): the rows if there are enough to be joined, else by dense output, or nothing (0, 3)."""
     from lagrange_bench.integrators.truth import exact
 
     if not kinds.uniform(run.problem):
@@ -115,7 +115,7 @@ def _orbit(run: Any) -> Array:
 def save(
     path: Path, facts: Mapping[str, Any], arrays: Callable[[], dict[str, Array]], frame: Callable[[], pd.DataFrame]
 ) -> Path:
-    """Write arrays (.npz) or a table (.csv, .parquet), and what is known of the run, each fact as JSON.
+    """Write arrays (.npz) or a table (.csv, .parquet), and the facts of the run, each as JSON.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def save(
 
 
 def _json(key: Any, value: Any) -> str:
-    """JSON of a fact; what that has no word for, such as a complex option, as Python writes it, but NumPy's as numbers."""
+    """A fact as JSON. Values of NumPy become numbers; others that JSON lacks, such as a complex option, become their repr."""
     if not (isinstance(key, str) and key.isprintable() and ": " not in key):
         raise ValueError(f"metadata: a name must be a text of one line without “: ”; got {key!r}")
     try:

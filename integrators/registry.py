@@ -1,9 +1,8 @@
-"""METHODS, POTENTIALS and NAMED_TOPS: all methods by name, in legend order, potentials and tops, loaded when first asked for.
+"""METHODS, POTENTIALS and NAMED_TOPS: methods, in legend order, potentials and tops by name, loaded when first asked for.
 
-A method that lives in somebody else's package joins through the entry-point group `lagrange_bench.methods`
-(name = registry key, value = `package.module:METHOD`), a potential through `lagrange_bench.potentials`, a top with a name and an
-initial state through `lagrange_bench.tops`. One that cannot be loaded, or whose name is taken, is no reason for the others
-to fail.
+Other packages add theirs as entry points, name = `package.module:OBJECT`. The groups are `lagrange_bench.methods`,
+`lagrange_bench.potentials`, and `lagrange_bench.tops` for tops with a name and an initial state. An entry that cannot be loaded,
+or whose name is taken, does not stop the others.
 """
 
 from __future__ import annotations
@@ -84,14 +83,14 @@ BUILT_IN = {
     "rk4_normalized": "lagrange_bench.integrators.methods.whole_body:RK4_NORMALIZED",
 }
 
-# Methods that a better or a better known one of their family stands for. Their rows and claims are kept; figures and quick runs
-# of many methods leave them out.
+# Each of these has a better, or better known, method in its family. Their rows and claims are kept; figures and quick runs of
+# many methods leave them out.
 ARCHIVE = frozenset([
     "backlund_unpinned", "backlund_paper", "backlund_textbook", "taylor_accurate", "taylor_compact", "taylor_fixed",
     "rk45_fixed", "dop853_fixed", "scipy_dop853", "takahashi_imada", "force_gradient4", "kahan_li6", "sofroniou_spaletta10",
     "collective_midpoint", "gauss4", "gauss6", "gauss12", "commutator_free4", "lie_midpoint", "rk4_normalized",
 ])  # fmt: skip
-MANY = 8  # methods: of so many or fewer none is left out
+MANY = 8  # of so many methods, or fewer, none is left out
 
 POTENTIALS_BUILT_IN = {
     name: f"lagrange_bench.integrators.problem.potentials:{name.upper()}"
@@ -100,25 +99,25 @@ POTENTIALS_BUILT_IN = {
 
 
 def without_archive(names: Iterable[str]) -> list[str]:
-    """Distinct names of methods, where there are many those not in the archive."""
+    """The distinct names of methods; of more than MANY only those that are not in the archive."""
     distinct = list(dict.fromkeys(names))
     return [name for name in distinct if name not in ARCHIVE] if len(distinct) > MANY else distinct
 
 
-BLOCKS = itertools.count(1)  # numbers of the blocks in which more is registered
+BLOCKS = itertools.count(1)  # numbers of the blocks of `temporarily_registered`
 
 
 class Registry(Mapping[str, Any]):
     """Name → Method, or Potential. Listing the names imports nothing.
 
-    word : "method" or "potential", also in the name of the entry-point group. kind : where its type is, "module:Type".
+    word : "method" or "potential", also in the name of the entry-point group. kind : the place of the type, "module:Type".
     """
 
     def __init__(self, word: str, built_in: Mapping[str, str], kind: str):
         self.word, self.built_in, self.group = word, built_in, f"lagrange_bench.{word}s"
         self._kind = kind
         self._loaded: dict[str, tuple[EntryPoint, Any]] = {}
-        # what is registered for a block only, with the number of the block: no other thread sees it
+        # the number of the block, and what is registered for it only; no other thread sees it
         self._in_block: ContextVar[tuple[int, Mapping[str, Any]]] = ContextVar(f"{word}s", default=(0, {}))
 
     @cached_property
@@ -163,7 +162,7 @@ class Registry(Mapping[str, Any]):
         return record
 
     def include(self, name: str) -> None:
-        """Know what `module:NAME` stands for under these very words in this process, without an entry point.
+        """Register `module:NAME` under these very words in this process, without an entry point.
 
         Raises
         ------
@@ -189,15 +188,15 @@ class Registry(Mapping[str, Any]):
 
     @property
     def state(self) -> tuple[tuple[str, ...], int]:
-        """Another one where the names in this thread are others: what is derived from them holds as long as it is the same."""
+        """It differs where the names in this thread differ. What is derived from the names holds as long as it is the same."""
         return tuple(self._entries), self._in_block.get()[0]
 
     def each(self) -> Iterator[tuple[str, Any, str]]:
-        """Every name with what it stands for and ""; or with None and the reason why it cannot be loaded."""
+        """Every name with its record and ""; or with None and the reason why the record cannot be loaded."""
         for name in self:
             try:
                 yield name, self[name], ""
-            except Exception as error:  # somebody else's package: whatever is wrong with it, the others are still there
+            except Exception as error:  # somebody else's package may raise anything, and the other names follow
                 yield name, None, f"{type(error).__name__}: {error}"
 
     def __iter__(self) -> Iterator[str]:
@@ -222,7 +221,7 @@ class TopRegistry(Registry):
 
     @cached_property
     def _entries(self) -> dict[str, EntryPoint]:
-        self.built_in = dict.fromkeys(self._ours, "")  # names that are taken; what they stand for is here already
+        self.built_in = dict.fromkeys(self._ours, "")  # takes the names; the tops are in `_ours`
         return super()._entries
 
     def __getitem__(self, name: str) -> Any:
@@ -235,7 +234,7 @@ NAMED_TOPS = TopRegistry()
 
 
 class NotInstalled(StepError):
-    """A method cannot run here, for the package it needs is not installed."""
+    """A method cannot run here, because a package that it needs is not installed."""
 
 
 def find_method(method: str | Method) -> Method:
@@ -254,7 +253,7 @@ def find_method(method: str | Method) -> Method:
 
 
 def _reduced(method: Method) -> Any:
-    """How a record is pickled: a registered one, whose builder may be made by another function, by its name."""
+    """Pickle a registered record by its name, because its builder may be a closure, which pickle refuses."""
     entry, registered = METHODS._loaded.get(method.name, (None, None))
     if entry is not None and entry.value and registered is method:
         return find_method, (method.name,)
@@ -314,7 +313,7 @@ def _load(name: str, registry: Registry) -> Any:
 
 
 def _meant(name: str, error: Exception, registry: Registry) -> str:
-    """What to add to the reason why `module:NAME` cannot be loaded: what was perhaps meant."""
+    """The end of the message that `module:NAME` cannot be loaded: what was perhaps meant."""
     module = name.partition(":")[0]
     if isinstance(error, ModuleNotFoundError) and error.name == module and "." not in module:
         files = [path.stem for path in Path.cwd().glob("*.py")]
@@ -326,13 +325,13 @@ def _meant(name: str, error: Exception, registry: Registry) -> str:
 
 
 def find_stored_method(name: str) -> Method:
-    """As `find_method`, of a name that results bring with them: no module is imported for `module:METHOD`."""
+    """`find_method` for a name in stored results: it imports no module for `module:METHOD`."""
     _check_imported(name, METHODS)
     return find_method(name)
 
 
 def find_stored_potential(name: str) -> Any:
-    """As `find_potential`, of a name that results bring with them: no module is imported for `module:POTENTIAL`."""
+    """`find_potential` for a name in stored results: it imports no module for `module:POTENTIAL`."""
     _check_imported(name, POTENTIALS)
     return find_potential(name)
 
@@ -360,7 +359,7 @@ def available(method: Method) -> bool:
 
 
 def how_to_get(package: str) -> str:
-    """Where a package that is not installed here comes from."""
+    """How to install a package that is missing here."""
     name = "heyoka.py" if package == "heyoka" else package  # as conda-forge calls it
     return (
         f"{package} is not installed here; it comes with conda install -c conda-forge {name} (on Linux also with pip)"

@@ -1,9 +1,9 @@
-"""What `integrate` returns: times and states of one motion, and what follows from them.
+"""The result of `integrate`: times and states of one motion, and what follows from them.
 
 run = integrate(top, y0, h=0.1, steps=1000, every=10)
 run.to_frame(), run.plot("axis"), run.error(), run.save("run.csv")
 
-Pictures and files are made by `plot_and_save`; where a rigid body is, says `body_motion`. Of ensembles see `ensemble_trajectory`.
+`plot_and_save` draws and writes, `body_motion` is the part for rigid bodies, and `ensemble_trajectory` the result of ensembles.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q
 
 @dataclass(frozen=True, eq=False)
 class RunInputs:
-    """How a run began: what a trajectory needs to be judged, or evaluated at other times.
+    """How a run began. With it a trajectory can be judged, or evaluated at other times.
 
-    state : (n,) numbers. method : the method's record. h : the step, None of jumps and of methods that choose their own steps.
-    options : those of the method. flight : of a flying body (6,), position and velocity.
+    state : (n,) numbers. method : the method's record. h : the step; None for jumps, and for methods that choose their own steps.
+    options : those of the method. flight : position and velocity (6,) of a flying body.
     """
 
     state: Array
@@ -45,7 +45,7 @@ class RunInputs:
 
 
 class Rows:
-    """What runs and ensembles have in common: a problem, named columns, a table, a file."""
+    """The common part of runs and ensembles: a problem, named columns, a table, a file."""
 
     top: Any
     method: str
@@ -54,7 +54,7 @@ class Rows:
 
     @property
     def problem(self) -> Any:
-        """What was followed."""
+        """The problem that was followed."""
         return self.top
 
     def columns(self) -> tuple[str, ...]:
@@ -77,17 +77,17 @@ class Rows:
         return {"t": self.t}
 
     def _motion(self) -> dict[str, Array]:
-        """What is known of the motion of a body, beside the state: names of MOTION_COLUMNS, arrays with a row for each time."""
+        """The motion of a body: names of MOTION_COLUMNS → arrays with a row for each time. Empty for other problems."""
         return {}
 
     def _origin(self) -> dict[str, Any]:
-        """What a file says of the run."""
+        """Facts of the run, for a file."""
         parameters = getattr(self.top, "parameters", ())
         return {"top": repr(self.top), **({"parameters": parameters} if len(parameters) else {})}
 
     @property
     def states(self) -> Array:
-        """(N, n), of an ensemble (rows, motions, n): `y` without the place of a flying body."""
+        """The states (N, n), of an ensemble (rows, motions, n): `y` without position and velocity of a flying body."""
         return self.y[..., : self.problem.space.size]
 
     def invariants(self) -> Array:
@@ -127,15 +127,15 @@ class Rows:
     def save(self, path: str | Path, metadata: Mapping[str, Any] | None = None) -> Path:
         """Write times and states, every double exactly.
 
-        A table is that of `to_frame`; .npz has the arrays t and y, and of a body position, quaternion, omega_body and velocity.
+        Tables are those of `to_frame`; .npz has the arrays t and y, and of a body position, quaternion, omega_body and velocity.
 
         Parameters
         ----------
         path : str or Path
             A file that ends in .csv, .npz or .parquet.
         metadata : dict, optional
-            Texts → what JSON can hold; it is written beside the method, the top or body and its parameters, the start, the
-            step and the options.
+            Names → values that JSON can hold. They are written beside the method, the top or body and its parameters, the start,
+            the step and the options.
 
         Returns
         -------
@@ -147,7 +147,7 @@ class Rows:
         ValueError
             Another ending, .parquet without pyarrow, or metadata that JSON cannot hold or that would be misread in the file.
         OSError
-            It cannot be written; nothing is lost.
+            The file cannot be written; an older one is untouched.
         """
         if metadata is not None and not isinstance(metadata, Mapping):
             raise ValueError(f"metadata must be a dict; got {metadata!r}")
@@ -170,9 +170,9 @@ class Trajectory(BodyMotion, Rows):
     t : (N,)
         Times in the units of h.
     y : (N, 6)
-        States in those of y0; of a Problem (N, size), of a flying body (N, 13).
+        States in the units of y0; of a Problem (N, size), of a flying body (N, 13).
     work : Work
-        The work they took.
+        The work of the run.
     start : RunInputs, optional
         How the run began.
     """
@@ -202,7 +202,7 @@ class Trajectory(BodyMotion, Rows):
         Returns
         -------
         (N,)
-            NaN where the reference solution is lost; of a heavy body without symmetry also beyond 2000 time scales, with a
+            NaN where a chaotic reference solution is lost; of a heavy body without symmetry also beyond 2000 time scales, with a
             warning.
 
         Raises
@@ -268,12 +268,12 @@ class Trajectory(BodyMotion, Rows):
         ax : Axes, optional
             Axes to draw on, of a 3D projection for "axis"; by default those of a new figure.
         **look : dict
-            Of the lines, as of matplotlib's `plot`.
+            Options of matplotlib's `plot` for the lines.
 
         Returns
         -------
         Axes
-            Those that were drawn on.
+            The axes with the picture.
         """
         if what == "invariants":
             self._started("plot")

@@ -1,4 +1,4 @@
-"""Predicts where a method will be, by backward error analysis: how wrong its clock is, and how fast it turns too far.
+"""Predicts by backward error analysis where a method will be: how wrong its clock is, and how fast it turns too far.
 
 After n steps of h, at t = nh, a state is at the exact solution of the time t + τ(t), turned about e3 by θ(t), and off the
 torus by the drift of the invariants. Apart from oscillations with the nutation,
@@ -9,14 +9,14 @@ The growths and the distance to the torus are 0 unless the method lets the invar
 parts. docs/phase-theory.md has the formulas and their sources.
 
 For the two-point map, T(λ) and Θ(λ) are known, so clock = T/h − 1 and turn = Θ/h, and nothing oscillates. For any other method
-the local error is a power series in h (`steps`), of which `TERMS` terms are taken. To first order in it the error e = X p + E o
-follows
+the local error δ is a power series in h (`steps`), of which `TERMS` terms are taken. To first order in δ the error e = X p + E o
+obeys
 
     o ← o + Gδ        p ← p + S o + X⁺δ        S = Σ(s + h) − Σ(s),   Σ' = X⁺(f' E − E'),
 
-with X = (X_H, X_J3), the gradients of H, J3, C1 and C2 as rows of G, and E = Gᵀ(G Gᵀ)⁻¹. p is the error along the torus, and o
-that of the invariants. All is periodic in s, the time modulo a nutation, and is summed by its Fourier series. For a symmetric
-method the mean of Gδ vanishes; the rest of it at first order is removed.
+with y' = f(y), X = (X_H, X_J3), the gradients of H, J3, C1 and C2 as rows of G, and E = Gᵀ(G Gᵀ)⁻¹. p is the error along the
+torus, and o the error of the invariants. All terms are periodic in s, the time modulo a nutation, and Fourier series sum them.
+For a symmetric method the mean of Gδ vanishes; a mean that is left at first order is removed.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ PREDICTED = frozenset((*STEPS, *PAPERS))  # methods whose errors are predicted; 
 SPANS = (1e-6, 1e3)  # least and largest |h|, in time scales of the top
 DIGITS = 30  # of T(λ), which for small h is nearly h
 TERMS = 20  # of the power series of the local error
-CONVERGED = 1e-3  # the last two terms may be this part of their sum
+CONVERGED = 1e-3  # the last two terms may be this part of the sum of all
 POINTS = (64, 256, 1024)  # in a nutation; more are tried if 64 do not resolve it
 SMOOTH = 1e-5  # the highest Fourier modes may be this part of the largest
 RESONANT = 1e-9  # a mode with a smaller |e^{iθ} − 1| has the same phase θ at every step
@@ -190,6 +190,7 @@ class Theory:
         self.amplitude = amplitude
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
+        # o after k steps is k mean + Q(s_k) − Q(0), so S o is a periodic part and k times another, the ramp
         off = Sum.of(step[:, 2:], angle)
         self.off = off if drifts else replace(off, mean=np.zeros(4))
         Q = self.off.values()
@@ -199,6 +200,7 @@ class Theory:
 
     @property
     def phase(self) -> PredictedPhase:
+        # p = n along + n (n − 1)/2 ramp on average, with n = t/h
         second = self.units.time(1.0)
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
@@ -228,7 +230,7 @@ class Theory:
         return self.units.leave(y + times(np.linalg.pinv(gradients(self.top, y)), self.off(n)))
 
     def _along(self, n: Array) -> Array:
-        # Σ k g(s_k) of a periodic g, by parts
+        # by parts: Σ_{k<n} k g(s_k) = n (n − 1)/2 mean + (n − 1) w(s_n) − Σ_{0<k<n} w(s_k)
         ramped = np.outer(n * (n - 1) / 2, self.ramp.mean) + (n - 1)[:, None] * self.ramp.wave(n)
         return self.along(n) + ramped + self.ramp.wave(np.zeros(1)) - self.ramps(n)
 
@@ -289,6 +291,7 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
     else:
         raise NoPrediction(f"{points} points of a nutation do not resolve the local error")
     angle = (2 * np.pi / period * h) * np.fft.fftfreq(points, 1 / points)
+    # S = Σ(s + h) − Σ(s): a mode of Σ' that a step turns by θ gets the factor h (e^{iθ} − 1)/(iθ)
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
     S = h * np.fft.ifft(modes, axis=0).real

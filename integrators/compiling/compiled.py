@@ -35,7 +35,7 @@ config: Any = numba.config  # its attributes are made at run time
 COMPILED = not config.DISABLE_JIT  # read once, since compiled and other functions do not mix
 OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 
-BELOW = ("compiling", "problem")  # rooms whose kernels are passed as arguments; part of every digest
+BELOW = ("compiling", "problem")  # kernels of these rooms are passed as arguments, so every digest contains them
 # Numba's settings that change machine code
 SETTINGS = ("BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
 

@@ -25,6 +25,7 @@ def two_sum(a, b):
 
 @unrolled
 def two_prod(a, b):
+    # a b and its rounding error: the halves of a and b have 26 bits, so their products are exact
     p = a * b
     t = SPLITTER * a
     ah = t - (t - a)

@@ -69,7 +69,7 @@ def log(a: Any) -> Any:
 
 
 def apply(name: str, a: Any) -> Any:
-    """One of FUNCTIONS. TypeError : a type that does not have it."""
+    """One of FUNCTIONS of a number; TypeError for a type that does not have it."""
     if isinstance(a, (float, int)):
         try:
             return getattr(math, name)(a)
@@ -94,7 +94,7 @@ class Program:
         self.inputs, self.lines, self.outputs = inputs, lines, outputs
 
     def __call__(self, *numbers: Any) -> tuple[Any, ...]:
-        """The outputs for these inputs, in the operations of the numbers; constants stay floats."""
+        """The outputs for these inputs, by the operations of the numbers; constants stay floats."""
         if len(numbers) != self.inputs:
             raise TypeError(f"a formula of {self.inputs} numbers got {len(numbers)}")
         return self._function(*numbers)  # type: ignore[no-any-return]
@@ -109,7 +109,7 @@ class Program:
         return self.python(nested=NESTED)
 
     def python(self, constant: Callable[[float], Any] | None = None, nested: int = 1) -> Callable[..., Any]:
-        """The lines as a Python function of the inputs, which is five times as quick as to interpret them.
+        """The lines as a Python function of the inputs, five times as fast as interpreting them.
 
         constant : a function that is applied to each constant. nested : the largest depth of nested terms.
         """
@@ -128,7 +128,7 @@ class Program:
         lines = []
         for place, (operation, *arguments) in enumerate(self.lines, self.inputs):
             term, depth = PYTHON[operation].format(*map(word, arguments)), 1 + max(depths[a] for a in arguments)
-            if uses[place] == 1 and depth < nested:  # NumPy computes in the place of what has no name
+            if uses[place] == 1 and depth < nested:  # NumPy reuses the memory of a term without a name
                 words[place], depths[place] = f"({term})", depth
             else:
                 words[place] = f"v{place}"
@@ -139,13 +139,13 @@ class Program:
         return room["function"]  # type: ignore[no-any-return]
 
     def corners(self, count: int) -> list[int]:
-        """Numbers of the lines, roots, that are |w| or an odd power of it where w may change its sign: no series goes on.
+        """The numbers of the lines with a root that is |w|, or an odd power of it, and w may change its sign: no series goes on.
 
-        w depends on one of the first `count` inputs. It is found by the factors of what the root is taken of: it must be
-        squared as it stands, not multiplied out.
+        w depends on one of the first `count` inputs. It is found among the factors under the root: there must be a w², not
+        multiplied out.
         """
         moving, positive = set[Any](range(count)), set[Any]()
-        powers: dict[Any, Counter[Any]] = {i: Counter({i: 1}) for i in range(self.inputs)}  # of factors, of each place
+        powers: dict[Any, Counter[Any]] = {i: Counter({i: 1}) for i in range(self.inputs)}  # place → factor → power
 
         def factors(place: Any) -> Counter[Any]:
             return Counter({"sign": int(place[1] < 0)}) if isinstance(place, tuple) else powers[place]
@@ -194,7 +194,7 @@ class Program:
 
 @cache
 def machine_code(program: Program) -> Any:
-    """(x, q) → the outputs, for compiled kernels: two tuples of doubles that make up the inputs."""
+    """(x, q) → the outputs, for compiled kernels; the inputs are the tuples x and q, one after the other."""
 
     @unrolled
     def evaluate(x, q):

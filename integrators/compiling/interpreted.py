@@ -19,7 +19,7 @@ from lagrange_bench.integrators.compiling.compiled import COMPILED, Kernel, is_c
 PATIENCE = (
     4.0  # seconds that a kernel is interpreted in a process, about what compiling takes; 0 where times are measured
 )
-MANY = 1024  # numbers in an array from which it is compiled at once
+MANY = 1024  # an array of more numbers is a reason to compile at once
 PACKAGE = __name__.rsplit(".", 2)[0] + "."
 
 _interpreted: dict[tuple[FunctionType, Any], FunctionType] = {}

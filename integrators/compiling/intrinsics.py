@@ -30,7 +30,7 @@ def as_python(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], An
 
 
 def literals(*numbers):
-    """The values of literals. Numba first tries any integers, and after this error constants."""
+    """The values of literals. Numba first passes plain integers, and literals after this error."""
     if not all(isinstance(number, types.IntegerLiteral) for number in numbers):
         raise TypingError("sizes and strides must be constants")
     return [number.literal_value for number in numbers]

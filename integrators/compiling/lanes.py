@@ -102,7 +102,7 @@ def run_lanes(
     (steps // every, m, 6) are the states after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
     """
     step, restore, block = kernel
-    places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # tops over again in the lanes left over
+    places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # the lanes left over repeat some tops
     columns = np.empty(len(places) * (6 + memory + constants.shape[1]))
     fill(columns, states, constants, places, memory, lanes)
     places[len(tops) :] = -1

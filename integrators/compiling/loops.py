@@ -97,7 +97,7 @@ def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, siz
 
 
 class KernelError(ValueError):
-    """A kernel cannot be compiled, for a `reason`. The cause is Numba's error."""
+    """A kernel cannot be compiled. `reason` is a short text, and the cause Numba's error."""
 
     def __init__(self, reason: str, advice: str = "") -> None:
         super().__init__(reason + advice)
@@ -185,7 +185,7 @@ class FixedStepper(Stepper):
             else (_call, (self.prepare_again,), {"work": self.work})
         )
 
-    # these are no attributes: a stepper that holds its own methods waits for the garbage collector, which costs as much as a
+    # methods and no attributes: only the garbage collector frees a stepper that holds its own methods, which costs as much as a
     # short run
     def enter(self, y: Array) -> Array:
         """A state in the kernel's units, as a fresh array."""
@@ -223,7 +223,7 @@ class FixedStepper(Stepper):
         return self.leave(out)
 
     def _failure(self, first: int, last: int, y: Array, counters: Array) -> StepError:
-        """Why the steps from `first`, with this state and counters, to `last` end early, and at which: found by halves."""
+        """Why the steps from `first` to `last` fail, from this state and counters, and at which step, found by bisection."""
         reason, out = "the state left the range of floating-point numbers", np.empty((2, self.size), y.dtype)
         while first < last:
             middle = (first + last) // 2 if last - first > 1 else last

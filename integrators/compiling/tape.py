@@ -34,7 +34,7 @@ class Term(Number):
         self.tape, self.place = tape, place
 
     def make(self, operation: str, *operands: Any) -> Any:
-        """A line of the tape; with an array, NumPy goes through it and asks for each of its numbers."""
+        """Record an operation. For an array, NumPy then asks for each of its numbers."""
         if any(isinstance(operand, np.ndarray) for operand in operands):
             return NotImplemented
         return self.tape.make(operation, *operands)
@@ -77,8 +77,8 @@ class Term(Number):
 class Tape:
     """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all.
 
-    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. Once there is one, factors are
-    collected so that what depends on fixed inputs and constants alone is computed before the loop: see `split`.
+    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. Once there is one, factors are collected.
+    Then products of fixed inputs and constants alone are computed before the loop: see `split`.
     """
 
     def __init__(self) -> None:
@@ -154,7 +154,7 @@ class Tape:
         return self._record(operation, *places, moving=any(self.moving[place] for place in places))
 
     def _fold(self, operation: str, *terms: Term) -> Term | None:
-        """f·(g·m) as (f·g)·m for fixed f and g, and what is like it; with constants only where nothing is rounded."""
+        """f·(g·m) as (f·g)·m for fixed f and g; likewise −(g·m) and (g·m)/f. Of constants only if nothing is rounded."""
         if operation == "neg" and self.collects:
             factor, rest = self._factor(terms[0])
             return None if factor is None else -factor * rest
@@ -182,7 +182,7 @@ class Tape:
         return None, term
 
     def _may_collect(self, f: Term, g: Term) -> bool:
-        """Not a constant times a fixed number, such as a weight times h: it would take a place of its own."""
+        """Whether f·g may become one factor: no constant times a fixed number, such as a weight times h, which needs a place."""
         return _exact(self.known(f)) or (_exact(self.known(g)) if self.known(f) is not None else self.collects)
 
     def run(self, program: Program, *numbers: Any) -> tuple[Term, ...]:
@@ -190,9 +190,9 @@ class Tape:
         return tuple(map(self.constant, program(*map(self.constant, numbers))))
 
     def shares(self, place: int, rate_of: Callable[[int], Term | None]) -> Iterator[tuple[int, Term]]:
-        """The places a line depends on, with their rates (if they have one) times the line's derivative by them.
+        """The places that a line depends on and that have a rate, with the rate times the line's derivative by the place.
 
-        Divided by b where the derivative is 1/b: of a constant b, 1/b would be rounded once and for all.
+        A derivative 1/b is a division by b: 1/b of a constant would be rounded once and for all.
         """
         operation, *arguments = self.lines[place]
         if operation in ("input", "constant"):
@@ -240,12 +240,12 @@ class Tape:
         return tuple(rates.get(term.place, self.constant(0.0)) for term in of)
 
     def program(self, outputs: Iterable[Any]) -> Program:
-        """What these outputs need, as a program of all inputs."""
+        """The program of these outputs, with all inputs and only the lines it needs."""
         terms = tuple(map(self.constant, outputs))
         return self._program(self.inputs, terms, self.needed(terms))
 
     def split(self, outputs: Iterable[Any]) -> Split:
-        """The same in two programs: what depends on fixed inputs alone, and the rest."""
+        """The same in two programs: the lines that depend on fixed inputs alone, and the rest."""
         terms = tuple(map(self.constant, outputs))
         needed = self.needed(terms)
         fixed = {place for place in needed if not self.moving[place] and self.lines[place][0] != "constant"}
@@ -285,13 +285,13 @@ class Tape:
 
 
 class Split(NamedTuple):
-    """A formula in two parts: `fixed` of the fixed inputs, and `moving` of the others and of what `fixed` gives."""
+    """A formula in two parts: `fixed`, of the fixed inputs; and `moving`, of the other inputs and the outputs of `fixed`."""
 
     fixed: Program
     moving: Program
 
     def constants(self, *numbers: float) -> tuple[float, ...]:
-        """What `fixed` gives, as doubles: 1/0 is infinite."""
+        """The outputs of `fixed` as doubles; 1/0 is infinite."""
         try:
             return self.fixed(*map(float, numbers))
         except ZeroDivisionError:
@@ -305,7 +305,7 @@ def _exact(factor: float | None) -> bool:
 
 
 def record(function: Callable[..., Any], inputs: int) -> Program:
-    """The formula of a function of so many numbers that returns a tuple of numbers. TypeError if it is none."""
+    """The formula of a function of `inputs` numbers that returns a tuple of numbers; TypeError if it is no formula."""
     tape = Tape()
     return tape.program(function(*(tape.input() for _ in range(inputs))))
 

@@ -1,11 +1,11 @@
-"""The exact motion of a top in a uniform field or in a vertical tide, by which every method is judged.
+"""The exact motion of a top in a uniform field or in a vertical tide. It judges every method.
 
 It is a closed form in theta functions, for every alpha, k, |x| > 0, initial state and time. `truth.orbit` has the formulas for
 alpha x3, and `truth.tide` those for alpha x3 + k x3²/2. mpmath computes their constants once for each (alpha, k, y0). No
 method of the bench is used. The initial doubles are taken as they are; |x| is not normalised.
 
-In doubles the error is below 4e-15 of `LagrangeTop.scales`, at t = 1e6 as at t = 1. For this, whole periods are subtracted from
-t first, without rounding; the period is known to twice the precision.
+In doubles the error is below 4e-15 of `LagrangeTop.scales`, at t = 1e6 as at t = 1. For this, whole periods are first subtracted
+from t, without rounding. The period is known to twice the precision of a double.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 Pieces = tuple[float, float, float]  # a number as a sum of three doubles; the first two have at most 27 bits
 
 DIGITS = 40  # of the constants behind the doubles: periods to 105 bits, with a margin
-MOST_DIGITS = 1000  # take seconds; ten times as many would take minutes
+MOST_DIGITS = 1000  # they take seconds; ten times as many would take minutes
 MOST_PERIODS = 2.0**45  # up to here a double t resolves 1/256 of a period
 RATIONAL = {"add", "sub", "mul", "div", "neg"}  # operations of rational functions
 LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
@@ -43,6 +43,9 @@ LONGEST = 2.0**900  # in units of the orbit; longer periods count as infinite
 
 def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
     """States at times t of the motion that is at y0 at t = 0.
+
+    The first call for a (top, y0) takes about 5 ms, in a tide 30 ms, and far more if the sizes in y0 differ enormously. Later
+    calls take 0.3 ms and some μs for each time; with digits=30 some ms for each time. Source: `truth.orbit`, `truth.tide`.
 
     Parameters
     ----------
@@ -59,9 +62,6 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
     Raises
     ------
     ValueError : an argument is malformed, the state overflows, or, without `digits`, |t| exceeds 2^45 periods.
-
-    Source: `truth.orbit`, `truth.tide`. The first call for a (top, y0) takes about 5 ms, in a tide 30 ms, and far more if the
-    sizes in y0 differ enormously. Later calls take 0.3 ms and some μs for each time; with digits=30 some ms for each time.
     """
     key = _key(top, y0)
     if digits is None:
@@ -77,8 +77,8 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
 def vertical_field(problem: Any) -> tuple[Fraction, Fraction] | None:
     """alpha and k if the energy is |J|²/2 + alpha x3 + k x3²/2, up to a multiple of |x|² and a constant; else None.
 
-    The formula is evaluated in rational numbers at five places. Four give these coefficients; the fifth has random integers, and
-    shows whether the two rational functions are the same.
+    The formula is evaluated in rational numbers at five places. Four give the coefficients; the fifth has random integers, and
+    shows whether the formula is this function.
     """
     if not kinds.top(problem):
         return None
@@ -145,7 +145,7 @@ def after_steps(top: Any, y0: ArrayLike, h: float, counts: ArrayLike) -> Array:
 
 
 def rounded_off(h: float, n: Array) -> Array:
-    """n·h minus its double. The parts of n and h have at most 27 bits, so their products are exact (Dekker, 1971)."""
+    """The exact n·h minus its double. n and h are split into parts of at most 27 bits, so products are exact (Dekker, 1971)."""
     mantissa, exponent = math.frexp(h)
     first, (high, low) = round(mantissa * 2**26) / 2**26, halves(n)
     second = mantissa - first
@@ -181,9 +181,9 @@ def precession_per_nutation(top: LagrangeTop, y0: ArrayLike) -> float:
 def regime(top: LagrangeTop, y0: ArrayLike) -> str:
     """The kind of motion, decided in exact arithmetic.
 
-    "elliptic": x3 oscillates. "homoclinic": x3 rises to the unstable sleeping top in infinite time, both ways.
-    "precession": x3 is constant and the axis turns about e3 (regular precession). "equilibrium": nothing moves
-    (sleeping, hanging). "free": alpha = 0, J is constant.
+    "elliptic": x3 oscillates. "homoclinic": x3 rises to the unstable sleeping top in infinite time, forward and backward.
+    "precession": x3 is constant and the axis turns about e3 (regular precession). "equilibrium": nothing moves (sleeping,
+    hanging). "free": alpha = 0, J is constant.
     """
     return orbit_of(top, y0).regime
 
@@ -246,7 +246,7 @@ def prepared(alpha: Fraction, k: Fraction, y0: tuple[float, ...]) -> tuple[Orbit
 
 
 def split(value: mpf, unit: mpf) -> Pieces:
-    """`value` in three parts: multiples of 2^-26 and of 2^-52 of the binade of `unit`, and the rest; to 105 bits of `unit`."""
+    """`value` as a sum of multiples of 2^-26 and of 2^-52 of the binade of `unit`, and a rest; to 105 bits of `unit`."""
     exponent = mp.frexp(unit)[1]
     first = mp.ldexp(mp.nint(mp.ldexp(value, 26 - exponent)), exponent - 26)
     second = mp.ldexp(mp.nint(mp.ldexp(value - first, 52 - exponent)), exponent - 52)
@@ -333,7 +333,7 @@ def in_mpmath(alpha: Fraction, k: Fraction, y0: tuple[float, ...], times: list[A
         rate = find(alpha, y0, DIGITS, k).rate
         latest = max((abs(mp.ldexp(mpf(t), rate)) for t in times), default=mpf(0))
         guard = 10 + max(0, int(mp.log10(latest + 1)))  # periods and phases grow with t
-    needed = -(-(digits + guard) // 16) * 16  # in steps, so that orbits are found again
+    needed = -(-(digits + guard) // 16) * 16  # rounded up, so that cached orbits are used
     orbit = find(alpha, y0, needed, k)
     with workdps(needed + 15):
         states = [in_mpmath_at(orbit, mp.ldexp(mpf(t), rate)) for t in times]

@@ -6,8 +6,8 @@ Axes i, j, k are as in Euler's solution: j is the middle one, and L goes round k
 
     L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ (t − t0)
 
-Take a frame of the world whose third axis is along L. In it the complex number ζ_n holds the other two components of body axis n.
-ζ' = ζ × ω, and the solutions are quotients of theta functions of v = πu/2K, with one common phase:
+Take a frame of the world whose third axis is along L. The complex number ζ_n holds the other two components of body axis n in it.
+ζ' = ζ × ω, and its solutions are quotients of theta functions of v = πu/2K, with one common phase:
 
     ζ_i = γ/G θ4(v − iβ)/θ4(iβ),   ζ_j = ±i θ3(v − iβ)/θ3(iβ),   ζ_k = −α/G θ1(v − iβ)/θ1(−iβ),   all times θ4(0)/θ4(v) e^(iΛt)
 
@@ -70,7 +70,7 @@ class Motion(NamedTuple):
     orders: Any  # m (M,)
     logs: Any  # (M,): terms of the sums are e^(mw − log)
     table: Any  # (7, M): coefficients of the numerators of L_i, L_j, L_k, ζ_i, ζ_j, ζ_k and of their denominator
-    before: Any  # (4,): q(0) and the inverse of the turn at t = 0
+    before: Any  # (4,): q(0) times the inverse of the quaternion at t = 0 in the frame of L
 
 
 class Spin(NamedTuple):
@@ -242,7 +242,7 @@ def components(c: Motion, r: Any, angle: Any, functions: Any, odd: Any = 0) -> t
 
 
 def quaternions(first: Any, second: Any, L: Any) -> Any:
-    """The turns (4, N) from the body to the frame whose axes have these components (3, N) in the body; L has any length."""
+    """The quaternions (4, N) from the body to a frame. Its axes have these components (3, N) in the body; L has any length."""
     third = L / sum(L * L) ** 0.5
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = first, second, third
     # 4 q qᵀ; take the row with the largest diagonal

@@ -316,7 +316,7 @@ def heights(state: State, E: Vector) -> Vector:
 
 
 class Distances(NamedTuple):
-    """Gaps of the cubic, distances (|P-E1|, |P-E2|, |P-E3|) for the initial E and the three P, and the D."""
+    """Gaps of the cubic; distances (|P-E1|, |P-E2|, |P-E3|), also of the initial E in place of P; and the D."""
 
     gaps: Vector
     start: Vector

@@ -2,10 +2,9 @@
 
     J' = ∇U(x) × x        x' = J × x        H = |J|²/2 + U(x)
 
-has no closed form in general. Nor has a `Problem`; if its H depends on time, the time is one more variable. Taylor's method runs
-twice, with different orders and steps. The difference of the two runs estimates the error and is returned. heyoka takes the steps
-in 128-bit numbers. If it is missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is
-used.
+Taylor's method runs twice, with different orders and steps. The difference of the two runs estimates the error and is returned.
+For a `Problem` whose H depends on time, the time is one more variable. heyoka takes the steps in 128-bit numbers. If it is
+missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is used.
 
 The right-hand side is the program of the problem's gradient, with its constants and parameters as exact numbers. (heyoka on its
 own would turn a division by a double into a product with the rounded reciprocal.)
@@ -97,7 +96,7 @@ def horizon(problem: Problem, y0: ArrayLike, tolerance: float, longest: float = 
     """The time until an error of one ulp in y0 has grown to `tolerance`, both relative to the scales of J and x.
 
     Up to this time an integrator in doubles can be judged by its errors, and later only by its invariants. The ulp grows like the
-    tangent vector v of the variational equations. The answer is right to about two units of the motion, and inf beyond `longest`.
+    tangent vector v of the variational equations. The result is right to about two units of the motion, and inf beyond `longest`.
     """
     tolerance, longest = check_real(tolerance, "tolerance"), check_real(longest, "longest")
     ulp = 2.0**-52
@@ -119,9 +118,9 @@ def horizon(problem: Problem, y0: ArrayLike, tolerance: float, longest: float = 
 
 
 class Orbit:
-    """A motion that is to be computed.
+    """A motion to compute.
 
-    A top is computed in units in which |x| and the rate are between 1/2 and 2. These are powers of two, so changing units is
+    A top is computed in units in which |x| and the rate are between 1/2 and 2. The units are powers of two, so changing them is
     exact. Any other problem is computed in its own units, with the time as one more variable after the state.
     """
 
@@ -217,7 +216,7 @@ class Orbit:
 
 
 def _formulas(system: System) -> System:
-    """The same whatever the motion keeps."""
+    """The system without its list of conserved components, so that the key of the cache does not depend on the list."""
     return replace(system, constant=frozenset())
 
 

@@ -53,7 +53,7 @@ class Motion(NamedTuple):
     spin: Any  # mean rate of χ
     drift: Any  # rate of the rest of χ within a period
     half: Any  # (2,): u and v, if they are constant
-    momentum: Any  # (3,): J in that case
+    momentum: Any  # (J+, J3) in that case
     world: Any  # (3, 3): rows are the frame with e3 up
     left: Any  # (4,): quaternion on the left of that of (u, v)
     right: Any  # (4,): quaternion on its right
@@ -113,7 +113,7 @@ def facts_of(body: Any, y0: ArrayLike) -> Facts:
 
 
 def state(facts: Facts, c: Motion, r: Any, phi: Any, chi: Any, functions: Any) -> tuple[Any, ...]:
-    """q and L, from the time r since x3 was smallest, the turn phi about e3, and the part of the phase chi from its mean rate."""
+    """q and L. r : the time since x3 was smallest. phi : the turn about e3. chi : the phase χ by its mean rate alone."""
     g, J = parameters(c, r, phi, chi, functions)
     q = product(product(c.left, g), c.right)
     J = tuple(sum(row[n] * v for row, v in zip(c.world, J, strict=True)) for n in range(3))

@@ -59,7 +59,7 @@ def _of_body(problem: Any) -> Any:
 def _solution(
     which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
 ) -> Array:
-    """The closed form, by the function `which` of `exact` with the arguments `when`; else the reference at `times` + `rest`."""
+    """The closed form at `times` + `rest`, of a top by `exact.which(problem, y0, *when)`; else the reference solution there."""
     if (of_body := _of_body(problem)) is not None:
         return of_body(problem, y0, times, more=rest)  # type: ignore[no-any-return]
     if closed_form(problem) and np.any(y0[3:]):  # a problem may start with x = 0
@@ -80,8 +80,8 @@ def _solution(
 def _reference(problem: Any, y0: Array, times: Array, rest: Array) -> Array:
     """The reference solution at `times` + `rest`.
 
-    Runs of one length with different steps end an ulp apart. They share one reference, at times rounded to BITS bits. The rest
-    of the time, about 1e-13 of it, is one term of the Taylor series.
+    Runs of one length with different steps end an ulp apart. They share one reference, at times rounded to BITS bits. One term of
+    the Taylor series leads over the rest of the time, about 1e-13 of it.
     """
     from lagrange_bench.integrators.truth import reference
 
