@@ -17,7 +17,7 @@ GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
 class UnknownExperiment(ValueError):
-    """There is no experiment of this name, it must not or cannot be imported, or the module is no experiment."""
+    """No experiment has this name, its module must not or cannot be imported, or the module is no experiment."""
 
 
 @cache
@@ -29,13 +29,15 @@ def installed() -> dict[str, EntryPoint]:
 
 
 def load(name: str) -> ModuleType:
-    """The module of an experiment: a name in EXPERIMENTS, of an installed package, or the dotted path of a module.
+    """Import and return the module of an experiment.
 
-    This imports a module, so the user himself must have given the name. For names in results see `load_stored`.
+    name : in EXPERIMENTS, of an installed package, or the dotted path of a module. An import runs code, so the user must have
+    given the name. For names in results see `load_stored`.
 
     Raises
     ------
-    UnknownExperiment : no such experiment, or the module misses a part of the protocol.
+    UnknownExperiment
+        The name is unknown, or the module lacks a part of the protocol.
     """
     from lagrange_bench.integrators.own_modules import import_own, no_exit
 
@@ -72,31 +74,28 @@ def load(name: str) -> ModuleType:
 
 
 def missing_package(name: str, cell: Mapping[str, Any]) -> str | None:
-    """A package that a cell needs and that is not installed here; None if there is none. Its method is not asked."""
+    """The package that the experiment needs for a cell and that is not installed here, or None. The method is not asked."""
     asked = getattr(load(name), "missing_package", None)
     return asked(cell) if asked else None
 
 
 def load_stored(name: str) -> ModuleType:
-    """As `load`, for a name in stored results. A dotted name must be imported already.
-
-    To import a module is to run its code, and the author of the results chose the name.
-    """
+    """As `load`, for a name in stored results. A dotted name must be imported already: the author of the results chose it."""
     if "." in name and name not in sys.modules:
         raise UnknownExperiment(f"unknown experiment {name!r}; if it is your own, add --module {name}")
     return load(name)
 
 
 def declared(name: str, word: str, usual: Any = None) -> Any:
-    """What a stored experiment says of itself, here and now; `usual` if it says nothing, or is somebody else's and not here."""
+    """The attribute `word` of a stored experiment; `usual` if it has none, or if the experiment cannot be loaded here."""
     try:
-        return getattr(load_stored(name), word, usual)  # the record does not choose what is imported
+        return getattr(load_stored(name), word, usual)
     except UnknownExperiment:
         return usual
 
 
 def with_units(name: str, cell: Mapping[str, Any]) -> dict[str, Any]:
-    """A cell as messages print it: times in the time scale of its top are `h_scaled` and `span_scaled`."""
+    """A cell as messages print it: times in the time scale of its top are called `h_scaled` and `span_scaled`."""
     scaled = declared(name, "SCALED_TIMES", False)
     if scaled is not True and cell.get("part") not in (scaled or ()):
         return dict(cell)

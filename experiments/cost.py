@@ -1,8 +1,8 @@
 """Cost: how much time do a step, a unit of time, a set-up and a compilation take?
 
 Timing cells run one at a time in one process. Samples are calibrated and repeated; quote the minimum. Compilation is timed in
-fresh processes, first with an empty cache, then with the cache that this left. The headline runs the exact Bäcklund step and
-heyoka in turn, over the same time, from the same state. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+fresh processes, first with an empty cache, then with the filled one. The headline runs the exact Bäcklund step and heyoka in
+turn, over the same time, from the same state. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import json
@@ -53,7 +53,7 @@ HEADLINES = {  # h as a fraction of the nutation period
     "quick": ({"fraction": 0.5, "time": 1e5},),
     "full": tuple({"fraction": fraction} for fraction in (0.125, 0.5, 0.95, 2.5)),
 }
-# how many h one call of `advance` takes, so that the cost of the call itself does not matter; by kind of method
+# kind of method → steps in one call of `advance`: so many that the cost of the call itself does not matter
 CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
 
 
@@ -129,7 +129,7 @@ print(json.dumps({"import_s": imported - start, "first_s": seconds[0], "second_s
 
 
 def _measure_start(cell: dict) -> list[dict]:
-    """Time import, first and second use in a fresh process: first with empty caches, then with full ones."""
+    """Time import, first and second use in two fresh processes: one with empty caches, one with full ones."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         environment = {**os.environ, "LAGRANGE_BENCH_CACHE": folder, "HEYOKA_CACHE_DIR": folder}
@@ -202,7 +202,7 @@ def raw_heyoka(top, y0):
 
 
 def quickest(steps: pd.DataFrame) -> pd.DataFrame:
-    """The least of every number over the rounds of each method, step or tolerance."""
+    """The least of every number over all rounds, for each method and step or tolerance."""
     columns = [name for name in ACCURACY_OPTIONS if name in steps]
     return steps.groupby(["method", *columns], sort=False, dropna=False).min(numeric_only=True).reset_index()
 
@@ -251,7 +251,7 @@ PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 @of_part("step")
 def _draw_steps(steps: pd.DataFrame, style):
-    """Draw a line for each method, by family, and within a family from cheap to dear. It needs no legend."""
+    """Draw a row for each method, by family, and within a family from cheap to dear."""
     level = steps.groupby("method").ns_per_step.min()
     families = [*style.FAMILIES, style.OTHERS]
     names = sorted(level.index, key=lambda name: (families.index(style.family(name)), level[name]))

@@ -1,10 +1,12 @@
 """Drift: do H, J3, C1 and C2 stay constant, and whatever else a method claims to conserve?
 
 Every method follows sixteen random tops and the named ones. The relative error of each invariant is recorded at log-spaced
-times. The verdict comes from the growth of its root mean square over the sixteen tops, error ~ t^p: bounded (p near 0), a
-random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). If a method conserves a quantity of its own, such as a
-modified energy, this is followed, too. A second part varies h at a fixed length of run. A third part takes exact Bäcklund steps
-of about half a nutation period and more, on tops of every kind. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+times. Its root mean square over the sixteen tops grows like t^p. The verdict is bounded (p near 0), a random walk of round-off
+(p near 1/2, Brouwer's law) or biased (p near 1). A quantity that a method itself claims to conserve, such as a modified energy,
+is followed, too.
+
+A second part varies h at a fixed length of run. A third part takes exact Bäcklund steps of about half a nutation period and
+more, on tops of every kind. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import numpy as np
@@ -26,7 +28,7 @@ MEASURED = {  # part → the numbers that each of its rows must have, see `reduc
     "long": ("fraction", *INVARIANTS),
 }
 
-KEPT = "kept: "  # begins the name of a column with a quantity of a method's own
+KEPT = "kept: "  # before the name of a quantity that a method itself conserves: its column
 STEP = 0.125  # of the runs against time
 STEPS = (10**5, 10**7)  # how many steps, in the quick and in the full profile
 NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # named tops of the quick profile
@@ -37,8 +39,8 @@ FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
 LONG = {
     "quick": (16, 10**4),
     "full": (len(states.WIDE), 10**6),
-}  # how many tops take long steps, and how many steps each
-FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that never exceeds this is round-off, whatever its slope
+}  # how many tops take long steps, and how many steps each takes
+FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that stays below is round-off, whatever its slope
 
 
 def cells(profile: str) -> list[dict]:
@@ -115,7 +117,7 @@ def followed(
     "claims to conserve",
 )
 def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each method and quantity: whether it is claimed, the exponent with its interval, the largest error, the verdict."""
+    """A line for each method and quantity."""
     from lagrange_bench.integrators import METHODS
 
     rows = indexed(rows[rows.state.isin(states.RANDOM)])
@@ -154,7 +156,7 @@ def indexed(rows: pd.DataFrame) -> pd.DataFrame:
 
 @of_part("time", "Largest relative error of H, J3, C1 and C2 on the named tops, and the top where it is")
 def named_tops(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each method the largest error of any invariant, and on which top."""
+    """A line for each method."""
     named = rows[rows.state.isin(TOPS)].reset_index(drop=True)
     named = named.assign(error=worst(named, INVARIANTS).fillna(np.inf))
     table = named.loc[named.groupby("method", sort=False).error.idxmax(), ["method", "steps", "error", "state"]]
@@ -163,7 +165,7 @@ def named_tops(rows: pd.DataFrame) -> pd.DataFrame:
 
 @of_part("long", "Largest relative error of each invariant where steps are long: tops of every kind")
 def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """The largest relative error of each invariant for each method and each length of the long steps."""
+    """A line for each method and each length of step."""
     grouped = rows.groupby(["method", "fraction"], sort=False)
     table = grouped[list(INVARIANTS)].agg(largest)
     table.insert(0, "tops", grouped.state.nunique())

@@ -4,9 +4,9 @@
 heavy top whose pivot vibrates a little. `tide` is a planet or satellite in a weak tide; it spins about one and a half times in
 each orbit of eccentricity 0.2. In `strong_tide` the tide is a hundred times as strong. Times are in units of the problems.
 
-Every compiled method that takes the problems follows them with ever smaller steps or tolerances. The error is taken at the end,
-against the reference in quadruple precision, which has the time as one more variable. Wall time is the least of several runs,
-with set-up. The best methods also make runs that are eight times as long, in which set-up matters less. The splitting with the
+Every compiled method that takes the problems follows them with ever smaller steps or tolerances. The error is measured at the
+end, against the reference in quadruple precision, which takes time as one more variable. Wall time is the least of several
+runs, with set-up. The best methods also make runs eight times as long, in which set-up matters less. The splitting with the
 exact step kicks by the part that depends on time. If this part is weak, the splitting can take long steps.
 """
 
@@ -42,9 +42,9 @@ SPANS = {"kapitza": 32.0, "weak_pivot": 64.0, "tide": 128.0, "strong_tide": 128.
 POWERS = {"kapitza": range(9, 16), "weak_pivot": range(5, 13), "tide": range(5, 13), "strong_tide": range(7, 15)}
 TOLERANCES = (1e-5, 1e-8, 1e-11, 1e-14)
 QUICK = (OURS, "rk4", "strang", "blanes_moan4", "taylor")
-QUICK_PROBLEM = "kapitza"  # the only one in the quick profile, since each takes seconds to compile
-LONGER = 8  # some runs are so many times as long
-CHAOTIC = "strong_tide"  # but none on this problem: no method follows it so far
+QUICK_PROBLEM = "kapitza"  # the only one in the quick profile: each takes seconds to compile
+LONGER = 8  # the factor of the long runs
+CHAOTIC = "strong_tide"  # no method follows this problem so far: it has no long runs
 RIVALS = ("blanes_moan4", "blanes_moan6", "verner9_fixed", "dop853_fixed", "kahan_li8", "taylor")  # in the longer runs
 NAMED = (OURS, "rk4", "strang", "blanes_moan6", "gauss8", "taylor")  # in the figure
 

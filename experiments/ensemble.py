@@ -1,14 +1,16 @@
 """Ensembles: how much does a step cost among thousands of tops, each with its own alpha, torus and λ(h)?
 
-The scalar step is compared with its bound: a chain of as many additions, products and divisions as lie between one state and
-the next, each waiting for the last. The SIMD form is timed against the number of tops, lanes and threads. Set-up, which is λ(h)
-and all constants in double-double, is timed against h. Memory is measured in arrays of states.
+The scalar step is compared with its bound, a chain of operations that must wait for each other. The chain has the additions,
+products and divisions on the longest way from one state to the next. The SIMD form is timed against the number of tops, lanes
+and threads. Set-up is timed against h: it computes λ(h) and all constants in double-double. Memory is measured in arrays of
+states.
 
 The rivals are heyoka in batch mode, and splittings and a Runge-Kutta formula, one top after another. (In SIMD lanes, which the
 bench once had for them, they took 0.1 to 0.4 of this time.) All cover the same time with tops of the same kind. Nanoseconds per
-top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own. Tops in a weak tide,
-each with its own strength, are followed by the exact step inside a splitting and by its rivals. Times are in the units of the
-tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own.
+
+Tops in a weak tide, each with its own strength, are followed by the exact step inside a splitting and by its rivals. Times are
+in the units of the tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
 import tracemalloc
@@ -64,7 +66,7 @@ MANY = {"quick": (10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_
 SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
 SPAN = 10_000.0  # length of the rivals' runs
 RIVALS = {"numba": 128, "heyoka": 64}  # how many tops, by engine
-JUDGED = 8  # errors are measured on so many tops, the first ones
+JUDGED = 8  # errors are measured on the first so many tops
 TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.2,)},
     "full": {
@@ -88,7 +90,7 @@ IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of a
     },
 }
 FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes some 3 s for each top
-STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half
+STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half of it, up and down
 
 
 def cells(profile: str) -> list[dict]:
@@ -117,7 +119,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def alphas_and_states(n: int) -> tuple[Array, Array]:
-    """n tops, the same ones every time."""
+    """alpha (n,) and states (n, 6) of n tops, the same ones every time."""
     generator = np.random.default_rng(20040328)
     Y = generator.uniform(-2, 2, (n, 6))
     Y[:, 3:] *= (generator.uniform(0.5, 2, n) / np.linalg.norm(Y[:, 3:], axis=1))[:, None]
@@ -129,7 +131,7 @@ def alphas_and_states(n: int) -> tuple[Array, Array]:
 
 @compiled
 def step_chain(x, a, b):
-    """Five additions, three products, one division, in the order of the longest chain of `real_map.step`."""
+    """The longest chain of `real_map.step`, in its order: five additions, three products, one division."""
     y = x + a
     y = y * y
     y = y + a
@@ -143,7 +145,7 @@ def step_chain(x, a, b):
 
 @compiled
 def pin_chain(x, a, b):
-    """The same for the function that restores the invariants: eleven additions, six products, one division."""
+    """The longest chain of `real_map.restore_invariants`: eleven additions, six products, one division."""
     y = x * x
     y = y + a
     y = y + a
@@ -166,7 +168,7 @@ def pin_chain(x, a, b):
 
 @compiled
 def chains(n, block, x, a, b):
-    """n steps; the invariants are restored before every `block` of them, unless that is 0."""
+    """n steps. `pin_chain` runs before every `block` of them, or never if `block` is 0."""
     if block == 0:
         for _ in range(n):
             x = step_chain(x, a, b)
@@ -179,7 +181,7 @@ def chains(n, block, x, a, b):
 
 
 def _measure_bound(cell: dict) -> dict:
-    """Time the scalar step and the chain in turn, so that both meet the same disturbances."""
+    """Time the scalar step and its chain in turn, so that both meet the same disturbances."""
     (alpha,), (y0,) = alphas_and_states(1)
     one, n, block = LagrangeTop(alpha), 80_000, 8
     pinned, free = prepare(one, y0, STEP), prepare(one, y0, STEP, "backlund_unpinned")
@@ -200,7 +202,7 @@ def _measure_bound(cell: dict) -> dict:
 
 
 def _measure_tops(cell: dict) -> dict:
-    """The time of a step, from the difference between a long run and the shortest run with the same set-up."""
+    """Time a long run and the shortest run with the same set-up: their difference is the cost of the steps."""
     alphas, Y = alphas_and_states(cell["tops"])
     top = LagrangeTop(alphas)
     steps = max(2000, round(cell["budget"] / cell["tops"]))
@@ -280,7 +282,7 @@ def _measure_many(cell: dict) -> dict:
 
 
 def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Callable[[], Array]:
-    """A function that follows the tops in heyoka's batch mode: one top in each SIMD lane, with its own steps."""
+    """Make a function that follows the tops in heyoka's batch mode: one top in each SIMD lane, with its own steps."""
     import heyoka as hy
 
     width = hy.recommended_simd_size()
@@ -289,7 +291,7 @@ def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Calla
     def run() -> Array:
         end = np.empty_like(Y)
         for first in range(0, len(Y), width):
-            places = np.minimum(np.arange(first, first + width), len(Y) - 1)  # the last top fills up the last register
+            places = np.minimum(np.arange(first, first + width), len(Y) - 1)  # the last top fills free lanes
             batch.set_time(0.0)
             batch.pars[:], batch.state[:] = alphas[places], Y[places].T
             batch.propagate_until(np.full(width, span))
@@ -327,7 +329,7 @@ def _measure_jump(cell: dict) -> dict:
 
 
 def _measure_perturbed(cell: dict) -> dict:
-    """Tops in tides of different strengths. The time of a kick comes from the difference to a run of one step."""
+    """Time tops in tides of different strengths. The cost of a kick is the difference to a run of one step."""
     n, method, span = cell["tops"], cell["method"], cell["span"]
     (alphas, Y), steps = alphas_and_states(n), round(span / cell["h"])
     h = span / steps
@@ -351,7 +353,7 @@ def _measure_perturbed(cell: dict) -> dict:
 def _judged(
     run: Callable[[], Any], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
 ) -> dict[str, float]:
-    """Cost on one core, and the errors of the first JUDGED tops of `ones`. right : gives the true end of a top."""
+    """Cost on one core, and errors of the first JUDGED tops of `ones`. right : (top, y0) → its true state at the end."""
     end = run()
     judged = list(zip(ones, Y, end, strict=False))[:JUDGED]
     errors = [float(metrics.scaled_error(one, y0, y, right(one, y0))) for one, y0, y in judged]

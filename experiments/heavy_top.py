@@ -2,11 +2,12 @@
 
 Every method with a fixed step that takes a `RigidBody` follows four motions. `bruels` is the usual test of multibody codes, with
 300 rad of spin. `slow` has a fifteenth of this spin. The others are `simo_wong` and Kovalevskaya's body, which is not symmetric.
-Measured are the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
+
+Rows hold the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
 Beside them are the largest errors of the energy and of the momentum about the vertical, relative to their terms. The truth is the
 closed form. For Kovalevskaya's body it is a Taylor series in integers, and her integral K is one more test.
 
-With A = B = 2C and the centre of mass on the first axis, K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|².
+If A = B = 2C and the centre of mass is on the first axis, K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|² is constant.
 
 Source of K: Kowalevski, Acta Math. 12 (1889) 177.
 """
@@ -28,7 +29,7 @@ from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 VERSION = 1
 MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
 
-# mass, centre of mass, moments of inertia about it, gravity: about the fixed point A = B = 2, C = 1
+# mass, centre of mass, moments of inertia about it, gravity. About the fixed point A = B = 2 and C = 1
 KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
 # rotation, body to world; angular velocity in the body
 START = (((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)), (1.5, -1.0, 2.0))
@@ -36,10 +37,10 @@ UNTIL = {"bruels": 2.0, "slow": 2.0, "simo_wong": 10.0, "kovalevskaya": 10.0}
 # runs take 2^k steps
 POWERS = {"bruels": range(9, 17), "slow": range(5, 13), "simo_wong": range(8, 16), "kovalevskaya": range(6, 14)}
 QUICK = ("bruels", "kovalevskaya")  # motions of the quick profile
-CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # its methods
+CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # methods of it
 NAMED = ("rk4", "rattle", "simo_wong", "generalized_alpha", "verner9_fixed", "strang")  # named in the figure
 FLOOR = 1e-13  # smaller errors do not show the order
-TIMED = 2000  # at most so many steps in a call that is timed
+TIMED = 2000  # most steps in a call that is timed
 
 
 def methods() -> dict[str, Method]:
@@ -118,7 +119,7 @@ def orders(case: str, method: str, group: pd.DataFrame) -> dict:
 
 
 def measured_orders(group: pd.DataFrame) -> dict[str, float]:
-    """The orders of both errors. Errors at steps below the best one are round-off, and show its size."""
+    """The orders of both errors. The step with the least error separates order from round-off: smaller steps show its size."""
     orders = {}
     for name in ("position", "rotation"):
         error = group[name]
@@ -151,7 +152,7 @@ def _draw_work(rows: pd.DataFrame, style):
 
 
 def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
-    """Draw both errors against a column, with a row of panels for each case."""
+    """Draw both errors against the column `column`, with a row of panels for each case."""
     cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
     looks = style.looks(rows.method, NAMED)
     size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}

@@ -1,10 +1,10 @@
 """The paper's two figures, by its own program and by the real form of its map; and the exact step of n spins.
 
 Figure 1 of Kuznetsov, Petrera and Ragnisco iterates the two-point map with λ = 0.02i a thousand times, Figure 2 with
-λ = 500 + 5000i four thousand times. The paper's MATLAB program divides complex numbers; the real form has no poles. Both are
-iterated here from the same data, and the changes of H, J3, |x|² and x·J are measured.
+λ = 500 + 5000i four thousand times. The paper's MATLAB program divides complex numbers. The real form has no poles. Both start
+here from the same data, and the changes of H, J3, |x|² and x·J are measured.
 
-Part “magnet” tests the exact step of the Gaudin magnet: one step of 5 to 80 units of time, on random magnets, against the
+Part “magnet” tests the exact step of the Gaudin magnet on random magnets: one step of 5 to 80 units of time, against the
 reference solution of n spins. A unit is 1/√(Σ A_k² |s_k|²), with A_k the couplings of the site that moves.
 """
 
@@ -114,12 +114,12 @@ def _draw_orbits(rows: pd.DataFrame, style):
         ax.plot_wireframe(*grid, color="#dddddd", linewidth=0.3, rstride=3, cstride=4)
         if figure == 1:
             ax.plot(*x.T, color="#E69F00", linewidth=0.3)
-        # each point a line of hardly any length: as marks or pixels they would be many more bytes
+        # each point is a very short line: marks or pixels would take many more bytes
         ends = np.repeat(x, 3, axis=0)
         ends[1::3, 0] += 0.006 * size
         ends[2::3] = np.nan
         ax.plot(*ends.T, color="#0072B2", linewidth=1.0, solid_capstyle="round")
-        ax.set_box_aspect((1, 1, 1), zoom=0.94)  # leaves room for the labels, which the layout engine does not see
+        ax.set_box_aspect((1, 1, 1), zoom=0.94)  # makes room for the labels: the layout engine does not see them
         ax.set_title(TITLES[figure], y=1.0)
         for i, axis in enumerate((ax.xaxis, ax.yaxis, ax.zaxis), start=1):
             axis.set_label_text(f"$x_{i}$")

@@ -1,7 +1,7 @@
 """Runs the paper, section by section, for `lagrange-bench paper`: a picture, and by how much each formula misses.
 
-Each function takes a top and a real state. It returns residuals, name → (residual, allowed), and a figure. Errors are absolute,
-in units in which the state has size one. Nothing is stored, because a section runs in seconds.
+Each function `show_…` takes a top and a real state, and returns residuals, name → (residual, allowed), and a figure. Most
+residuals are relative to 1 plus the size of their terms. Nothing is stored, because a section runs in seconds.
 """
 
 import math
@@ -42,7 +42,7 @@ def size(a: Any) -> float:
 
 
 def miss(a: Any, b: Any, *terms: Any) -> float:
-    """The largest |a − b| of any row, relative to 1 + the largest numbers of a, b and `terms` in this row."""
+    """The largest of max|a − b|/(1 + max|a| + max|b| + Σ max|terms|), the maxima of each row."""
     arrays = [np.asarray(v, dtype=complex) for v in (a, b, *terms)]
     largest = [np.abs(v).reshape(len(v), -1).max(axis=1) for v in (arrays[0] - arrays[1], *arrays)]
     return float(np.max(largest[0] / (1 + sum(largest[1:]))))
@@ -55,7 +55,7 @@ def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
 
 
 def orbit(top: LagrangeTop, y: Array, nutations: float, points: int) -> tuple[Array, Array]:
-    """Times and states of the exact motion over so many nutations."""
+    """Times and states of the exact motion over `nutations` periods; without a period over ten time scales each."""
     period = exact.nutation_period(top, y)
     t = np.linspace(0.0, nutations * (period if math.isfinite(period) else 10 * top.scales(y)[2]), points)
     return t, exact.solution(top, y, t)
@@ -334,6 +334,6 @@ def title(name: str) -> str:
 
 
 def show(name: str, top: LagrangeTop, y: Array) -> Shown:
-    """One section at one top, drawn in the style of all figures."""
+    """Run one section at one top, and draw it in the style of all figures."""
     with style.apply():
         return SECTIONS[name][1](top, np.asarray(y, dtype=float))

@@ -1,12 +1,12 @@
 """Perturbed tops and other problems: which method is best if there is no closed form?
 
 A top in a uniform field has a closed form and needs no integrator. In most other fields (a tilted tide, a magnet, an uneven
-field) it has none. The full profile has ten such tops, the quick profile one, in a weak tide. Most are nearly integrable: a
-weak field of size ε bends the tori a little. One is close to a separatrix; one is chaotic, and an ulp grows to 1e-6 in about
-600 units.
+field) it has none. The full profile has ten tops in such fields, the quick profile one, in a weak tide. Most are nearly
+integrable: a weak field of size ε bends the tori a little. One is close to a separatrix. One is chaotic: an ulp grows to 1e-6 in
+about 600 units.
 
-Who wins depends on ε, on the length of the run and on the error asked for. A splitting with the exact step inside makes an
-error in proportion to ε, so it can take long steps in weak fields; each of its steps costs more than one of rotations. The
+The best method depends on ε, on the length of the run and on the error that is allowed. A splitting with the exact step inside
+makes an error in proportion to ε. So it can take long steps in weak fields, but each costs more than a step of rotations. The
 map of winners shows where the border is.
 
 Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “order” measures how its error
@@ -52,21 +52,22 @@ STEPS = {"quick": 10**4, "full": 10**6}
 SPAN = 32.0  # of the order part
 SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 QUICK, QUICK_TOLERANCE = ("weak_tide",), ("random tides", 1e-8)  # each field and tolerance has kernels of its own
-SLOW = ("gauss6", "gauss12")  # to compile: left out of the quick profile, where gauss4 and gauss8 stand for them
+SLOW = ("gauss6", "gauss12")  # slow to compile: in the quick profile gauss4 and gauss8 stand for them
 # span: longest run in s
 WORK = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
-LONGEST = 1e5  # only on one top and for the best methods, since its reference takes minutes
+LONGEST = 1e5  # only on the tops LONG and for the best methods: the reference takes minutes
 LONG = ("weak_tide",)
 RIVALS = ("blanes_moan4", "blanes_moan6", "sofroniou_spaletta10", "force_gradient6", "verner9_projected", "taylor")
 GRID = {"quick": (1, 3), "full": (2, 1)}  # steps in an octave, decades of tolerance between two runs
-LOST = 1e-6  # when an ulp has grown to this, a chaotic orbit is given up
+LOST = 1e-6  # a chaotic orbit is given up when an ulp has grown to this
 OURS = "backlund_splitting"
-# a method races in these variants
+# the options with which a method races
 VARIANTS: dict[str, tuple[dict, ...]] = {
     OURS: ({"scheme": "strang"}, {"scheme": "strang", "modified_kick": False}, {"scheme": "processed6"})
 }
-FIELDS = {"random tides": TIDE, "random charges": CHARGE}  # of the tolerance part
+# the part “tolerance”
+FIELDS = {"random tides": TIDE, "random charges": CHARGE}
 TOLERANCES = (1e-6, 1e-8)
 LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scales of each top
 DRAWS = {"quick": 8, "full": 60}  # tops in each field, for each length and tolerance
@@ -123,9 +124,9 @@ def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
 
 
 def to_tolerance(cell: dict) -> list[dict]:
-    """A row for each top: the error, or that the run was refused or is chaotic.
+    """A row for each top: its error, or that the run was refused or is chaotic.
 
-    Taylor's method serves as the truth. It is right to 1e-12 if an ulp stays below 1e-10. The reference would take an hour.
+    Taylor's method serves as the truth: the reference would take an hour. It is right to 1e-12 if an ulp stays below 1e-10.
     """
     rows: list[dict] = []
     for number in range(cell["tops"]):
@@ -137,7 +138,7 @@ def to_tolerance(cell: dict) -> list[dict]:
             continue
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", StepWarning)  # of a V that is strong
+                warnings.simplefilter("ignore", StepWarning)  # V may be strong
                 run = integrate(top, y0, t=[time], method=cell["method"], tol=cell["tol"])
         except StepError as refusal:
             rows.append({"answer": "refused", "reason": str(refusal)})
@@ -163,7 +164,7 @@ def measure(cell: dict) -> list[dict]:
         counts = states.log_counts(cell["steps"], per_octave=2)
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
     span = cell.get("span", SPAN)
-    # the longest race needs no test: its top is not chaotic. For other problems the reference itself shows chaos
+    # the top of the longest race is not chaotic. For problems that are no top the reference itself shows chaos
     follow = kinds.top(top) and span < LONGEST
     if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
@@ -177,7 +178,7 @@ def measure(cell: dict) -> list[dict]:
 
 
 def any_problem(cell: dict) -> dict:
-    """The error at the end of a run, and the largest error of the invariants that the method claims, and of the others."""
+    """The error at the end, and the largest errors of the invariants that the method claims and of the others."""
     problem, y0 = states.of_cell(cell)
     method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
     h = SPAN * problem.scales(y0)[2] / n
@@ -195,7 +196,7 @@ KEPT = "Tops in a potential: the largest relative error of each invariant that t
 
 @by_group(("state", "method"), "drift", KEPT)
 def kept(state: str, method: str, run: pd.DataFrame) -> dict:
-    """The largest error of each invariant that the top has, by method and top."""
+    """A line for each top and method."""
     top = states.of_cell({**run.iloc[0], "state": state})[0]
     errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
     says = METHODS[method].conserves_on(top) if method in METHODS else ()
@@ -208,7 +209,7 @@ def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     "that a method says it keeps, and of the others, over all steps",
 )
 def problems(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each method and problem: the order, and the largest error of its invariants."""
+    """A line for each problem and method."""
     table = _orders(rows, (1e-10, 0.1))
     moved = rows.groupby(["state", "method"], sort=False)[["kept", "others"]].agg(largest)
     names = {"kept": "invariants it claims", "others": "its other invariants"}
@@ -221,12 +222,12 @@ def problems(rows: pd.DataFrame) -> pd.DataFrame:
     "steps some slopes are still below the order. Empty where fewer than three steps tell",
 )
 def orders(rows: pd.DataFrame) -> pd.DataFrame:
-    """The order of each method on each top."""
+    """A line for each top and method."""
     return _orders(rows, (1e-12, 1e-3))
 
 
 def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
-    """The order of each method on each problem, from errors `between` round-off and saturation."""
+    """The order of each method on each problem. between : round-off and saturation; the errors used lie between these."""
     table = []
     if "stopped" in good:
         good = good[good.stopped.isna()]
@@ -242,7 +243,7 @@ def _orders(good: pd.DataFrame, between: tuple[float, float]) -> pd.DataFrame:
 
 @of_part("work", "Tops in a potential: the cheapest method, set-up counted, and the best of the others")
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and error the cheapest method with set-up, and how many times as long the best of the others takes."""
+    """A line for each top, length of run and target error."""
     targets = work_precision.TARGETS[:-1]
     return work_precision.against_ours(work_precision.useful(rows), work_precision.APART, targets, OURS)
 
@@ -254,7 +255,7 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     f"refuses, and the largest error. Chaotic: an ulp grows to {SENSITIVE:g} tol; these are left out",
 )
 def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict:
-    """For each field, length and tolerance: how many tops were answered, refused and chaotic, and the largest error."""
+    """A line for each field, length of run and tolerance."""
     answered = group.reindex(columns=["answer", "error"])[group.answer == "given"]
     refused = int((group.answer == "refused").sum())
     return {
@@ -289,7 +290,7 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
 
 @of_part("work")
 def _draw_winner(rows: pd.DataFrame, style):
-    """Draw a map over (ε, error): how many times as long the best of the others takes."""
+    """Draw a map over (ε, error) of the best other method's time, in units of the time of the exact step inside."""
     from matplotlib import colors
 
     table = winners(rows[rows.state.isin(EPSILON)])

@@ -4,12 +4,12 @@ A method that conserves every invariant can still be anywhere on the torus. The 
 the two flows of the torus: a time error (nutation phase) and an angle error (precession phase). The rest is drift off the torus.
 Both phases are fitted by a constant frequency shift and a residual. Orders are measured on single steps.
 
-Part “promise” tests the exact Bäcklund step: its error must be no larger than that of an initial state changed by some ulps. It
-runs on every named top, on 400 others, on 300 that are released with pure spin, and on 32 close to the separatrix (quick profile:
-32, 32 and 8). On tops of every kind and on released ones it also runs without pins.
+Part “promise” tests the exact Bäcklund step: its error must be no larger than an initial state changed by some ulps would make.
+It runs on every named top, on 400 others, on 300 that are released with pure spin, and on 32 close to the separatrix (quick
+profile: 32, 32 and 8). On tops of every kind and on released ones it also runs without pins.
 
-Part “theory” compares other methods with backward error analysis: `predicted_phase` says where the method will be. Times are in
-units of 1/(|J| + √(|alpha||x|)).
+Part “theory” compares other methods with backward error analysis: `predicted_phase` predicts their phases. Times are in units of
+1/(|J| + √(|alpha||x|)).
 """
 
 from itertools import product
@@ -44,11 +44,11 @@ SPAN = 64.0  # length of the runs against h
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
 LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
-PROMISE_STEPS = 2000  # so many steps of each size
+PROMISE_STEPS = 2000  # steps of each size
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # more sizes, as fractions of the nutation period
-PROMISE_RANDOM = {"quick": 16, "full": 200}  # so many tops of each drawn kind
-UNSTABLE_SPAN = 20.0  # length of runs on orbits without a period, where errors grow exponentially
+PROMISE_RANDOM = {"quick": 16, "full": 200}  # tops of each drawn kind, at most
+UNSTABLE_SPAN = 20.0  # length of the runs on orbits without a period: errors grow exponentially there
 THEORY_STATES = {"quick": ("generic",), "full": STATES["full"]}
 THEORY_SPAN = 512.0  # length of the runs that are compared with theory
 
@@ -91,8 +91,8 @@ def measure(cell: dict) -> list[dict]:
 def _one_step(name: str) -> list[dict]:
     """Errors of single steps above round-off, as geometric means over eight tops and both signs of h.
 
-    Orders are read off single steps. In long runs a method of high order may show the next order, or round-off. If a step
-    depends on earlier ones, the errors are those of short runs, divided by the number of steps: rows with `run`.
+    Single steps show the order: in long runs a method of high order may show the next order, or round-off. If a step depends on
+    earlier ones, short runs are made, and their errors divided by the number of steps: rows with `run`.
     """
     points = check.order_points(METHODS[name], check.ORDER_SPANS)
     length = {"run": check.RUN} if points.runs else {}
@@ -122,9 +122,9 @@ def _against_theory(cell: dict, top, y0) -> list[dict]:
 
 
 def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Times, states and scaled errors: of time and angle (in radians of their own phase), off the torus, and the whole.
+    """Times, states and scaled errors: of time and angle (in radians of their own phase), off the torus, and of the whole state.
 
-    Only a top in a uniform field has a known torus. For any other problem only the whole error is given.
+    Only a top in a uniform field has a known torus. Any other problem has the error of the whole state alone.
     """
     h, method = cell["h"] * top.scales(y0)[2], METHODS[cell["method"]]
     times, y = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
@@ -141,7 +141,7 @@ def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.nd
 
 
 def promised_errors(top, y0, method) -> list[dict]:
-    """For each step size the largest error at twenty places of 2000 steps, and the ulps of y0 that make the same error."""
+    """For each step size: the largest error at twenty places of 2000 steps, and the ulps of y0 that make the same error."""
     period = exact.nutation_period(top, y0) * top.scales(y0)[0]
     steps = [*PROMISE_H, *(period * part for part in PROMISE_TURNS if np.isfinite(period))]
     return [_promised_error(top, y0, method, h) for h in steps]
@@ -158,8 +158,8 @@ def _promised_error(top, y0, method, h) -> dict:
     return {"h": h, "error": states.rounded(np.max(error)), "ulps": states.rounded(np.max(ulps))}
 
 
-ROUND_OFF, KEPT = 1e-12, 1e-10  # errors below are those of rounding; off the torus: of invariants that are kept
-SMALL = 0.1  # larger errors cannot be split to first order
+ROUND_OFF, KEPT = 1e-12, 1e-10  # a smaller error is round-off; a smaller one off the torus: the invariants are kept
+SMALL = 0.1  # a larger error cannot be split to first order
 
 
 @of_part(
@@ -168,12 +168,12 @@ SMALL = 0.1  # larger errors cannot be split to first order
     "scales of J and x; hidden: the leading term is too small to show",
 )
 def orders(good: pd.DataFrame) -> pd.DataFrame:
-    """The measured order of each method with a step: from single steps, or else from the runs on each top."""
+    """The measured order of each method with a step: from single steps, without them from the runs on each top."""
     table = []
 
     def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
         measured = {"measured": order, "standard error": stderr, "points": used}
-        # at steps as large as these the terms after a very small leading one still show: see `check.order`
+        # at such large steps the terms after a very small leading one still show: see `check.order`
         excess = order - (METHODS[name].order or order)
         measured["hidden"] = bool(points.h.min() > check.NEAR and check.TOLERANCE < excess < check.STEEPER)
         sizes = {"smallest error": float(points.error.to_numpy().min()), "largest error": largest(points.error)}
@@ -229,7 +229,7 @@ def promise(rows: pd.DataFrame) -> pd.DataFrame:
     return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
 
-RANGE = (1e-9, 1e-2)  # runs with such errors show how good the theory is: above round-off, and of first order
+RANGE = (1e-9, 1e-2)  # errors above round-off and of first order: they show how good the theory is
 
 
 @by_group(
@@ -251,7 +251,7 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
 
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
-    """The page's first figure. Every method is a thin line; one of each family is bold and named."""
+    """Draw the page's first figure. Every method is a thin line; one of each family is bold and named."""
     tops = [state for state in STATES["quick"] if (rows.state == state).any()] or list(dict.fromkeys(rows.state))[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     best = best_of_families(rows[rows.state == tops[0]])
@@ -279,7 +279,7 @@ def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 
 
 def draw_steps(ax, rows: pd.DataFrame, best: list[str], style) -> None:
-    """Draw the error of every method against the step, on one top, into one panel; the best ones bold."""
+    """Draw the error of every method against the step, on one top, into one panel; the methods `best` are bold."""
     here = rows[(rows.part == "h") & rows.h.notna()].sort_values("h")
     for method, look in style.looks(here.method, best).items():
         chosen = here[(here.method == method) & (here.error > 0)]
@@ -292,7 +292,7 @@ def draw_steps(ax, rows: pd.DataFrame, best: list[str], style) -> None:
 
 
 def best_of_families(rows: pd.DataFrame) -> list[str]:
-    """Of each family the method with the smallest error at the step nearest to 1/8, the best first; and RK4."""
+    """RK4, then from each family the method with the smallest error at the step nearest to 1/8, the best first."""
     from lagrange_bench.experiments.drawing import style
 
     good = rows[(rows.part == "h") & (rows.status == "done") & rows.error.notna() & rows.h.notna()]

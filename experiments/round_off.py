@@ -1,7 +1,7 @@
 """Round-off: which way of writing the exact Bäcklund step drifts least?
 
 In exact arithmetic all forms here are the same map; only rounding differs. Sixteen random tops take ten million steps with each
-form. How do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias)? How far is the phase off, and how much does a
+form. How do the errors of H, C1 and C2 grow (exponent ½: a random walk, 1: a bias)? How far is the phase off, and what does a
 step cost? Steps of half a nutation period and more are tried, too. A second part takes a thousand million steps of the exact
 Bäcklund map, and gives heyoka the same wall time. Steps and times are in units of 1/(|J| + √(|alpha||x|)).
 """
@@ -52,7 +52,7 @@ class FormStepper(real_map.TorusStepper):
 
 
 def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
-    """A builder of steppers with exact λ(h) and this kernel. pin : restore the invariants before every so many steps."""
+    """A builder of steppers with exact λ(h) and this kernel. pin : steps between two corrections of the invariants; 0: none."""
 
     def build(top, y0, h):
         units = Units(top, y0, h)
@@ -150,7 +150,7 @@ def _cost(cell: dict) -> list[dict]:
 
 
 def _long(cell: dict) -> list[dict]:
-    """Run the exact Bäcklund map over all steps; then heyoka, with its own steps, for the same time on the clock."""
+    """Run the exact Bäcklund map over all steps, then heyoka, with its own steps, for the same wall time."""
     top, y0 = find(cell["state"])
     h = cell["h"] * top.scales(y0)[2]
     counts = log_counts(cell["steps"], per_octave=1)
@@ -175,7 +175,7 @@ def _long(cell: dict) -> list[dict]:
 
 
 def _heyoka(top, y0) -> Callable[[float], Any]:
-    """heyoka as a function of time that goes on from the last time; each time its last step is shortened."""
+    """heyoka as a function of time that goes on from the last time. It shortens its last step to end at the time."""
     from lagrange_bench.integrators.methods.taylor import EPS, integrator_here
 
     ta = integrator_here(EPS, False)

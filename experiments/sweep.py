@@ -1,8 +1,8 @@
 """Sweeps: a TOML file lists cells of an experiment, with tops, methods and steps of your own.
 
-docs/sweeps.md explains such a file. The experiment measures, stores and draws the cells like its own. Fields that the file leaves
-out are taken from the first cell of this part of the experiment. If a cell uses a top of the file, it holds the numbers of that
-top, so that it can be computed and drawn again without the file.
+docs/sweeps.md explains such a file. The experiment measures, stores and draws the cells like its own. A field that the file
+leaves out is taken from the first cell of the same part of the experiment. A cell on a top of the file holds the numbers of that
+top, so it can be computed and drawn again without the file.
 """
 
 import re
@@ -23,7 +23,7 @@ Cell = dict[str, Any]
 LISTS = {
     "method": "methods",
     "state": "tops",
-}  # field of a cell → key in a table, where they differ; see also `with_units`
+}  # field of a cell → key in a table, where they differ; see `with_units`
 
 
 class Sweep(NamedTuple):
@@ -45,12 +45,12 @@ def read(path: Path) -> Sweep:
     Returns
     -------
     Sweep
-        Its cells, each once.
+        Equal cells occur once.
 
     Raises
     ------
     ValueError
-        Says what is wrong and where in the file, and suggests what may have been meant.
+        The file has a mistake; the message says what and where, and suggests a name.
     """
     with _at(f"{path}, "):
         content = read_toml(path)
@@ -73,7 +73,7 @@ def read(path: Path) -> Sweep:
 
 @contextmanager
 def _at(place: str) -> Iterator[None]:
-    """Add the place in the file to the message of an error in the block."""
+    """Put the place in the file before the message of an error in the block."""
     try:
         yield
     except (ValueError, TypeError, NotInstalled) as error:
@@ -146,7 +146,7 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
 
 
 def _check(key: str, word: str, value: Any, template: Cell) -> None:
-    """ValueError if a value is of another type than the experiment's own, or if there is no such method."""
+    """ValueError if a value has another type than in the experiment's own cells, or if the method is unknown."""
     if word == "method":
         with _at("methods: "):
             find_method(value)

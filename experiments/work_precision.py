@@ -1,14 +1,14 @@
 """Work against precision: what does an error cost, over short, long and very long runs?
 
 Each method runs with ever smaller steps or tolerances, from the coarsest on. Its curve ends for one of three reasons: a run would
-take too long (estimated from a short one), the error falls no more, or the tightest tolerance is reached. That is 1e-15, and
-1e-13 for Runge-Kutta pairs and SciPy's solvers. The rule is the same for every method, with one exception: methods that are exact
-in time go on to steps of one unit, so that runs with a state every unit can be compared.
+take too long (estimated from a short one), the error falls no more, or the tightest tolerance is reached. The tightest is 1e-15,
+and 1e-13 for Runge-Kutta pairs and SciPy's solvers. The rule is the same for every method, with one exception: methods that are
+exact in time go on to steps of one unit, so that runs with a state every unit can be compared.
 
 The error is the largest at four places in the last fifth of the run, against the exact solution, relative to the scales of J and
-x. Wall time is the least of several compiled runs. Set-up, such as the λ(h) of a torus, has a column of its own; each table says
-whether it is counted. Nonlinear equations are solved to round-off. "Evaluations" are right-hand sides, for methods that have
-any. Times are in units of 1/(|J| + √(|alpha||x|)).
+x. Wall time is the least of several compiled runs; a run of half a second or more is timed once. Set-up, such as the λ(h) of a
+torus, has a column of its own, and each table says whether it is counted. Nonlinear equations are solved to round-off.
+"Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 from collections.abc import Iterator, Sequence
@@ -39,13 +39,13 @@ SPANS: dict[str, dict[float, tuple[tuple[str, ...], int, int, float]]] = {
         1_000_000.0: (("generic",), 1, 1, 3.0),
     },
 }
-COARSEST, FINEST = 16.0, 2.0**-24  # steps; no method gets to the finest
-STATE_EVERY = 1.0  # the longest step with which the curve of an exact method may end
+COARSEST, FINEST = 16.0, 2.0**-24  # steps; every curve ends before the finest
+STATE_EVERY = 1.0  # the curve of an exact method goes on at least to this step
 LOOSEST, TIGHTEST = 2, 15  # decades of tolerance
 OURS = "backlund"  # the exact step
 USEFUL = 0.1  # an error above this is no solution: its time is not measured
-COARSE, FLOOR_RUNS = 1e-4, 3  # below the error COARSE, so many runs in a row without a smaller error end a curve
-TRIALS = 4  # how often short runs are timed, to estimate how long a run takes
+COARSE, FLOOR_RUNS = 1e-4, 3  # below the error COARSE, FLOOR_RUNS runs in a row without a smaller error end a curve
+TRIALS = 4  # short runs that are timed, to estimate how long a run takes
 SAMPLE = 0.005  # s, the least length of a timing sample; shorter runs are repeated
 
 
@@ -61,7 +61,7 @@ def cells(profile: str) -> list[dict]:
 
 
 def measure(cell: dict) -> list[dict]:
-    """The curve of one method: a row for each step or tolerance. The last row says why the curve ends."""
+    """The curve of one method: a row for each step or tolerance. The last row has `stopped` unless nothing was left to try."""
     timing.compile_at_once()
     method = METHODS[cell["method"]]
     steps = COARSEST * 2.0 ** -np.arange(0, np.log2(COARSEST / FINEST) + 0.01, 1 / cell["per_octave"])
@@ -97,7 +97,7 @@ def _run(cell: dict) -> dict:
     predicted = _predicted(cell, method, stepper, h, n, options)
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": states.rounded(predicted)}
-    # in a potential only at the end: every time needs a reference solution of its own
+    # in a potential only at the end: each time would need a reference solution of its own
     counts = sorted({max(n * k // 16, 1) for k in (13, 14, 15, 16)}) if kinds.uniform(top) else [n]
     _, y = states.sample(top, y0, cell["method"], h, counts, **options)
     with np.errstate(over="ignore"):  # of a step much too large
@@ -126,7 +126,7 @@ def _run(cell: dict) -> dict:
 
 
 def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> float:
-    """An estimate of the seconds of a run, from the quickest of several short ones, so that a disturbance does not matter."""
+    """An estimate of the seconds of a run, from the quickest of several short ones: a disturbance does not matter."""
     top, y0 = states.of_cell(cell)
     trial, steps = max(cell["span"] / 2**14, min(cell["span"], 10.0)), 1
     if method.accuracy_option == "h":
@@ -148,13 +148,13 @@ def _seconds(stepper, y0, n) -> float:
 
 APART = ["span", "state"]  # runs are compared only if they have these in common
 SHADED = "Shaded: the time of one call from Python, which every run pays. "
-SHORT = 100.0  # in runs up to this length, the quickest takes hardly longer than a call
+SHORT = 100.0  # up to this length of run, the quickest run takes hardly longer than a call
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 def useful(rows: pd.DataFrame) -> pd.DataFrame:
-    """The runs that were timed, with `total`, the time that includes set-up."""
+    """The runs that were timed, with their `family` and `total`, the time with set-up."""
     rows = rows.assign(**{name: np.nan for name in ("error", "seconds", "setup_seconds") if name not in rows})
     good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
     families = {name: METHODS[name].family if name in METHODS else "others" for name in set(good.method)}
@@ -170,7 +170,7 @@ def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFr
 def races(
     rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], price: str
 ) -> Iterator[tuple[dict, pd.DataFrame]]:
-    """For each group of runs (by the columns `apart`) and each error that a run reaches: its fields, and its `best` runs."""
+    """For each group of runs (by the columns `apart`) and each target error that a run reaches: its fields and `best` runs."""
     for values, group in rows.groupby(list(apart), sort=False):
         for target in targets:
             race = best(group, target, price)
@@ -179,7 +179,7 @@ def races(
 
 
 def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], ours: str) -> pd.DataFrame:
-    """For each race the cheapest method with set-up, and how many times as long as `ours` the best other one takes."""
+    """For each race: the cheapest method with set-up, and how many times as long as `ours` the best other method takes."""
     table = []
     for fields, race in races(rows, apart, targets, "total"):
         own, others = race[race.method == ours].total, race[race.method != ours]
@@ -194,7 +194,7 @@ def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[flo
     "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
 )
 def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """For each run and target error the cheapest method and the next; with set-up and without."""
+    """A line for each run and target error, with set-up and without."""
     both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
     table = []
     for pair in zip(*both, strict=True):
@@ -214,7 +214,7 @@ ENDS = (
 
 @by_group((*APART, "method"), "", ENDS, failed=True)
 def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
-    """Where each curve ends, and why."""
+    """A line for each curve."""
     if "stopped" not in run:
         return {}
     last = run.iloc[-1]
@@ -224,7 +224,7 @@ def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
 
 
 def champions(good: pd.DataFrame) -> list[str]:
-    """From each family the method that is the cheapest at most target errors; of the Bäcklund maps the exact one."""
+    """From each family the method that is cheapest at most of the target errors; from the Bäcklund maps the exact step."""
     wins: dict[str, dict[str, int]] = {}
     for target in TARGETS:
         for family, group in best(good, target).groupby("family", sort=False):
@@ -277,10 +277,10 @@ def draw_frontier(rows: pd.DataFrame, style):
 
 
 def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tuple[int, float], style, named, **shared):
-    """A figure of runs with set-up. It has a panel for each key of `titles`; the keys are values of the columns `by`.
+    """Draw runs with set-up, with a panel for each key of `titles`. The keys are values of the columns `by`.
 
-    size : panels in a row, and its height in inches. named : function from the runs of a panel to the methods that are named.
-    The most accurate method is named, too.
+    size : panels in a row, and its height in inches. named : (runs of a panel) → the methods that are named. The most accurate
+    method is named, too.
     """
     xlabel = "wall time of the run with set-up, s"
     fig, axes = style.panels(list(titles.values()), size[0], (0.5, size[1]), xlabel, "error at the end", **shared)
@@ -294,7 +294,7 @@ def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tup
 
 
 def draw_runs(ax, good: pd.DataFrame, named: Sequence[str], style, ours: str = OURS) -> None:
-    """Draw each method's Pareto-optimal runs of one length into one panel, error against time; some bold and named."""
+    """Draw each method's Pareto-optimal runs of one length into one panel, error against time; methods of `named` are bold."""
     for method, look in style.looks(good.method, named).items():
         runs = good[good.method == method]
         runs = runs.iloc[metrics.pareto_front(runs.seconds, runs.error)]
@@ -308,7 +308,7 @@ def draw_runs(ax, good: pd.DataFrame, named: Sequence[str], style, ours: str = O
 
 
 def draw_front(ax, seconds: pd.Series, error: pd.Series) -> None:
-    """Draw a wide pale line through the runs that no other beats in both."""
+    """Draw a wide pale line through the runs that no other run beats in both cost and error."""
     front = metrics.pareto_front(seconds, error)
     ax.loglog(seconds.iloc[front], error.iloc[front], color="#dedede", linewidth=9, zorder=1, label="_frontier")
 
@@ -327,7 +327,7 @@ def shade_calls(ax, call: float, style) -> None:
 
 
 def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
-    """For each method, in rising order: how many times as long as the cheapest it takes in the races that it finishes.
+    """Performance profiles: for each method its times in the races that it finishes, in units of the cheapest, rising.
 
     Each run and target error is a race; set-up is counted. The second value is the number of races.
     Source: Dolan and Moré, Math. Program. 91 (2002) 201.

@@ -2,8 +2,8 @@
 
 Kernels use only + − × ÷ and √, which IEEE 754 rounds correctly, in an order that no compiler may change (no fastmath, no
 fused multiply-adds). So a state after a million steps is the same on every machine. The constants of a step come from set-up
-code, which may call functions of the C library. Where the constants differ, the states differ, too. Methods that call a library
-in each step promise no bits and are left out.
+code, which may call functions of the C library. If the constants differ, the states differ, too. Methods that call a library in
+each step promise no bits and are left out.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from lagrange_bench.support.files import write_file
 GOLDEN = Path(__file__).with_name("golden.json")
 STATES = ("generic", "figure1", "random000")
 COUNTS = (10**3, 10**4, 10**5, 10**6)  # steps after which a state is compared
-LONGEST = STATES[0]  # this run goes on to the last count, the others end a power of ten earlier
+LONGEST = STATES[0]  # only this run goes on to the last count
 LIBRARY = ("theta_functions",)  # it computes each state with the C library's sines
 STEP = 0.125  # in units of the top's time scale
 
@@ -77,7 +77,7 @@ def golden() -> Hashes:
 
 
 def write(hashes: Hashes) -> None:
-    """Write these hashes into the golden file, in the order of the registry. Hashes of other kernels stay."""
+    """Write hashes into the golden file, in the order of the registry. Hashes of other kernels stay."""
     known = {**golden(), **hashes}
     order = [name for method in METHODS for name in (method, f"{method} compensated") if name in known]
     write_file(GOLDEN, json.dumps({name: known[name] for name in order}, indent=1, ensure_ascii=False) + "\n")

@@ -3,9 +3,9 @@
 No method gets special treatment: `Method.prepare` makes the steppers, and only `advance` and `record` are called. A fresh stepper
 is prepared for every initial state, because a stepper may belong to a torus. Spans are steps in units of the top's time scale.
 
-If a method takes tops in a potential, the same functions test it in a tide, which is quadratic and breaks the symmetry, and near
-a charge on the vertical, which is neither quadratic nor breaks the symmetry. A method for rigid bodies is tested on a
-`RigidBody`, and any method on a problem and a state of the user's own.
+If a method takes tops in a potential, the same functions test it in two more fields. One is a tide, which is quadratic and breaks
+the symmetry. The other is a charge on the vertical, which is not quadratic and keeps the symmetry. A method for rigid bodies is
+tested on a `RigidBody`. Any method can be tested on a problem and a state of the user's own.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ EPS = float(np.finfo(float).eps)
 
 ORDER_STATES = tuple(f"random{i:03d}" for i in range(8))
 STATES = ("generic", "figure1", "random000", "random001")
-TIDE, CHARGE = " in a tide", " near a charge"  # what `find` takes behind the name of a state
+TIDE, CHARGE = " in a tide", " near a charge"  # `find` takes these behind the name of a state
 FIELD_ORDER_STATES = tuple(f"random{i:03d}{kind}" for i in range(8) for kind in (TIDE, CHARGE))
 FIELD_STATES = tuple(f"{name}{kind}" for name in ("generic", "random001") for kind in (TIDE, CHARGE))
-FIELD_STEPS = 1000  # steps of the runs that test conservation there
-SPANS = (0.1, 0.5, 3.0)  # the last is out of reach of any series; a method need not be defined there, but if it is …
+FIELD_STEPS = 1000  # steps of the runs that test conservation in a field
+SPANS = (0.1, 0.5, 3.0)  # no series reaches the last: a method may decline it, but must keep its claims otherwise
 AT = "h_scaled = 0.1, 0.5, 3, {} states"
 LONG_SPANS, LONG_RUNS = (10.0, 30.0, 100.0, 1e4), (1, 10)  # steps that a method may refuse, and how many are taken
-A_UNIT = 256  # ulps for each time scale of a step: its round-off grows with the angle it turns by
+A_UNIT = 256  # ulps for each time scale of a step: round-off grows with the angle of the turn
 BIAS, WALK = 8, 128  # ulps a step that round-off may change an invariant by: always the same way, or either way
-ROUND_OFF = 1.5  # ulps a step: up to this, a drift may be round-off and nothing else
+ROUND_OFF = 1.5  # ulps a step: a drift up to this may be nothing but round-off
 TOLERANCE = 0.15  # of a measured order
 FIELD_TOLERANCE = 0.3  # in a potential, which varies over less than |x|: beyond order 5 the next term shows in doubles
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
 FLOOR, CEILING = 1e-14, 1e-2  # errors of one step between these show the order: above round-off, below saturation
-POINTS = 8  # an order is read off so many of the smallest steps above the floor
+POINTS = 8  # of the smallest steps above the floor show the order
 RUN, MOST_STEPS = (
     4.0,
     512,
 )  # length in time scales, and most steps, of the runs that show the order of a method with memory
 RUN_FLOOR = 1e-12  # least error of these runs
-ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps among which an order is looked for
+ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps that are tried for an order
 LOST = 0.1  # of the scales: a run with a larger error says nothing about accuracy
 TOGETHER = 32  # steps that show whether a method has memory: the starter of a method of high order takes several
 NEAR, STEEPER = (
@@ -67,12 +67,15 @@ NEAR, STEEPER = (
 
 
 NOT_CLAIMED = "not claimed"
-TAKES_A_STEP = "takes a step"  # the only verdict on a method that does not
+TAKES_A_STEP = "takes a step"  # the only verdict on a method that takes none
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on one claim. `passed` None: not judged, and `how` says why. `at`: where the largest value was measured."""
+    """The verdict on one claim.
+
+    passed : None if the claim is not judged; `how` says why. at : the state and the step with the largest value.
+    """
 
     claim: str
     passed: bool | None
@@ -116,7 +119,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
     """Test all claims of one method.
 
     A check that raises an exception counts as a failed claim, and the other claims are tested all the same. But if the first step
-    raises one, nothing else is tested. If `method` is a name, one step of the user's own method is also taken without Numba.
+    raises one, nothing else is tested. One step of a user's own method is also taken without Numba.
 
     Parameters
     ----------
@@ -124,13 +127,22 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
         A record, its name, or package.module:METHOD.
     quick : bool
         Take a tenth of the steps.
-    problem, y0 : Problem and its state, optional
-        Test the claims on this problem, at this state and near it, instead.
+    problem : Problem, optional
+        Test the claims on this problem instead.
+    y0 : (n,), optional
+        A state of the problem: the claims are tested there and near it.
 
     Returns
     -------
     list of Verdict
         One for each claim.
+
+    Raises
+    ------
+    ValueError
+        The method is unknown, or the method, the problem and the state do not fit.
+    NotInstalled
+        The method needs a package that is not installed.
     """
     record, word = find_method(method), method if isinstance(method, str) else None
     if (fault := first_step.problem(record, word)) is not None:
@@ -157,12 +169,12 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
 def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator[Verdict]:
     """The error of one step grows like h^(p+1).
 
-    One step is taken, and not many, so that round-off does not accumulate. The error is the geometric mean over states and over
-    both signs of h: the next term of the error, of relative size h, changes its sign with h and drops out. So order 20 can be
-    read off in doubles. There is one exception. If the leading term is very small (Verner's formulas), the next terms show as
-    long as the error is above round-off, and the slope is steeper than the order. Then the order is not judged.
+    One step accumulates no round-off. The error is the geometric mean over states and over both signs of h: the next term of
+    the error, of relative size h, changes its sign with h and drops out. So order 20 can be read off in doubles. There is one
+    exception. If the leading term is very small (Verner's formulas), the next terms show as long as the error is above
+    round-off, and the slope is steeper than the order. Then the order is not judged.
 
-    For a method with memory (e.g. Adams), one step would be a step of its starter. There runs of one length are taken.
+    For a method with memory (e.g. Adams), one step would be a step of its starter. So its errors come from runs of one length.
     """
     claimed = method.order
     if claimed is None:
@@ -188,16 +200,16 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
 
 
 class OrderPoints(NamedTuple):
-    """Falling steps, in time scales, and errors of one step. They give the order p: error ~ h^(p+1)."""
+    """Falling steps (N,), in time scales, and errors (N,) of one step. They give the order p: error ~ h^(p+1)."""
 
     spans: Array
     errors: Array
-    runs: bool  # whether the errors are those of runs of length RUN, divided by the number of steps
-    exact: bool = False  # whether all steps are exact up to round-off: then there are no points
+    runs: bool  # whether the errors are errors of runs of length RUN, divided by the number of steps
+    exact: bool = False  # all steps are exact up to round-off: there are no points
 
 
 def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> OrderPoints:
-    """The smallest steps among `spans` (falling) with errors above round-off, as geometric means over states and signs.
+    """The smallest steps of `spans` (falling) with errors above round-off, which are geometric means over states and signs.
 
     A state does not count if all its errors are round-off, as at an equilibrium.
     """
@@ -208,7 +220,7 @@ def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> 
     else:
         errors = one_step_errors(method, names, spans)
     least = RUN_FLOOR if runs else FLOOR
-    known = ~np.all(np.isnan(errors), axis=1)  # a method that fails at every step is another matter
+    known = ~np.all(np.isnan(errors), axis=1)  # a state where every step fails is no equilibrium
     still = known & ~np.any(errors > least, axis=1)
     if np.all(still):
         return OrderPoints(spans[:0], spans[:0], runs, exact=True)
@@ -219,7 +231,7 @@ def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> 
 
 
 def remembers(method: Method, names: Starts = ORDER_STATES[:2]) -> bool:
-    """Whether n steps together differ from one step n times by more than round-off: whether the method has memory."""
+    """Whether the method has memory: n steps in one call differ from n calls of one step by more than round-off."""
     for name in names:
         top, y0 = find(name)
         for span in (0.25, -0.5):
@@ -236,7 +248,7 @@ def remembers(method: Method, names: Starts = ORDER_STATES[:2]) -> bool:
 
 
 def run_errors(method: Method, names: Starts, counts: Array) -> Array:
-    """Errors after ±RUN time scales in `counts` steps, (2 len(names), len(counts)); NaN if a run fails."""
+    """Errors after ± RUN time scales in `counts` steps, (2 len(names), len(counts)); NaN if a run fails."""
     errors = np.full((2 * len(names), len(counts)), np.nan)
     for row, (name, sign) in enumerate(product(names, (1, -1))):
         for i, n in enumerate(counts):
@@ -264,7 +276,7 @@ def one_step_errors(method: Method, names: Starts, spans: Array) -> Array:
 
 
 def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
-    """Accuracy that order says nothing about: of methods exact in time, of methods that control their error, and for h < 0."""
+    """The accuracy of methods that are exact in time or control their error, and the accuracy of any method for h < 0."""
     forward, back_again = Worst(), Worst()
     for name in names:
         forward = forward.worse_of(run_error(method, name, 0.25, 80), name, 0.25)
@@ -300,7 +312,7 @@ def return_error(method: Method, name: Start, span: float, n: int) -> float:
 
 
 def starting_later(problem: Any, t: float) -> Any:
-    """The problem with its start moved by t, for a run that begins there."""
+    """The problem with its start moved by t."""
     return problem.starting_at(problem.start + t) if getattr(problem, "timed", False) else problem
 
 
@@ -317,7 +329,7 @@ def steps_on(names: Starts) -> Iterator[tuple[Start, float, Any, Array, float]]:
 
 @contextlib.contextmanager
 def declines_long_steps(span: float) -> Iterator[None]:
-    """Ignore a StepError in the block if the step is long."""
+    """Ignore a StepError in the block if the step is at least one time scale long."""
     try:
         yield
     except StepError:
@@ -336,8 +348,8 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
             stepped = prepared(method, top, y0, h).advance(y0, 1)
             back = prepared(method, starting_later(top, h), stepped, -h).advance(stepped, 1)
             worst = worst.worse_of(float(metrics.scaled_error(top, y0, back, y0)), name, span)
-    # two steps of some hundred roundings; a method of order 8 that is not symmetric is far beyond. A rounding may weigh more at a
-    # state of the user's own
+    # two steps have some hundred roundings, and a method of order 8 that is not symmetric errs by far more. At a state of the
+    # user's own a rounding may weigh more
     bound = (256 if isinstance(names[0], str) else 1024) * EPS
     how = f"a step and its inverse, {AT.format(len(names))}{worst.where}"
     yield Verdict("symmetric", worst.size <= bound, worst.size, f"≤ {bound:.1e}", how, worst.at)
@@ -353,7 +365,7 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
     for name, span, top, y0, h in steps_on(names):
         with declines_long_steps(span):
             result = metrics.poisson_defect(lambda y: prepared(method, top, y, h).advance(y, 1), top, y0)  # noqa: B023
-            if span < 1 or result.error <= bound:  # else the map bends too much for differences
+            if span < 1 or result.error <= bound:  # or the map bends too much for differences
                 worst = worst.worse_of(result.defect, name, span)
     how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}{worst.where}"
     yield Verdict("Poisson map", worst.size <= bound, worst.size, f"≤ {bound:g}", how, worst.at)
@@ -362,12 +374,12 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
     """The claimed invariants change by round-off only, for small and large h. Other invariants are only reported.
 
-    Roundings that go either way add up like √n. Roundings that always go the same way add up like n: they are a fault, which
-    shows after 10⁵ steps if it is 0.4 ulps a step.
+    Roundings that go either way add up like √n. Roundings that always go the same way add up like n. This is a fault: one of
+    0.4 ulps a step shows after 10⁵ steps.
     """
     n = steps or (10_000 if quick else 100_000)
     if method.control == "tolerance":
-        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # each takes many steps of the method's own
+        n = n // 500 if method.engine != "scipy" else max(n // 2500, 10)  # each has many steps of the method's own
     n = max(n, 10)
     # "quantity" if the method claims it, "(quantity)" if only the motion conserves it
     worst: defaultdict[str, Worst] = defaultdict(Worst)
@@ -387,7 +399,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
                 stopped.setdefault((span, error.reason), []).append(label(name))
             continue
         times = h * (n // 10) * np.arange(len(y))
-        with np.errstate(over="ignore", invalid="ignore"):  # a run may have gone astray
+        with np.errstate(over="ignore", invalid="ignore"):  # a run may go astray
             drift = np.abs(metrics.relative_drift(top.invariants(y, times), top.invariant_scales(y0)))
         sizes = dict(zip(top.names, np.max(drift, axis=0), strict=True))
         drifts = {word if word in words else f"({word})": sizes[word] for word in top.names if word in top.conserved}
@@ -421,7 +433,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
             how += f"; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: see “A rounding "
             how += "that always goes the same way” in docs/adding-a-method.md"
         yield Verdict(claim, largest.size <= bound, largest.size, f"≤ {bound:.1e}", how, largest.at)
-    if stopped:  # unless at the smallest step no fault: an explicit method may be unstable
+    if stopped:  # a fault only at the smallest step: an explicit method may be unstable at others
         harmless = min(stopped)[0] > SPANS[0]
         how = "; ".join(f"fails at h_scaled = {span:g}: {why} ({', '.join(on)})" for (span, why), on in stopped.items())
         how += f"; only a failure at h_scaled = {SPANS[0]:g} or below counts against a method" if harmless else ""
@@ -429,7 +441,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
 
 
 def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
-    """The invariants are also conserved in very long steps and next to the upright top, unless the step is refused."""
+    """The claimed invariants are also conserved in very long steps and next to the upright top, unless a step is refused."""
     starts = (*names, *((LagrangeTop(1.0), np.array((tilt, 0.0, 0.3, tilt, 0.0, 1.0))) for tilt in (1e-3, 1e-9)))
     worst = Worst()
     for name, span, steps in product(starts, LONG_SPANS, LONG_RUNS) if method.control == "step" else ():
@@ -449,7 +461,7 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
 
 
 def purity(method: Method, quick: bool, names: Starts = ("generic", "figure1")) -> Iterator[Verdict]:
-    """Steppers are functions of their arguments. They modify nothing, remember nothing, and share nothing."""
+    """A stepper is a function of its arguments: it modifies nothing, remembers nothing, and shares nothing."""
     (top, y0), (other, z0) = map(find, names[:2])
     h, k = 0.25 * top.scales(y0)[2], -0.4 * other.scales(z0)[2]
     y = y0.copy()
@@ -491,13 +503,13 @@ Extreme = tuple[str, Any, Array, float]  # a label, a top, a state, a step
 
 
 def extremes(method: Method, quick: bool, cases: Iterable[Extreme] | None = None) -> Iterator[Verdict]:
-    """From any finite state and step come finite numbers, or a StepError that says why."""
+    """Any finite state and step give finite numbers, or a StepError that says why."""
     bad: dict[str, list[str]] = {}  # what is wrong → the runs
     runs, raised = 0, []
     for label, top, y0, h in extreme_cases() if cases is None else cases:
         runs += 1
         try:
-            with np.errstate(all="ignore"):  # after an overflow the result may still be finite
+            with np.errstate(all="ignore"):  # the result may be finite after an overflow
                 y = prepared(method, top, y0, h).record(y0, 4, 2)
             if not np.all(np.isfinite(y)):
                 bad.setdefault(str(y[-1].tolist()), []).append(label)
@@ -555,7 +567,10 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
 def _claims(
     method: Method, quick: bool, where: str, ordered: Starts, solved: Starts, names: Starts
 ) -> Iterator[Verdict]:
-    """All claims, on problems other than a top in a uniform field. ordered, solved, names : states for the three groups."""
+    """All claims, on problems other than a top in a uniform field.
+
+    ordered, solved, names : the states for the order, for the accuracy, and for the other claims.
+    """
     for verdict in (
         *order(method, quick, ordered),
         *solution(method, quick, solved),
@@ -649,7 +664,7 @@ def label(start: Start) -> str:
 
 
 def find(name: Start) -> tuple[Any, Array]:
-    """As `states.find`, also for "NAME in a tide", "NAME near a charge", and a pair (problem, state)."""
+    """The problem and state of a start: as `states.find`, and for "NAME in a tide" and "NAME near a charge"."""
     if not isinstance(name, str):
         return name[0], name[1].copy()
     for kind in (TIDE, CHARGE):

@@ -1,4 +1,4 @@
-"""Measures the errata of the paper: by how much each statement misses at random points, as printed and as corrected."""
+"""Measures the errata of the paper: by how much each statement fails at random points, as printed and as corrected."""
 
 import math
 from collections.abc import Iterable
@@ -29,7 +29,7 @@ class Measured:
 
 @cache
 def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
-    """Every erratum in the order of the paper, at `points` random points each, drawn from seed, seed + 1, …"""
+    """Every erratum in the order of the paper, at `points` random points from the seeds seed, seed + 1, …"""
     listed = []
     for e in errata.errata():
         printed = min(e.residual(Random(seed + k), True) for k in range(points))
@@ -45,5 +45,5 @@ def count(measured: Iterable[Measured]) -> str:
 
 
 def magnitude(residual: float) -> float:
-    """The power of ten above a residual, which hardly ever depends on the machine."""
+    """The power of ten above a residual: it hardly ever depends on the machine."""
     return 0.0 if residual == 0 else float(f"1e{math.ceil(math.log10(residual))}")

@@ -1,4 +1,4 @@
-"""Tries the first step of a method. If it fails, the fault is reported once, with the line of the user's code."""
+"""Tries the first step of a method before its claims are tested: a fault is reported once, with the line of the user's code."""
 
 import traceback
 import warnings
@@ -19,7 +19,7 @@ from lagrange_bench.support.words import suggestion
 def problem(method: Method, word: str | None) -> str | None:
     """One line that says why the method cannot take its first step; None if it can, or if it raises StepError.
 
-    word : the name of the method, or module:METHOD; None if it has no name.
+    word : the name of the method, or module:METHOD; None for a record that was passed itself.
     """
     for named in (TOPS["generic"], PERTURBED_TOPS["moderate_tide"]):
         if method.takes(named.top) is not None:
@@ -43,7 +43,7 @@ def problem(method: Method, word: str | None) -> str | None:
 
 
 def _interpreted(stepper: Any, y0: Any) -> None:
-    """Take one step without the compiler. IndexError if the kernel reads beyond its arrays: compiled code does not notice."""
+    """Take one step without the compiler. IndexError: the kernel reads beyond its arrays, which compiled code does not notice."""
     kernel = getattr(getattr(stepper, "step", None), "py_func", None)
     if kernel is None:
         return
@@ -51,7 +51,7 @@ def _interpreted(stepper: Any, y0: Any) -> None:
         kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.counters)))
     except IndexError:
         raise
-    except Exception:  # the kernel calls a function that only compiled code can call
+    except Exception:  # the kernel may call a function that only compiled code can call
         return
 
 

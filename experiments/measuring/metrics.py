@@ -1,6 +1,6 @@
 """Measures of errors, as pure functions of arrays. Each is tested on synthetic signals.
 
-Drift is judged by the growth of the root-mean-square error over many initial states. Phase is judged by splitting the error
+Drift is judged by the growth of the root-mean-square error over many initial states. Phase is judged by a split of the error
 along the two flows of the torus. Order is judged by the points between round-off and saturation.
 """
 
@@ -30,26 +30,26 @@ def _floats(values: ArrayLike) -> Array:
 
 
 def relative_drift(invariants: ArrayLike, scales: ArrayLike) -> Array:
-    """(I − I[0])/scale, (N, 4), of invariants (N, 4). scales : (4,), see `LagrangeTop.invariant_scales`."""
+    """(I − I[0])/scale, (N, k), of k invariants (N, k). scales : (k,), see `invariant_scales` of the problem."""
     I = _floats(invariants)
     drift: Array = (I - I[0]) / _floats(scales)
     return drift
 
 
 def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
-    """I − I[0] in units of the last place of the scale, (N, 4)."""
+    """I − I[0] in units of the last place of the scale, (N, k); arguments as of `relative_drift`."""
     I = _floats(invariants)
     units: Array = (I - I[0]) / np.spacing(np.abs(_floats(scales)))
     return units
 
 
 def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
-    """The largest |δvector|/scale of states (..., n), with the scales of y0; shape (...,). A top has the vectors J and x."""
+    """The largest |δvector|/scale of states (..., n), with the scales of y0 (n,); shape (...,). A top has the vectors J and x."""
     return scaled_distance(problem, y0, _floats(y), _floats(y_exact))
 
 
 def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
-    """Indices (M,), by growing cost, of the points (N,) that no other beats in both. Points must be finite to count."""
+    """Indices (M,), by growing cost, of the points (N,) that no other point beats in both. Only finite points count."""
     cost, error = _floats(cost), _floats(error)
     finite = np.flatnonzero(np.isfinite(cost) & np.isfinite(error))
     order = finite[np.lexsort((error[finite], cost[finite]))]
@@ -65,12 +65,12 @@ def block_maxima(t: ArrayLike, e: ArrayLike, blocks: int = 24) -> tuple[Array, A
 
     Parameters
     ----------
-    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : how many, from the first t > 0 to the last.
+    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : number of blocks from the first t > 0 to the last t.
 
     Returns
     -------
-    The time of the end of each block (B,) and the maxima (..., B). Blocks without a sample are left out, so B ≤ `blocks`.
-    NaN in a block stays NaN.
+    The time of the last sample of each block (B,) and the maxima (..., B). Blocks without a sample are left out, so
+    B ≤ `blocks`. NaN in a block stays NaN.
     """
     t, e = _floats(t), _floats(e)
     starts, ends = _log_blocks(t, t[t > 0][0] if np.any(t > 0) else np.inf, blocks)
@@ -96,18 +96,22 @@ def growth_exponent(
 ) -> Growth:
     """Exponent of the growth of an error, from many initial states.
 
-    p is the slope of a straight line through log RMS against log t. The RMS is taken over the states and over the samples in
-    each of the log-spaced blocks of the last `decades` of the run. Block maxima would not do: the maximum of noise grows
-    with the number of samples in a block, the RMS does not. The whole run would not do either: early on, oscillation and the
-    rounding of the first steps hide a drift, and would pull p down.
+    p is the slope of a straight line through log RMS against log t. The last `decades` of the run are cut into log-spaced
+    blocks, and the RMS is taken over the states and over the samples in a block. Block maxima would not do: the maximum of noise
+    grows with the number of samples in a block, the RMS does not. The whole run would not do either: early on, oscillation and
+    the rounding of the first steps hide a drift, and would pull p down.
 
-    The interval is a bootstrap over states (expanded percentiles; seeded), and NaN for fewer than 4 states. It takes at least
-    16 states to make the interval shorter than the gap between ½ and 1.
+    The interval is a bootstrap over states (expanded percentiles; seeded), and NaN for fewer than 4 states. At least 16 states
+    are needed to make the interval shorter than the gap between ½ and 1.
 
     Parameters
     ----------
     t : (N,), growing. E : (n_states, N), relative errors, signed or not.
-    floor : blocks with an RMS below this are left out.
+    floor : blocks with an RMS up to this are left out. blocks : their number. resamples : of the bootstrap.
+
+    Returns
+    -------
+    Growth. All NaN if an error is not finite or fewer than 3 blocks are above the floor.
     """
     t, E = _floats(t), np.atleast_2d(_floats(E))
     nothing = Growth(np.nan, np.nan, np.nan)
@@ -125,7 +129,7 @@ def growth_exponent(
     if n < 4:
         return Growth(p, np.nan, np.nan)
     weights = np.random.default_rng(0).multinomial(n, np.full(n, 1 / n), size=resamples) / n
-    # resamples of states without any error have no logarithm: take that of the floor
+    # a resample of states without any error has no logarithm: take the floor instead
     slopes = _slope(x, np.log(np.maximum(weights @ V, floor**2 + np.finfo(float).tiny)) / 2)
     # expanded percentiles: Student's t with n − 1 degrees of freedom reaches further out than a normal distribution
     tail = scipy.stats.norm.cdf(np.sqrt(n / (n - 1)) * scipy.stats.t.ppf(0.025, n - 1))
@@ -138,7 +142,7 @@ def verdict(p: float, low: float, high: float, max_error: float, floor: float = 
 
     "exact": no error at all. "round-off": never above `floor`. "bounded": p < ¼ and high < ½.
     "random walk": ¼ ≤ p < ¾, 0 < low, high < 1 (Brouwer's law). "biased": p ≥ ¾ and low > ½.
-    "undecided": the interval does not tell these apart. "failed": the error is not finite.
+    "undecided": the interval does not tell these apart. "failed": the error is not finite. max_error : the largest error.
     """
     if not np.isfinite(max_error):
         return "failed"
@@ -156,7 +160,7 @@ def verdict(p: float, low: float, high: float, max_error: float, floor: float = 
 
 
 def _log_blocks(t: Array, start: float, blocks: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and one-past-last index of the samples in each block from `start` to t[-1], without empty blocks."""
+    """First and one-past-last index of the samples in each block between `start` and t[-1], without empty blocks."""
     if t.ndim != 1 or np.any(np.diff(t) <= 0):
         raise ValueError("t must be one-dimensional and growing")
     if not 0 < start <= t[-1]:
@@ -177,9 +181,9 @@ def _slope(x: Array, y: Array) -> Array:
 
 
 def condition(top: LagrangeTop, y0: Array, times: Array) -> Array:
-    """By which factor a change of y0 has grown at `times` (N,): the largest over the six components, in scaled units, (N,).
+    """The factor (N,) by which a change of y0 has grown at `times` (N,): the largest over the six components, in scaled units.
 
-    From differences of exact solutions, after changing a component of y0 by 1e-11 of its scale; good to 1e-3.
+    It comes from differences of exact solutions, with a component of y0 changed by 1e-11 of its scale, and is good to 1e-3.
     """
     rate, size, _ = top.scales(y0)
     truth, grown = exact.solution(top, y0, times), []
@@ -196,8 +200,8 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
         e = time X_H + angle X_J3 + H ∇H + J3 ∇J3 + C1 ∇C1 + C2 ∇C2
 
     So y is close to the exact state at t + `time`, rotated about e3 by `angle`, plus four terms that leave the torus. The
-    vectors are taken half-way between y_exact and y. The remainder is then of third order in e; at y_exact it would be of
-    second. Each basis vector has length 1 in scaled units. Singular values below 1e-7 of the largest are dropped, and the
+    vectors are taken half-way between y_exact and y: then the remainder is of third order in e, and not of second as with those
+    at y_exact. Each basis vector has length 1 in scaled units. Singular values below 1e-7 of the largest are dropped, and the
     shortest solution is taken.
 
     Parameters
@@ -243,14 +247,14 @@ class FrequencyShift(NamedTuple):
     """δφ(t) = slope·t + residual(t)."""
 
     slope: float  # δω
-    residual_size: float  # max |residual|, with the offset, which is no frequency
+    residual_size: float  # max |residual|; the offset belongs to the residual
 
 
 def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
-    """Split a phase error (N,) into a constant frequency shift and a residual.
+    """Split a phase error (N,) at times t (N,) into a constant frequency shift and a residual.
 
-    The fit is least squares for slope and offset. Without the offset, an oscillation that starts at an extreme would count as
-    a frequency. Samples that are not finite are left out of the fit. NaN for fewer than three samples.
+    Slope and offset are fitted by least squares. Without the offset, an oscillation that starts at an extreme would count as
+    a frequency. Samples that are not finite are left out. NaN for fewer than three samples.
     """
     t, dphi = _floats(t), _floats(dphi)
     good = np.isfinite(dphi)
@@ -264,7 +268,7 @@ def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
 
 
 class Order(NamedTuple):
-    """Exponent of error ~ h^p, its standard error, and which points were used."""
+    """Exponent of error ~ h^p, its standard error, and a mask (N,) of the points that were used."""
 
     p: float
     stderr: float
@@ -272,10 +276,10 @@ class Order(NamedTuple):
 
 
 def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation: float = 0.1) -> Order:
-    """Order of convergence, from errors at several h.
+    """Order of convergence, from errors (N,) at several h (N,).
 
-    Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. Of the others, the longest
-    run of neighbours counts whose local slopes agree within ½ or 20 % of their median, which must exceed ½. So neither a
+    Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. The fit then takes the
+    longest run of neighbours whose local slopes agree within ½ or 20 % of their median. The median must exceed ½. So neither a
     round-off plateau nor too large steps take part. NaN for fewer than 3 points.
     """
     steps, errors = np.abs(_floats(h)), _floats(error)
@@ -296,7 +300,7 @@ def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation
 
 
 def _straight_run(slopes: Array) -> tuple[int, int]:
-    """(a, b) so that slopes[a:b] is the longest run of slopes that agree; of several, the one at the largest h."""
+    """(a, b) so that slopes[a:b] is the longest run of slopes that agree; among equals the run at the largest h."""
     best = (0, 0)
     for a in range(len(slopes)):
         for b in range(a + 1, len(slopes) + 1):
@@ -311,17 +315,17 @@ def _straight_run(slopes: Array) -> tuple[int, int]:
 
 
 class PoissonDefect(NamedTuple):
-    """By how much a map fails to preserve the Poisson tensor, and how well that is known."""
+    """By how much a map fails to preserve the Poisson tensor, and the error of this number."""
 
     defect: float  # max |D P(y) Dᵀ − P(ỹ)| / max |P(ỹ)|, in scaled units
-    error: float  # of `defect`, from two differencing steps: a defect below it says nothing
+    error: float  # of `defect`, from two differencing steps: a smaller defect says nothing
 
 
 def poisson_defect(step: Callable[[Array], Array], problem: Any, y: ArrayLike) -> PoissonDefect:
     """‖D P(y) Dᵀ − P(ỹ)‖ for ỹ = step(y), with D its derivative by central differences of order 6.
 
-    `step` must be defined in a neighbourhood of y (a stepper made for one torus is not). It is called 72 times for a top.
-    Compiled maps take no complex steps, so several real ones are tried; the two that agree best are used.
+    `step` must be defined in a neighbourhood of y; a stepper made for one torus is not. Compiled maps take no complex numbers,
+    so four real differencing steps are tried, and the two neighbours that agree best are used. For a top this takes 145 calls.
     """
     y = _floats(y)
     sizes = problem.sizes(y)

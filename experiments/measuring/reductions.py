@@ -1,9 +1,8 @@
 """Reduces measured rows to numbers for tables and claims, without hiding failures.
 
-NaN in a measured row is a failure. pandas would skip it, and hide it among good numbers. A missing row was not measured, so
-nothing is said about it. But if a measured row misses a number that every row of its part has (`MEASURED` of the experiment),
-its cell has failed. There are two exceptions: a row may give the reason (`reason`, `predicted`), and a run with an error above
-USEFUL is not timed.
+NaN in a measured row is a failure, which pandas would skip. A missing row was not measured, so nothing is said about it. But if a
+measured row lacks a number that every row of its part has (`MEASURED` of the experiment), its cell has failed. There are two
+exceptions: a row may give the reason (`reason`, `predicted`), and a run with an error above USEFUL is not timed.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ TIMED = ("seconds", "setup_seconds", "steps", "evals", "iterations")  # measured
 
 
 def with_failures(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.DataFrame:
-    """The rows, with one failed row in place of each cell that misses a number; the same object if none does.
+    """The rows, with one failed row in place of each cell that lacks a number; the same object if none does.
 
     measured : part of the experiment ("" for rows without a part) → the numbers that each of its rows must have.
     """
@@ -59,7 +58,7 @@ def missing_value(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> 
 
 
 def in_part(rows: pd.DataFrame, part: str) -> pd.Series:
-    """Which rows belong to a part; "": to no part."""
+    """Which rows belong to a part; "": which have no part."""
     if "part" not in rows:
         return pd.Series(not part, index=rows.index)
     return rows["part"].eq(part) if part else rows["part"].isna()

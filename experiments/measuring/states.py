@@ -1,4 +1,4 @@
-"""Initial states by name, and runs from them: what the experiments share."""
+"""Initial states by name, and runs from them, for all experiments."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.support.words import numbers, suggestion
 
-# names of drawn tops; `find` takes any three digits
+# names of drawn tops, for which `find` takes any three digits
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # generic tops, for statistics
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # close to the separatrix
 WIDE = tuple(f"wide{i:03d}" for i in range(200))  # tops of every kind
@@ -67,17 +67,22 @@ def free_body(t: Any, y: Any, p: Any) -> Any:
 
 
 def central_spin(t: Any, y: Any, p: Any) -> Any:
-    """One spin in a field, coupled with the strengths p to others without a field: H = s_1³ + Σ p_k s_1·s_k."""
+    """A spin s_1 in a field along e3, coupled with the strengths p to spins without a field: H = s_1³ + Σ p_k s_1·s_{k+1}."""
     return y[2] + sum(A * (y[:3] @ y[3 * k : 3 * k + 3]) for k, A in enumerate(p, start=1))
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """The problem and initial state with this name: a named top, a `problem`, or a drawn top such as "random000".
+    """The problem and initial state of a name: of a named top, of PROBLEMS, or of a drawn top such as "random000".
 
-    Drawn tops have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2], drawn by Python's own generator, whose `random()`
-    never changes. "wide" tops have either sign of alpha, and |J|²/(|alpha||x|) from 1e-3 to 1e3. "released" and "spinning" tops
-    have J parallel or antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and from 100 to 1e3. For "close" tops, J
-    misses the separatrix by a part of 1e-1 to 1e-8. ValueError : no such name.
+    Drawn tops have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]. Python's own generator draws them; its `random()`
+    never changes. "wide", "released" and "spinning" tops have either sign of alpha. For "wide" tops |J|²/(|alpha||x|) is from
+    1e-3 to 1e3. "released" and "spinning" tops have J parallel or antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and
+    from 100 to 1e3. For "close" tops, J misses the separatrix by a part of 1e-1 to 1e-8.
+
+    Raises
+    ------
+    ValueError
+        The name is unknown.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
@@ -107,9 +112,9 @@ def find(name: str) -> tuple[Any, Array]:
 
 
 def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_potential) -> tuple[Any, Array]:
-    """The top and initial state of a cell, by the name in its `state`; of a top in a TOML file, by the numbers in the cell.
+    """The top and initial state of a cell, by the name in its `state`; for a top of a TOML file, by the numbers in the cell.
 
-    potential : finds a potential by its name. ValueError : no such top or potential.
+    potential : a function that finds a potential by its name. ValueError : the top or the potential is unknown.
     """
     if not isinstance(cell.get("y0"), str):  # NaN in a row of a frame
         return find(cell["state"])
@@ -126,17 +131,20 @@ def label(state: str) -> str:
 
 
 def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
-    """A J close to the separatrix. J3 is this `share` of its maximum; J1 and J2 are `off` by this part."""
+    """A J close to the separatrix, where J·x = J3 |x| and H = J3²/2 + alpha |x|.
+
+    share : J3 in units of its maximum. off : relative distance of J1 and J2 from the separatrix.
+    """
     size, flat = math.hypot(*x), math.hypot(x[0], x[1])
     J3 = share * math.sqrt(2 * alpha * (size + x[2]))
-    along = J3 * (size - x[2]) / flat  # from J·x = J3 |x|
-    across = math.sqrt(2 * alpha * (size - x[2]) - along * along)  # from H = J3²/2 + alpha |x|
+    along = J3 * (size - x[2]) / flat
+    across = math.sqrt(2 * alpha * (size - x[2]) - along * along)
     along, across = along * (1 + off), across * (1 + off)
     return [(along * x[0] - across * x[1]) / flat, (along * x[1] + across * x[0]) / flat, J3]
 
 
 def methods_on(state: str | None = None) -> dict[str, Method]:
-    """The methods that take a state, by name; None: that take a top in a uniform field.
+    """Name → method, for the methods that take the problem of a state; None: a top in a uniform field.
 
     `backlund_splitting` is left out in a uniform field, where it is `backlund`. A plug-in that cannot be loaded is left out, too:
     `lagrange-bench methods` says why.
@@ -157,10 +165,10 @@ def log_counts(last: int, per_octave: int) -> list[int]:
 
 
 def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int], **options) -> tuple[Array, Array]:
-    """The times counts·h (N,), and the states of `method` at these times (N, 6).
+    """The times counts·h (N,), and the states of `method` at these times, (N, n).
 
     A method that steps by h is advanced from count to count. A method that chooses its own steps runs once, with dense output:
-    to restart it at every sample would change its steps.
+    a restart at every sample would change its steps.
     """
     from lagrange_bench.integrators import METHODS, prepare
     from lagrange_bench.integrators.api import integrate
@@ -176,7 +184,7 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
     """The state after each of `counts` steps (rising), and the seconds spent on stepping so far."""
     y, done, seconds = y0, 0, 0.0
     for n in counts:
-        if stepper.from_start:  # if it went on from here, the interruption would be judged, too
+        if stepper.from_start:  # its error must not depend on where it is sampled
             y, done, seconds = y0, 0, 0.0
         start = perf_counter()
         try:
@@ -189,7 +197,7 @@ def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple
 
 
 def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
-    """The exact states (N, 6) after `counts` steps of h. A method that steps by h is at n·h itself, not at the next double."""
+    """The exact states (N, n) after `counts` steps of h. A method that steps by h is at n·h itself, not at the nearest double."""
     if method.control == "tolerance":
         return truths.solution(top, y0, h * np.asarray(counts, dtype=float), longest=math.inf)
     return truths.after_steps(top, y0, h, counts, longest=math.inf)
@@ -207,7 +215,7 @@ def interpreted(method: Method) -> bool:
 
 
 def affordable(method: Method, steps: int, full: bool) -> int:
-    """The number of steps of a long run: `steps`, or less for interpreted methods, and a tenth of that if they are implicit."""
+    """The number of steps of a long run: `steps`, for interpreted methods at most a limit, for implicit ones a tenth of it."""
     if not interpreted(method):
         return steps
     limit = 20_000 if full else 2_000
@@ -215,7 +223,7 @@ def affordable(method: Method, steps: int, full: bool) -> int:
 
 
 def accuracy_settings(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
-    """Fields of cells, one for each run of a sweep: the steps, or the tolerances if the method has one."""
+    """Fields of cells, one for each run of a sweep: a step, or a tolerance if the method takes one."""
     if method.accuracy_option == "h":
         return [{"h": h} for h in steps]
     return [
@@ -236,7 +244,7 @@ def options_of(cell: dict[str, Any]) -> dict[str, Any]:
 
 
 def places(steps: int, parts: int = 16) -> list[int]:
-    """The steps at the ends of `parts` equal parts of a run. The largest error there is hardly ever small by chance."""
+    """Numbers of steps at the ends of `parts` equal parts of a run. The largest error there is hardly ever small by chance."""
     return sorted({max(steps * k // parts, 1) for k in range(1, parts + 1)})
 
 

@@ -1,7 +1,7 @@
 """Times short functions: calibrated, repeated, in turn, with all samples kept.
 
 Quote the minimum. It repeats within a few per cent between processes; the mean does not. The median and the spread say how quiet
-the machine was. The first call compiles and is never part of a sample.
+the machine was. The first call compiles and belongs to no sample.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ UNSTABLE = 0.1  # a timing with a larger coefficient of variation counts as unst
 
 
 def compile_at_once() -> None:
-    """Let this process compile set-up code at its first call, so that only compiled code is timed."""
+    """Make this process compile set-up code at the first call, so that only compiled code is timed."""
     interpreted.PATIENCE = 0.0
 
 
@@ -46,7 +46,7 @@ class Timing:
         return len(self.samples) > 1 and stdev(self.samples) > UNSTABLE * mean(self.samples)
 
     def ratios(self, reference: Timing) -> NDArray[np.float64]:
-        """The seconds divided by those of another function, round by round. Both were timed in turn."""
+        """The samples divided by those of `reference`, round by round, (repeats,). Both must come from one `interleave`."""
         return np.array(self.samples) / np.array(reference.samples)
 
 
@@ -58,13 +58,28 @@ def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: i
 def interleave(
     functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7
 ) -> dict[str, Timing]:
-    """Time several functions in one process in turn (ABAB…), so that all of them meet the same disturbances.
+    """Time several functions in one process in turn (AB BA AB …), so that all of them meet the same disturbances.
 
-    Every other round takes them in reverse order, so that no function always comes first. No garbage is collected meanwhile.
+    No function always comes first, and no garbage is collected meanwhile.
 
     Parameters
     ----------
-    min_time : s, the least length of a sample; calls are looped until it is reached. repeats : number of samples, ≥ 1.
+    functions : mapping
+        Name → function without arguments.
+    min_time : float
+        In s, the least length of a sample: calls are repeated until it is reached.
+    repeats : int
+        Number of samples, at least 1.
+
+    Returns
+    -------
+    dict
+        Name → Timing.
+
+    Raises
+    ------
+    ValueError
+        `repeats` is below 1.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")
@@ -83,12 +98,12 @@ def interleave(
 def _calibrate(timer: timeit.Timer, min_time: float) -> int:
     """How many calls in a row take at least `min_time`, with a fifth to spare.
 
-    They must take so long twice, unless they take far longer: one sample may be long because the machine was interrupted.
+    They must take so long twice, unless they take ten times as long: one sample may be long because of an interruption.
     """
     loops = 1
     while (seconds := timer.timeit(loops)) < min_time or (
         seconds < 10 * min_time and (seconds := timer.timeit(loops)) < min_time
     ):
-        # at most tenfold: the first, shortest samples are the least reliable
+        # at most ten times as many: the first, shortest samples are the least reliable
         loops = max(loops + 1, int(loops * min(10.0, 1.2 * min_time / max(seconds, 1e-9))))
     return loops
