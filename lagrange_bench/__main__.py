@@ -36,7 +36,7 @@ class Help(argparse.HelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says in one line what is wrong and where to read on. text : of --help, the docstring of a module."""
+    """A parser whose errors are one line: what is wrong, and where to read on. text : a module's docstring, for --help."""
 
     def __init__(self, text: str, **settings: Any):
         about, mark, examples = text.strip().partition("\n\nexamples:")

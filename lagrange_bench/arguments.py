@@ -17,7 +17,7 @@ __all__ = ["number", "numbers", "option"]  # types of options, too
 
 
 def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
-    """A type of options: `parse`, with a ValueError that says `what` is wanted unless the value is in the range."""
+    """A type of options: `parse`, with a ValueError that says `what` is wanted if the value is not in the range."""
 
     def kind(text: str) -> Any:
         with suppress(ValueError, ArithmeticError):

@@ -21,8 +21,8 @@ from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.support.words import suggestion
 
 Names = Iterable[str | Method] | None
-MOST = 12  # panels of one figure, and methods that are all named
-SAMPLED = 32  # points of a line that has no markers
+MOST = 12  # the most panels of a figure, and the most methods that are all named
+SAMPLED = 32  # a line of more points has no markers
 LABELS = {
     "h": "step h, in the top's own unit of time",
     "h_scaled": style.STEP,
@@ -43,15 +43,15 @@ LABELS = {
     "energy": "relative error of the energy",
     "momentum": "relative error of the momentum about the vertical",
 }
-OF_PROBLEMS = {  # that are no tops
+OF_PROBLEMS = {  # labels for problems that are no tops
     "h_scaled": "step h, in the time scale of the motion",
     "t_scaled": "time t, in the time scale of the motion",
     "error": "error, relative to the scales of the state",
 }
 BODY_TIMES = {"h": "step h, s", "t": "time t, s"}
-# beside the invariants
+# columns of errors, beside the invariants
 ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
-# what tells lines of a method apart
+# columns that tell the lines of a method apart
 APART = ("top", "integrator", "setting", *SCHEME_OPTIONS, "options", "variant", "form", "pin", "n", "span_scaled")
 RUN_OPTIONS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, if a run has many rows
 STEPS = ("h", *RUN_OPTIONS)  # always on a logarithmic axis, or no slope could be read
@@ -67,11 +67,11 @@ class Comparison:
         A row for each sample or run, with columns `method`, `top` and `status` ("done", or "failed" for the reason in `failure`).
         Frames of `load` have these, too.
     x, y : str
-        The columns that `plot` draws unless it is told others.
+        The columns that `plot` draws by default.
     methods : tuple of Method
-        Records of methods that need not be registered.
+        Records of methods, registered or not.
     labels : dict
-        What titles call tops.
+        Names of tops in titles.
     invariants : tuple of str
         The columns that are errors of invariants.
     """
@@ -89,13 +89,7 @@ class Comparison:
         return f"<Comparison of {names} on {len(tops)} top{'s' * (len(tops) != 1)}: {self.y} against {self.x}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """The rows as a frame of its own.
-
-        Returns
-        -------
-        DataFrame
-            A copy.
-        """
+        """The rows, as a copy of the frame."""
         return self.frame.copy()
 
     def plot(
@@ -112,9 +106,8 @@ class Comparison:
     ) -> Any:
         """Draw a column against another, a panel for each top, in your own rcParams.
 
-        An axis is logarithmic if the numbers on it are errors, steps or tolerances, or positive and of several sizes; of errors
-        the absolute value is drawn. Names of lines stand where they leave the panel, also after `set_xlim`. Crosses: the method
-        failed there.
+        An axis is logarithmic if the numbers on it are errors, steps or tolerances, or positive and of several sizes. Errors are
+        drawn by absolute value. A line has its name where it leaves the panel, also after `set_xlim`. A cross is a failure.
 
         Parameters
         ----------
@@ -127,9 +120,9 @@ class Comparison:
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
         names : "right", "legend" or False
-            Where the lines are named: at their ends, inside the panel where another axis is on the right; in a legend; nowhere.
+            Where the lines are named: at their ends (inside the panel, if another axis is on the right); in a legend; nowhere.
         **look : dict
-            Of all lines, as of matplotlib's `plot`: `linestyle="--"` for those of a second axis.
+            Options of matplotlib's `plot` for all lines, such as `linestyle="--"` on a second axis.
 
         Returns
         -------
@@ -185,7 +178,7 @@ class Comparison:
         return named if chosen is None else [top for top in chosen if top in named]
 
     def _rows(self, x: str, y: str, methods: Names, tops: Names) -> pd.DataFrame:
-        """The rows that are asked for."""
+        """The rows to draw; ValueError if there are none."""
         rows = self.frame
         if "failure" in rows and len(rows) and (rows["status"] == "failed").all():
             raise ValueError(f"every run failed: {rows['failure'].iloc[0]}")
@@ -234,7 +227,7 @@ class Comparison:
         style.draw_lines(ax, rows, x, y, apart, looks, log)
 
     def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
-        """Of each method; among many only the best of each family is named, by the median of |y|."""
+        """The look of each method. Among many, only the best of each family is named, by the median of |y|."""
         middle = good[y].abs().groupby(good["method"]).median()
         best = set(middle.groupby(middle.index.map(style.family)).idxmin())
         looks = {name: style.of(name) for name in methods} if len(methods) <= MOST else style.looks(methods, best)
@@ -261,13 +254,13 @@ class Comparison:
 
     def _title(self, tops: list[str]) -> str:
         scaled = {"h_scaled", "t_scaled", "span_scaled"} & set(self.frame)
-        ours = NAMED_TOPS if scaled else {}  # rows in other units are of other things, perhaps of the same name
+        ours = NAMED_TOPS if scaled else {}  # rows without scaled times are of other problems, perhaps of the same name
         named = [self.labels.get(top) or (ours[top].label if top in ours else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
 
 
 def _listed(names: Names) -> list[str] | None:
-    """One name or several, each once; None for all."""
+    """Names, each once, as a list; None stands for all."""
     if names is None:
         return None
     several = [names] if isinstance(names, str | Method) else names
@@ -275,7 +268,7 @@ def _listed(names: Names) -> list[str] | None:
 
 
 def _methods(rows: pd.DataFrame) -> pd.Series:
-    """The method of each row; of one without, what else was measured."""
+    """The method of each row; without one the engine, variant or form."""
     names = rows.reindex(columns=["method", "engine", "variant", "form"]).bfill(axis=1)["method"]
     return names.fillna("rows").astype(str)
 

@@ -1,11 +1,11 @@
-"""Checks rows of a trajectory against each other, without the exact motion: does ω turn the body, does the torque change ω?
+"""Checks rows of a trajectory against each other, without the exact motion. Does ω turn the body? Does the torque change ω?
 
 Neighbouring rows k, k + 1 give the turn Θ from one attitude to the next over the time between them, dt. Then
 
     Θ/dt = ω             in the body, and half way in the world: tells the frame of ω, and rows that are late or lost
     I (ω' − ω)/dt = T − ω × I ω       tells a program that leaves out ω × I_c ω, with I_c about the centre of mass
 
-Medians over all rows: a few bad ones, as of a run that blows up, decide nothing.
+Medians over all rows decide, so that a few bad rows, as of a run that blows up, do not.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.integrators import RigidBody
 
 Array = np.ndarray
-CLEARLY = 4.0  # so many times nearer is the other frame, or the other equation
+CLEARLY = 4.0  # another frame, or another equation, must be so many times nearer
 ANOTHER_TURN = 2.8  # rad: a larger turn between two rows may be the other way round
-FEWEST = 3  # rows
+FEWEST = 3  # fewer rows tell nothing
 LITTLE = 1e-3  # relative: a gyroscopic torque below this share of the change of ω is not seen
 
 
@@ -48,10 +48,11 @@ class Rows:
         return self.omega if self.frame == "body" else into_body(self.R, self.omega)
 
     def kinematics(self, frame: str | None = None, part: str = "mean") -> Array:
-        """|Θ/dt − ω| between neighbouring rows, rad/s, (N − 1,), if ω is in this frame; q' = q ω/2 makes it vanish.
+        """|Θ/dt − ω| between neighbouring rows, rad/s, (N − 1,), with ω in this frame; 0 if q' = q ω/2.
 
-        part : the ω that is meant: the "mean" of both rows, the "first" or the "second". The mean is of fourth
-        order in dt: ω with its slope, and ω × ω' of Magnus's series, whose sign is another one in the world.
+        part : ω of the "first" row, of the "second", or the "mean", which is of fourth order in dt by Magnus's series:
+
+            ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
         """
         assert self.omega is not None
         body = (frame or self.frame) == "body"
@@ -90,12 +91,12 @@ class Rows:
         return float(np.median(self.kinematics(frame, part)[self.clear]))
 
     def other_frame(self) -> str | None:
-        """The frame that ω is clearly in, if it is not the one named."""
+        """The other frame, if ω is clearly in that one."""
         other = "world" if self.frame == "body" else "body"
         return other if CLEARLY * self.off(other) < self.off(self.frame) else None
 
     def without_gyroscopic_torque(self, body: RigidBody) -> bool:
-        """Whether ω changes clearly more as in a body without the torque ω × I_c ω."""
+        """Whether ω clearly changes as in a body without the torque ω × I_c ω."""
         if self.omega is None or np.count_nonzero(self.clear) < FEWEST:
             return False
         if not 0.5 < self.speed_ratio() < 2:  # another unit of times or of ω hides torques
@@ -118,7 +119,7 @@ class Rows:
         return self._in_body() @ axis
 
     def notes(self) -> list[str]:
-        """Rows that are equal to the one before, and an angular velocity that is lost after the start."""
+        """Notes on the first two rows: they are equal, or the second has lost the angular velocity."""
         notes = []
         if len(self.t) > 1 and np.array_equal(self.R[0], self.R[1]) and (self.omega is None or self.omega[0].any()):
             notes.append("Rows 1 and 2 are equal: perhaps each row holds the state before.")
@@ -133,7 +134,7 @@ class Rows:
 
 
 def rate_notes(t: Array, rate: Array) -> list[str]:
-    """What the angular velocity about the axis of symmetry does, in a sentence; none if it stays, as in the exact motion."""
+    """A note if the angular velocity about the axis of symmetry falls; in the exact motion it is constant."""
     good = np.isfinite(rate)
     t, rate = t[good], np.abs(rate[good])
     if len(t) < FEWEST or not np.all(rate > 0):

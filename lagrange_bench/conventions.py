@@ -28,14 +28,14 @@ UNITS = {  # what is judged → its unit, in the order in which it is reported
 }
 AXES = {sign + name: unit for name, e in zip("xyz", np.eye(3), strict=True) for sign, unit in (("", e), ("-", -e))}
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
-# what is judged by which columns
+# quantity → the groups of columns that it is judged by
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
-OFF = 1e-3  # RᵀR − 1 of a matrix that still counts as a rotation; more, where the digits of the file are fewer
+OFF = 1e-3  # the largest |RᵀR − 1| of a rotation; more if the file has few digits
 
 
 @dataclass(frozen=True)
 class Convention:
-    """How rotations, angular velocities and frames are written: see `judge`. From `transposed` on they are for hints."""
+    """How rotations, angular velocities and frames are written, see `judge`. The fields from `transposed` on are for hints."""
 
     quat: str = "wxyz"
     omega_frame: str = "body"
@@ -98,7 +98,7 @@ class Frames:
 
     @cached_property
     def others(self) -> dict[str, Frames]:
-        """The frames of bodies that a user may have simulated in place of this one, by the mistake in words."""
+        """A user's mistake in words → the frames of the body that he then simulated in place of this one."""
         body = self.rigid_body
         changes: dict[str, dict[str, Any]] = {}
         if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
@@ -143,7 +143,7 @@ class Frames:
         return self.launch[0] + t * self.launch[1] + t**2 / 2 * self.rigid_body.gravity  # type: ignore[no-any-return]
 
     def exact(self, t: ArrayLike) -> Exact:
-        """The motion of the case, NaN where its series would take too long."""
+        """The motion of the case; NaN after `known_until`, because its series would take too long."""
         assert self.case is not None
         times = np.asarray(t, dtype=float)
         known = np.abs(times) <= self.known_until
@@ -169,7 +169,7 @@ class Frames:
         return next((self.attitude(name, trajectory[name])[0] for name in ATTITUDES if name in trajectory), None)
 
     def motion(self, trajectory: Mapping[str, Array]) -> tuple[Array, Array | None]:
-        """Attitudes, the identity without any, and ω in the body; None where its frame is not known."""
+        """Attitudes, or the identity if there are none; and ω in the body, or None if it cannot be known."""
         R, body = self.matrices(trajectory), self.convention.omega_frame == "body"
         omega = self.omega(trajectory) if "omega" in trajectory else None
         if omega is not None and not body:
@@ -177,7 +177,7 @@ class Frames:
         return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)) if R is None else R, omega
 
     def omega(self, trajectory: Mapping[str, Array]) -> Array:
-        """The angular velocity in the frame that it is in."""
+        """The angular velocity in its own frame, with the axes of the case."""
         turn = self.from_body if self.convention.omega_frame == "body" else self.to_world.T
         return self.hand * trajectory["omega"] @ turn
 
@@ -242,9 +242,9 @@ class Frames:
         return all(error <= least * self.sizes[name] + 2 * known.get(name, 0.0) for name, error in first.items())
 
     def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
-        """Matrices from the body to the world of the case, and how far they are from orthogonal, or quaternions from 1.
+        """Matrices from the body to the world of the case; and how far they are from orthogonal, or quaternions from length 1.
 
-        NaN is a matrix that is no rotation: it mirrors, or is off by more than `OFF` and the digits of the file.
+        A matrix that is no rotation becomes NaN: it mirrors, or is off by more than `OFF` and than the digits of the file.
         """
         how, defect = self.convention, {}
         if group == "matrix":
@@ -272,7 +272,7 @@ class Frames:
     def _turned(self, E: Array) -> dict[str, Array]:
         """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and the tilt of the axis.
 
-        The angle is no smaller than the chord ‖E − 1‖/√2, by which a matrix is off that is no rotation in its last digits.
+        The angle is at least the chord ‖E − 1‖/√2, which also shows that a matrix is no rotation in its last digits.
         """
         vector = np.stack([E[:, 2, 1] - E[:, 1, 2], E[:, 0, 2] - E[:, 2, 0], E[:, 1, 0] - E[:, 0, 1]], 1)
         trace = E.trace(axis1=1, axis2=2)

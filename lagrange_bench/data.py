@@ -61,7 +61,7 @@ class Results(Mapping[str, pd.DataFrame]):
 
 
 def load(results: str | Path = "reference") -> Results:
-    """What is stored, as a pandas frame for each experiment.
+    """The stored rows, as a pandas frame for each experiment.
 
         frame = load()["drift"]
         frame[frame.method == "rk4"].plot("t_scaled", "H")

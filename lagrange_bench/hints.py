@@ -34,13 +34,13 @@ LATE = {
 }
 WITHOUT = "the program leaves out the gyroscopic torque ω × I ω: an option of many engines."
 Reading = TypeVar("Reading")  # a hint, or what it changes
-HEAD = 2000  # rows that hints are taken from
-SHIFTS, SHIFTED = (1, -1, 2, -2, 3, -3), 10  # rows that times may be late; more rows than these show it
+HEAD = 2000  # the most rows that hints are taken from
+SHIFTS, SHIFTED = (1, -1, 2, -2, 3, -3), 10  # times may be late by so many rows; more than SHIFTED rows show it
 BETTER = 10  # a hint makes errors so many times smaller than the rows as they are, and than any other hint
-# where the whole run gives no hint, so many rows from the first on: a poor run is right there only
+# if the whole run gives no hint, so many of its first rows are tried: a poor run is right only there
 PREFIXES = (3, 5, 9, 17, 33, 65)
-ENOUGH = 5  # rows that show another body
-RIGHT = 0.05  # of the size of a quantity: a unit is named only if the error is below that with it
+ENOUGH = 5  # fewer rows do not show another body
+RIGHT = 0.05  # relative to the size of a quantity: a unit is named only if it brings the error below this
 TURN = 0.1  # rad: a smaller turn of all rows is an error, not other axes
 START = 1e-9  # relative to the size of a quantity: more than that is another start
 SINGLE = 2e-7  # likewise, of a start in single precision
@@ -63,14 +63,14 @@ class Hints:
         self.now = {name: error.max(initial=0.0) for name, error in frames.errors(self.trajectory, self.exact).items()}
 
     def written(self) -> list[str]:
-        """Frames, orders, units; a convention is tried only where something is wrong."""
+        """Hints at frames, orders, units and times, else at late ω and other bodies; none is tried where nothing is wrong."""
         hints = list(self._conventions()) or list(self._axes()) or list(self._mirrored())
         for each in (self._speeds, self._times, self._starts):
             hints += each()
         return hints or [*self._late(), *self.bodies()]
 
     def turned(self) -> list[str]:
-        """Other axes; positions of the fixed point."""
+        """Hints at positions of the fixed point, and at other axes."""
         return [*self._fixed_point(), *self._turns()]
 
     def _fixed_point(self) -> Iterator[str]:
@@ -91,7 +91,7 @@ class Hints:
         return min(self._limit(quantity), RIGHT * self.sizes[quantity])
 
     def _best(self, quantity: str, errors: Mapping[str, float]) -> list[str]:
-        """What makes rows right, if it does so clearly better than all else."""
+        """The hint that makes rows right, if it does so clearly better than all others."""
         hint = _clearest(errors)
         return [hint] if hint is not None and errors[hint] < self._bound(quantity) else []
 
@@ -299,7 +299,7 @@ class Hints:
         yield from fits if len(fits) == 1 else []
 
     def _turns(self) -> Iterator[str]:
-        """One turn that leads from all rotations to the right ones, if it is clear of what."""
+        """One turn that leads from all rotations to the right ones, if it is clear whether of the world or of the body."""
         R, right, fits = self.frames.matrices(self.trajectory), self.exact[1], []
         if R is None or not self._wrong("rotation"):
             return

@@ -1,4 +1,4 @@
-"""What `judge` finds about a trajectory, and what it says of it: errors, how they grow, observed orders, a picture."""
+"""The result of `judge`: the errors of a trajectory, how they grow, observed orders, a picture."""
 
 import itertools
 import math
@@ -14,13 +14,13 @@ from lagrange_bench.experiments.measuring import metrics
 
 Array = np.ndarray
 SOME_ROWS = 8  # fewer do not show how an error grows
-KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # by the exact motion
-ROUNDING = 1e-10  # relative: larger errors are not of rounding
+KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # constant in the exact motion
+ROUNDING = 1e-10  # relative: larger errors do not come from rounding
 ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not grow
 
 
 class Error(NamedTuple):
-    """The largest error of all rows, and the error of the last row; NaN where a row holds NaN, or only part of the rows tell."""
+    """The largest error of all rows, and the error of the last row; NaN if a row holds NaN, or lacks the quantity."""
 
     max: float
     end: float
@@ -28,12 +28,12 @@ class Error(NamedTuple):
 
 @dataclass(frozen=True)
 class Judgement:
-    """What `judge` finds: `errors` of those `UNITS` that the trajectory has columns for, each also an attribute.
+    """The result of `judge`. `errors` has the quantities of `UNITS` that the trajectory has columns for, each also an attribute.
 
     span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case, in doubles
-    (`right`) and in single precision (`single`); None where that time is not 0; empty where no start is known. floor : errors
-    below it are lost in the printed digits. hints : conventions that the rows perhaps have. curves : times and errors, (2, M), to
-    be drawn. columns : of a file, how they were read. turns : of the motion. sizes : what some errors are compared with.
+    (`right`) and in single precision (`single`), or None if its time is not 0; empty if no start is known. floor : errors
+    below it are lost in the printed digits. hints : conventions that the rows perhaps have. curves : times and errors (2, M) to
+    draw. columns : how the columns of a file were read. turns : of the motion. sizes : some errors are compared with them.
     """
 
     case: str
@@ -60,7 +60,7 @@ class Judgement:
         return self.span[1] < until - (0.5 * self.step if self.rows > 1 else 0.0)
 
     def summary(self) -> list[str]:
-        """How wrong it is, in a sentence; and until when it is near."""
+        """One sentence on the error at the end, and one on how long the run is near the exact motion."""
         name = next((name for name in ("axis", "rotation", "omega", "position", "energy") if name in self.errors), None)
         if name is None or self.rows < 2 or not math.isfinite(self.errors[name].end):
             return []
@@ -102,7 +102,7 @@ class Judgement:
         return metrics.growth_exponent(t - t[0], error, floor=floor).p
 
     def grows(self, name: str) -> str:
-        """The same in words, as `assert_drift` means them."""
+        """`growth` in words."""
         power = self.growth(name)
         if math.isnan(power):
             return ""
@@ -138,7 +138,7 @@ class Judgement:
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
     """Observed orders of position and rotation between neighbours, from the largest step to the smallest.
 
-    NaN where an error says nothing; none of a quantity that not all files have columns for.
+    NaN if an error says nothing; no orders of a quantity that some file has no columns for.
     """
     pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
     observed: dict[str, list[float]] = {"position": [], "rotation": []}

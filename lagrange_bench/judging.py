@@ -26,7 +26,7 @@ Floors = Mapping[str, float]
 
 
 class Request(NamedTuple):
-    """What rows are compared with. start : "case"; "first-row"; None if only the body counts."""
+    """The motion that rows are compared with. start : "case"; "first-row"; None if only the body counts."""
 
     case: Case
     start: str | None
@@ -63,7 +63,8 @@ def judge(
     case : str or Case
         A name, see `CASES`, or a case of your own.
     body : str, Case or RigidBody
-        In place of a case: nothing is known of the start. The rows are compared with what the motion keeps, and with themselves.
+        In place of a case: nothing is known of the start. Conserved quantities are compared with the first row, and the rows with
+        each other.
     start : {"case", "first-row"}
         Where the exact motion starts: as the case does, or as the first row does, which then needs a rotation and omega.
     quat : {"wxyz", "xyzw"}
@@ -79,7 +80,7 @@ def judge(
     Returns
     -------
     Judgement
-        The errors of what was given, each with its largest and its last; `hints`, `notes` and `start` say what may be wrong.
+        The largest and the last error of each quantity; `hints`, `notes` and `start` say what may be wrong.
 
     Raises
     ------
@@ -109,7 +110,7 @@ def judge(
 
 
 def judge_file(path: Path, what: Request, convention: Convention, how: reading.Options) -> Judgement:
-    """The judgement of a file. what : it is compared with this. how : the file is written like this."""
+    """The judgement of a file. what : the motion to compare it with. how : the file is written like this."""
     try:
         judgement = _as_laid_out(reading.survey(path, how), what, convention)
     except (ValueError, EOFError, StepError) as error:
@@ -143,7 +144,7 @@ def request_of(case: str | Case | None, body: str | Case | RigidBody | None, sta
 
 
 def find(case: str | Case, start: bool = True) -> Case:
-    """The case of this name, or one's own: as it is, as module:NAME, or in a TOML file, which may lack its start."""
+    """The case of this name; or one's own, as a Case, as module:NAME, or in a TOML file, which may lack the start."""
     if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
         return read_case(Path(case), start)
     if isinstance(case, str) and ":" in case:
@@ -171,8 +172,8 @@ def _judged(
 ) -> Judgement:
     """The judgement of a trajectory.
 
-    floor, first_floor : of each group of columns, what the digits of the file and those of its first row hide. way : to have
-    quaternions in another order.
+    floor, first_floor : for each group of columns, the error that the digits of the file and of its first row hide. way : the
+    option that takes quaternions in another order.
     """
     case, own_start = what.case, what.start != "case"
     run, digit = row_blocks.look(blocks), floor.get("matrix", 0.0)
@@ -270,7 +271,7 @@ def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, f
 def _notes(
     measured: row_blocks.Measured, n: int, frames: Frames, rows: Rows | None, hints: Sequence[str]
 ) -> Iterator[str]:
-    """What is odd about n rows, and what attitudes and ω say without an exact motion."""
+    """Notes on n rows: what is odd about them, and what attitudes and ω say without an exact motion."""
     if measured.bad:
         what = "a number that is missing or not finite, a matrix or quaternion that is no rotation, or a position of length 0"
         yield f"{measured.bad} of {n} rows have {what}, the first at t = {measured.bad_from:.9g}."

@@ -18,7 +18,7 @@ WIDEST = 10_000  # columns, if stdout is no terminal
 
 
 class Answer(NamedTuple):
-    """What a command answers: text, or data for --json; the exit code; and remarks for stderr, unless --quiet."""
+    """The answer of a command: text, or data for --json; the exit code; and remarks for stderr, unless --quiet."""
 
     text: str
     data: Any

@@ -4,13 +4,13 @@
     answer.to_frame()
     answer.plot(x="evals", y="error", xlim=(1e2, 1e5))
 
-Of every question,
+All questions take
 
 methods : registered names, "package.module:METHOD" or `Method`; one or a list.
 tops : names of `lagrange-bench tops`, "package.module:TOP", `NamedTop`, or problems with a state, (problem, y0) or ("name",
 problem, y0); one or a list. A `Problem` of your own will do.
 
-and all raise ValueError for bad input, and for a method that does not take a top.
+All raise ValueError for bad input, and for a method that does not take a top.
 
 Steps and times are in two units, and every frame has both: `h`, `t` and `span` are in the top's own unit of time, as for
 `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
@@ -66,7 +66,7 @@ def drift(
     h_scaled : float, optional
         The same in its time scale; 0.125 if neither is given.
     steps : int
-        How many. Samples are taken after 1, 2, 3, … of them, evenly on a logarithmic scale.
+        The number of steps. Samples are taken after 1, 2, 3, … of them, evenly on a logarithmic scale.
 
     Returns
     -------
@@ -101,7 +101,7 @@ def phase(
     h, h_scaled : float, optional
         The step, as for `drift`; h_scaled = 0.25 if neither is given.
     steps : int
-        How many. Without a closed form of the motion runs of at most 2000 time scales have a reference solution.
+        The number of steps. Without a closed form of the motion, only runs of at most 2000 time scales have a reference solution.
 
     Returns
     -------
@@ -136,9 +136,9 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     Returns
     -------
     Comparison
-        `error` is the mean of a step of h and one of −h; `order` the measured one. Steps are those whose errors are small, but no
-        round-off: from 1e-14 to 3e-13, as a rule. Of a method whose
-        steps depend on those before, errors are those of short runs, for each step.
+        `error` is the mean for a step of h and one of −h, and `order` the measured order. The steps are those with small errors
+        above round-off: from 1e-14 to 3e-13, as a rule. If the steps of a method depend on earlier ones, the errors are those of
+        short runs, divided by the number of steps.
 
     Raises
     ------
@@ -280,7 +280,7 @@ class _NamedProblem:
 
     @property
     def rate(self) -> float:
-        """What experiments multiply times with, the scale of momenta, in 1 over the time scale: 1 of a top."""
+        """The scale of momenta times the time scale. Experiments multiply times by it; it is 1 for a top."""
         return float(self.top.scales(self.state)[0] * self.unit)
 
 
@@ -309,7 +309,7 @@ class _Request:
             raise ValueError(f"methods: {'; '.join(refused)}")
 
     def measure(self, measure: Measure, cell: Callable[[float], Cell]) -> pd.DataFrame:
-        """The rows of `measure` for each top and method, a failed one where it ends in a StepError, in both units of time."""
+        """The rows of `measure` for each top and method, in both units of time; after a StepError a failed row."""
         rows: list[Cell] = []
         names = METHODS.temporarily_registered(*self.methods), NAMED_TOPS.temporarily_registered(*self.tops)
         with names[0], names[1], warnings.catch_warnings():
@@ -335,7 +335,7 @@ def _measured(measure: Measure, cell: Cell) -> list[Cell]:
 
 
 def _named(top: Any) -> _NamedProblem:
-    """A top of a name, of the bench or of the user's own; or a problem and a state of it."""
+    """The problem and state of a name, of a named top, or of a pair (problem, state)."""
     if isinstance(top, _NamedProblem):
         return top
     if isinstance(top, str):
@@ -362,7 +362,7 @@ def _problem(thing: Any) -> Any:
 
 
 def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:
-    """The step, or the length of a run, of a top with a time scale, in its time scale."""
+    """The time scale of a top → the step, or the length of a run, in this time scale."""
     if own is not None and scaled is not None:
         raise ValueError(f"give {word} or {word}_scaled, not both")
     number = check_real(usual if own is scaled is None else scaled if own is None else own, word)

@@ -16,11 +16,12 @@ from lagrange_bench.judgement import Error
 Array = np.ndarray
 # the rows of a trajectory from the first on, as often as it is called
 Blocks = Callable[[], Iterator[Mapping[str, Array]]]
-# sums of steps round: times that all are that near, relative to the last one, to its decimals of the eighth place are these;
-# with fewer rows than FEW they must be nearer. Half a unit of that place is more than NEAR, so that not all numbers are near.
+# Times that are sums of steps are rounded. If all are as near as NEAR, relative to the last time, to its decimals of the eighth
+# place, they are taken as these; with fewer rows than FEW, as near as SOME. Half a unit of that place is more than NEAR, so that
+# not all numbers are near.
 DECIMALS, NEAR, SOME, FEW = 8, 1e-10, 5e-13, 100
 POINTS = 2000  # of a curve
-MOST = 3 * HEAD  # rows that hints are taken from, of the first ones and of all others
+MOST = 3 * HEAD  # the most rows that a first look takes: HEAD first ones, and some of all others
 BLOCK = 1 << 14  # rows of arrays that are compared at once
 
 
@@ -31,7 +32,7 @@ def of_arrays(trajectory: Mapping[str, Array]) -> Iterator[Mapping[str, Array]]:
 
 
 class Run(NamedTuple):
-    """What a first look finds: how many rows; the first and the last time; whether times are `decimals`; some rows."""
+    """The result of a first look: how many rows; the first and the last time; whether times are `decimals`; some rows."""
 
     rows: int
     span: tuple[float, float]
@@ -116,7 +117,7 @@ def measure(frames: Frames, blocks: Iterator[Mapping[str, Array]], n: int) -> Me
 
 
 def _overlapping(blocks: Iterator[Mapping[str, Array]], n: int) -> Iterator[tuple[dict[str, Array], slice]]:
-    """Blocks of the first n rows with two rows before and one after their own, which slopes need; and where their own are."""
+    """Blocks of the first n rows, with two rows before and one after, which slopes need; and the slice of a block's own rows."""
     rows: dict[str, Array] = {}
     first = at = 0  # of `rows` that were not compared yet, and of the trajectory
     for block in blocks:

@@ -21,7 +21,7 @@ LAM = "lam given: one step is the flow over another time than h, and a turn"
 def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any]:
     """The invariants, their drift relative to `invariant_scales`, and the error against the true solution.
 
-    lam : whether λ was given. Then a step is no step of time h.
+    lam : whether λ was given. Then a step does not take the time h, and there is no error.
     """
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
     with np.errstate(all="ignore"):  # |x|² may overflow: then the values that contain it are not given
@@ -34,7 +34,7 @@ def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any
         if np.isnan(errors).any():
             raise ValueError("the motion is chaotic: no digit of its final state is known")
         judged: dict[str, Any] = {"final": errors[-1], "largest": errors.max(), "note": ""}
-    except ValueError as error:  # doubles do not resolve the motion: the method has an answer, but there is no truth
+    except ValueError as error:  # the method has a result, but there is no truth to compare it with
         judged = {"final": None, "largest": None, "note": str(error)}
     judged["against"] = truths.name(top)
     facts, names = ("start", "final", "drift", "largest_drift", "conserved"), top.names

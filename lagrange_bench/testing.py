@@ -11,9 +11,8 @@ A method is a `Method`, a registered name or "package.module:METHOD". A top is a
 potential, too), or (problem, y0) or (name, problem, y0) of any problem that the method accepts. docs/ci.md says how to use this.
 
 `h` is in the top's own unit of time, `h_scaled` in its time scale, 1/(|J| + √(|alpha||x|)), which makes steps on several tops
-alike. Drifts are in ulps (units in
-the last place) of the invariant's scale, the size of its terms at the start; they are measured after 1, 2, 4, … steps, and
-at three counts between each two.
+alike. Drifts are in ulps (units in the last place) of the invariant's scale, the size of its terms at the start. They are
+measured after 1, 2, 4, … steps, and at three counts between each two.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
