@@ -16,7 +16,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, METHODS, Case, RigidBody, judge
-from lagrange_bench.experiments import engines
+from lagrange_bench.experiments import engines_shown, programs
 from lagrange_bench.results.store import Store
 
 DOCS = Path(__file__).parent
@@ -94,7 +94,7 @@ def references() -> list[str]:
 @cache
 def orders() -> tuple[pd.DataFrame, str]:
     """Integrators of engines with their errors, and the column of the position at the step of the documents."""
-    table = engines.tables(stored())["orders"]
+    table = engines_shown.tables(stored())["orders"]
     return table, next(name for name in table if name.startswith("position, h"))
 
 
@@ -117,13 +117,13 @@ def defaults() -> list[str]:
     return [*lines, f"| this bench | | `backlund`, any step: {shown(exact[position], '.1e', '–', ' m')} |"]
 
 
-def programs() -> list[str]:
+def sweep() -> list[str]:
     """The default and the best integrators of the sweep, and below them methods of the bench."""
     table, position = orders()
     lines = []
     for (engine, integrator), cases in table.groupby(["engine", "integrator"], sort=False):
         fast, slow = (cases[cases.case == case].iloc[0] for case in ("bruels", "slow"))
-        own = engine == engines.OURS
+        own = engine == programs.OURS
         if not own and not fast.setting:
             continue
         exact = own and METHODS[integrator].order is None
@@ -132,7 +132,7 @@ def programs() -> list[str]:
             f"`{integrator}`" if own else f"{integrator} ({fast.setting})",
             *("exact" if exact else shown(each["order of rotation"], ".1f", "–") for each in (fast, slow)),
             *(shown(each[position], ".1e", "gave up", " m") for each in (fast, slow)),
-            *(shown(fast[name] / 1e3, ".2g", "–") for name in ("ns per step", "of these overhead")),
+            *(shown(fast[name] / 1e3, ".2g", "–") for name in ("ns per step", "overhead, ns")),
         ]
         lines.append(f"| {' | '.join(cells)} |")
     return [*ENGINES, *sorted(lines, key=lambda line: line.startswith("| this bench"))]
@@ -146,13 +146,13 @@ def stored() -> pd.DataFrame:
 
 def known() -> list[str]:
     """Known engines with the steps of games, and the splitting of this bench beside them."""
-    table = engines.overview(stored())
+    table = engines_shown.overview(stored())
     lines = [
-        f"| {row.engine} | {row.setting} | {' | '.join(shown(row[step], '.1e', '–', ' m') for step in engines.OVERVIEW)} "
+        f"| {row.engine} | {row.setting} | {' | '.join(shown(row[step], '.1e', '–', ' m') for step in engines_shown.OVERVIEW)} "
         f"| {shown(row.until, '.2g', '–', ' s')} | {row.limit} |"
         for _, row in table.iterrows()
     ]
-    ours = [shown(value(engines.OURS, "strang", h=h), ".1e", "–", " m") for h in engines.OVERVIEW.values()]
+    ours = [shown(value(programs.OURS, "strang", h=h), ".1e", "–", " m") for h in engines_shown.OVERVIEW.values()]
     return [
         *KNOWN,
         *lines,
@@ -162,8 +162,8 @@ def known() -> list[str]:
 
 def energies() -> list[str]:
     """What becomes of the energy in known engines, and how small their errors get."""
-    table = engines.tables(stored())["energy"]
-    table = table[table.engine.isin(engines.KNOWN) & table.setting.isin((engines.DEFAULT, engines.BEST))]
+    table = engines_shown.tables(stored())["energy"]
+    table = table[table.engine.isin(engines_shown.KNOWN) & table.setting.isin((programs.DEFAULT, programs.BEST))]
     lines = []
     for _, row in table.iterrows():
         setting = row.setting if row.integrator == row.setting else f"{row.setting}: {row.integrator}"
@@ -177,25 +177,25 @@ def energies() -> list[str]:
 
 def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
     """What is stored of a run; NaN if it gave up."""
-    rows = engines.runs(stored(), sweep=False)
+    rows = engines_shown.runs(stored(), sweep=False)
     (found,) = rows[(rows.engine == engine) & (rows.integrator == kind) & (rows.case == case) & (rows.h == h)][column]
     return float(found)
 
 
 def story() -> list[str]:
     """What the rows say, in sentences with their numbers."""
-    rows = engines.runs(stored(), sweep=False)
-    rows = rows[(rows.status == "done") & rows.engine.ne(engines.OURS)]
+    rows = engines_shown.runs(stored(), sweep=False)
+    rows = rows[(rows.status == "done") & rows.engine.ne(programs.OURS)]
     finest = rows[rows.h == rows.groupby(["case", "engine", "integrator"]).h.transform("min")]
-    racket, default = finest[finest.case == "racket"], rows[rows.setting == engines.DEFAULT]
+    racket, default = finest[finest.case == "racket"], rows[rows.setting == programs.DEFAULT]
     never = racket[racket.turns_over.isna()]
-    lost, without = (sorted(set(never[never.setting == word].engine)) for word in (engines.DEFAULT, engines.BEST))
+    lost, without = (sorted(set(never[never.setting == word].engine)) for word in (programs.DEFAULT, programs.BEST))
     without = sorted(set(without) & set(lost))
-    without += sorted(set(lost) & {name for name, engine in engines.ENGINES.items() if len(engine.integrators) == 1})
+    without += sorted(set(lost) & {name for name, engine in programs.ENGINES.items() if len(engine.integrators) == 1})
     games = default[(default.case == "slow") & (default.h == 1 / 60)]
-    near = sorted(set(games[games.until >= engines.UNTIL].engine))
-    far = games[games.until < engines.UNTIL].until
-    family = engines.families(stored())[0]
+    near = sorted(set(games[games.until >= programs.UNTIL].engine))
+    far = games[games.until < programs.UNTIL].until
+    family = engines_shown.families(stored())[0]
     spins = {name: 10 + value(name, "default", column="spin") for name in ("cannon-es", "PhysX", "Jolt", "Havok")}
     releases = {"3.6": "MuJoCo 3.6", "3.10": "MuJoCo 3.10", "3.17": "MuJoCo 3", "4.0": "MuJoCo"}
     box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}
@@ -224,7 +224,7 @@ def shown(number: float, form: str, none: str, unit: str = "") -> str:
     return none if pd.isna(number) else f"{number:{form}}{unit}"
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story, energies, programs], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story, energies, sweep], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:

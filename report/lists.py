@@ -2,8 +2,9 @@
 
 import pandas as pd
 
-from lagrange_bench.experiments import engines
+from lagrange_bench.experiments.engines_shown import OVERVIEW, overview
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
+from lagrange_bench.experiments.programs import OURS, UNTIL
 from lagrange_bench.integrators.interface import INVARIANTS, Method, needed
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
@@ -60,22 +61,22 @@ def built_in_potentials() -> pd.DataFrame:
 
 
 def programs(rows: pd.DataFrame) -> pd.DataFrame:
-    """How far engines are off on a slow top, as `engines.overview` has it; empty where no engine was run.
+    """How far engines are off on a slow top, as `overview` has it; empty where no engine was run.
 
     Columns without a number are left out.
     """
-    if rows.empty or rows.engine.eq(engines.OURS).all():
+    if rows.empty or rows.engine.eq(OURS).all():
         return pd.DataFrame()
-    table = engines.overview(rows)
+    table = overview(rows)
     ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
     if len(ours):
-        errors = dict.fromkeys(engines.OVERVIEW, ours.position.max())
-        line = {"engine": "this bench", "setting": "backlund, any step", **errors, "until": engines.UNTIL}
+        errors = dict.fromkeys(OVERVIEW, ours.position.max())
+        line = {"engine": "this bench", "setting": "backlund, any step", **errors, "until": UNTIL}
         line["limit"] = "the exact motion"
         table = pd.concat([table, pd.DataFrame([line])], ignore_index=True)
-    measured = table[list(engines.OVERVIEW)].iloc[: -1 if len(ours) else None].notna().any()
+    measured = table[list(OVERVIEW)].iloc[: -1 if len(ours) else None].notna().any()
     table["limit"] = table.limit.str.removeprefix("the ")
     table = table.drop(columns=measured.index[~measured]).dropna(axis="columns", how="all")
     heads = {"engine": "program", "until": "within 10 cm for, s", "limit": "smaller steps lead to"}
-    heads |= {name: f"error at {name}, m" for name in engines.OVERVIEW}
+    heads |= {name: f"error at {name}, m" for name in OVERVIEW}
     return table.rename(columns=heads)

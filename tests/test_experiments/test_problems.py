@@ -9,7 +9,17 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.experiments import cost, drift, engines, heavy_top, perturbed, phase, work_precision
+from lagrange_bench.experiments import (
+    cost,
+    drift,
+    engines,
+    engines_shown,
+    heavy_top,
+    perturbed,
+    phase,
+    programs,
+    work_precision,
+)
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.states import PROBLEMS, find
 from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integrate, sin
@@ -94,7 +104,7 @@ def start(taken, _, body, kind, h, rail=False):
 
 
 def fake(taken=lambda n: None, package="numpy", release=""):
-    return engines.Engine(partial(start, taken), package, {"one": ""}, release=release)
+    return programs.Engine(partial(start, taken), package, {"one": ""}, release=release)
 
 
 def test_errors_and_orders_are_those_of_the_adapter(monkeypatch):
@@ -130,7 +140,7 @@ def test_what_an_engine_tends_to():
     kinds = {
         "right": (stored("right", "default", falling), "the exact motion"),
         "single": (stored("single", "best", level), "the exact motion, to round-off"),
-        "level": (stored("level", "best", level), "errors stay at 0.002 m: another motion, damping or a cap?"),
+        "level": (stored("level", "best", level), "errors of 0.002 m: another motion?"),
         "damped": (stored("damped", "best", falling, spin=-0.2), "another motion: damping"),
         "bare": (stored("bare", "best", falling, turns_over=np.nan), "another motion: no gyroscopic torque"),
         "other": (stored("other", "", falling), None),
@@ -146,16 +156,16 @@ def test_what_an_engine_tends_to():
         0.06,
         1 / 4096,
     ]
-    lines = engines.overview(rows, kinds).set_index("engine")
+    lines = engines_shown.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
     assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
     few = pd.DataFrame(stored("right", "best", falling)[:1])
-    assert np.isnan(engines.overview(few, ["right"])["1/1024 s"].iloc[0])
-    part = engines.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
+    assert np.isnan(engines_shown.overview(few, ["right"])["1/1024 s"].iloc[0])
+    part = engines_shown.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
     assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2], (
         "Euler and RK4 are missing"
     )
-    found = [[name for name, _, _ in family] for family in engines.families(rows)]
+    found = [[name for name, _, _ in family] for family in engines_shown.families(rows)]
     assert sorted(map(sorted, found)) == [["bare", "damped", "other", "right"], ["level", "single"]]
     assert found[0][0] == "right"
     figures = engines.draw(rows)
@@ -163,7 +173,7 @@ def test_what_an_engine_tends_to():
     labels = [label.get_text() for label in figures["families"].axes[0].get_figure().legends[0].get_texts()]
     assert labels == ["right, damped, bare, other", "single, level"]
     times = figures["racket"].axes[0].get_lines()[1].get_xdata()
-    assert list(times) == [2.6, 2.6, 2.6, 2.6, engines.RACKET.until], "the last never turns over"
+    assert list(times) == [2.6, 2.6, 2.6, 2.6, programs.RACKET.until], "the last never turns over"
 
 
 def test_an_engine_that_gives_up_is_a_result(monkeypatch):
@@ -208,15 +218,15 @@ def test_followed_bodies(monkeypatch):
     assert (wrong["precision"], wrong["energy"] < -0.1, wrong["until"]) == ("single", True, 2.0)
     (racket,) = engines.measure({**cell, "case": "racket", "integrator": "one", "h": 0.25})
     assert ("position" in racket, racket["until"], racket["turns_over"]) == (False, 5.0, 2.75)
-    exact = engines.RACKET.solution([2.5, 2.75]).omega_body[:, engines.AXIS]
+    exact = programs.RACKET.solution([2.5, 2.75]).omega_body[:, programs.AXIS]
     assert exact[0] > 0 > exact[1]
     (far,) = engines.measure({**cell, "h": 0.5})
     assert (far["rotation"], far["until"]) == (pytest.approx(0.25, rel=1e-4), 0.5)
 
 
 def test_an_energy_and_a_spin_that_are_lost():
-    rows = start(lambda n: None, None, engines.adapters.Body.of(engines.RACKET), "wrong", 1e-3, False)(100, 10)
-    found = engines.errors(engines.RACKET, np.arange(1, 11) * 0.01, rows)
+    rows = start(lambda n: None, None, programs.adapters.Body.of(programs.RACKET), "wrong", 1e-3, False)(100, 10)
+    found = engines.errors(programs.RACKET, np.arange(1, 11) * 0.01, rows)
     assert (found["energy"], found["spin"]) == (pytest.approx(-0.75, abs=1e-6), pytest.approx(-2.5, abs=1e-3))
     assert np.isnan(found["turns_over"])
     assert found["energy_growth"] == pytest.approx(0.0, abs=1e-6), "lost at once"
@@ -224,12 +234,12 @@ def test_an_energy_and_a_spin_that_are_lost():
 
 def test_an_energy_that_grows():
     t = np.arange(1, 513) / 256
-    exact = engines.RACKET.solution(t)
+    exact = programs.RACKET.solution(t)
     turns, omega = exact.rotation.as_matrix(), exact.omega_world
 
     def growth(factors):
         rows = [(np.zeros(3), *row) for row in zip(turns, omega * factors[:, None], strict=True)]
-        return engines.errors(engines.RACKET, t, rows)["energy_growth"]
+        return engines.errors(programs.RACKET, t, rows)["energy_growth"]
 
     assert growth(1 + 1e-6 * t) == pytest.approx(1.0, abs=1e-3)
     assert growth(1 + 1e-6 * t**2) == pytest.approx(2.0, abs=1e-2)
@@ -242,12 +252,12 @@ def test_each_engine_says_what_it_needs():
     cells = engines.cells("full")
     assert {cell["engine"] for cell in cells} == set(engines.ENGINES)
     assert {cell["engine"] for cell in engines.cells("quick")} == {engines.OURS}
-    text = (engines.adapters.WEB / "package.json").read_text("utf-8")
+    text = (programs.adapters.WEB / "package.json").read_text("utf-8")
     pinned = json.loads(text)["dependencies"]
-    web = {engine.package: engine for engine in engines.ENGINES.values() if isinstance(engine, engines.WebEngine)}
+    web = {engine.package: engine for engine in engines.ENGINES.values() if isinstance(engine, programs.WebEngine)}
     assert (set(pinned), "http" in text) == (set(web), False)
     for engine in web.values():
-        assert (engines.adapters.WEB / f"{engine.start.args[0]}.mjs").is_file()
+        assert (programs.adapters.WEB / f"{engine.start.args[0]}.mjs").is_file()
 
 
 ORDERS = [

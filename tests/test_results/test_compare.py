@@ -228,7 +228,9 @@ def test_compiled_methods_are_held_to_the_bit():
 
 
 ROOT = Path(__file__).resolve().parents[2]
-COMPUTED = {(e, m) for e in ("drift", "phase") for m in ("rk4", "kahan", "bobenko_suris", "backlund", "taylor")}
+COMPUTED = {
+    (e, m) for e in ("drift", "phase", "engines") for m in ("rk4", "kahan", "bobenko_suris", "backlund", "taylor")
+}
 
 
 INTERPRETED = """
@@ -289,7 +291,10 @@ def test_an_edit_marks_the_cells_that_depend_on_the_file():
         "lagrange_bench/experiments/drift.py": of("drift"),
         "lagrange_bench/experiments/measuring/states.py": COMPUTED,
         "lagrange_bench/integrators/registry.py": set(),
+        "lagrange_bench/experiments/programs.py": of("engines"),
         "lagrange_bench/experiments/drawing/style.py": set(),
+        "lagrange_bench/experiments/engines_shown.py": set(),
+        "lagrange_bench/experiments/heavy_top.py": set(),
         "lagrange_bench/results/store.py": set(),
         "lagrange_bench/runner/workers.py": set(),
     }.items():
