@@ -1,1 +1,1 @@
-"""What experiments draw with: the look of figures, SVG and PDF, tables."""
+"""Drawing tools of the experiments: the look of figures, SVG and PDF files, tables."""

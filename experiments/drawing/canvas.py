@@ -1,7 +1,7 @@
-"""The canvas of every figure: sizes, fonts, panels, ticks and plain text. What methods look like is not its concern.
+"""The canvas of every figure: sizes, fonts, panels, ticks and plain text. The looks of methods are in `looks`.
 
-Text in SVG files is text: a reader can search and copy it. Where there is no DejaVu Sans, Verdana has the same widths; PDF and
-PNG have the font in them.
+Text in SVG files is text, so a reader can search and copy it. Without DejaVu Sans a browser takes Verdana, which has the same
+widths. PDF and PNG files contain the font.
 """
 
 import math
@@ -23,22 +23,22 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocato
 from lagrange_bench.experiments.drawing.tables import show
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
-TALLEST = 9.2  # inches: what a journal page holds
-LONGEST = 44  # letters of a label in a column
+TALLEST = 9.2  # inches: the height of a journal page
+LONGEST = 44  # letters in a line of a label in a column
 _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
 HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
 ARCHIVED: ContextVar[bool] = ContextVar("methods of the archive are drawn, too", default=False)
 _LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
-DECADES = 4  # an axis of more has no ticks between the powers of ten
-LESS = 0.6  # decades: an axis of less has no room for numbers at 1, 2 and 5
+DECADES = 4  # an axis of more decades has no ticks between the powers of ten
+LESS = 0.6  # an axis of fewer decades has no room for numbers at 1, 2 and 5
 INK, FAINT = "#222222", "#6b6b6b"
-TITLE = "title: "  # before the name of a line, as its gid: what an SVG shows of a line pointed at
+TITLE = "title: "  # begins the gid of a line; the rest is the name that an SVG shows where one points at the line
 
 RC: Any = {
     "svg.hashsalt": "lagrange-bench",  # ids in an SVG depend on its content only: same rows, same bytes
     "svg.fonttype": "none",
     "pdf.fonttype": 42,  # TrueType, which journals ask for
-    "savefig.dpi": 200,  # of what is rasterized inside an SVG
+    "savefig.dpi": 200,  # of pixels inside an SVG
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine lays out the same figure
     "font.size": 8,
     "axes.labelsize": 8,
@@ -46,7 +46,7 @@ RC: Any = {
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
     "axes.titlepad": 5,
-    "axes.titley": 1.0,  # where it would be anyhow, but nobody has to search
+    "axes.titley": 1.0,  # the usual place, but matplotlib need not search for it
     "legend.fontsize": 7.5,
     "legend.frameon": False,
     "legend.handlelength": 2.4,
@@ -74,14 +74,14 @@ RC |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.ite
 
 
 class Figure(matplotlib.figure.Figure):
-    """A matplotlib figure with the sentence that goes below it. Belongs to no pyplot, so nothing leaks."""
+    """A matplotlib figure with its caption. pyplot does not know it, so it goes when nobody uses it."""
 
     caption: str = ""
-    headline: str = ""  # what the rows show, in a few words
-    stacked: Any = None  # the panels as they would be side by side, where they are on top of each other
+    headline: str = ""  # the finding, in a few words
+    stacked: Any = None  # of panels on top of each other, the grid that they have side by side
 
     def savefig(self, *args: Any, **settings: Any) -> None:
-        """In this style, whatever the reader's own matplotlibrc says."""
+        """Save in this style, whatever the user's matplotlibrc says."""
         with apply():
             super().savefig(*args, **settings)
 
@@ -92,7 +92,7 @@ class Figure(matplotlib.figure.Figure):
 
 
 def _choose_ticks(ax: Axes) -> None:
-    """On logarithmic axes: none between the powers of ten of many decades; labels of x that do not touch on few."""
+    """On logarithmic axes: no ticks between the powers of ten of many decades, and labels of x that do not touch on few."""
     for axis, scale, limits in ((ax.xaxis, ax.get_xscale(), ax.get_xlim()), (ax.yaxis, ax.get_yscale(), ax.get_ylim())):
         if scale != "log":
             continue
@@ -106,10 +106,11 @@ def _choose_ticks(ax: Axes) -> None:
 
 @contextmanager
 def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool = False) -> Iterator[None]:
-    """The style, whatever the reader's own matplotlibrc says. Draw and save inside.
+    """Use this style inside the block, to draw and to save, whatever the user's matplotlibrc says.
 
-    width : "column" or "page", of every figure drawn inside; None leaves it to who draws. highlight : methods that stand
-    out, as those of plug-ins do. archive : whether figures of many methods show those of the archive, too.
+    width : "column" or "page", for every figure drawn inside; None: each has its own. highlight : methods that stand out, as
+    methods of plug-ins do. archive : whether figures of many methods show the methods of the archive, too. ValueError : another
+    width.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
@@ -127,7 +128,7 @@ def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool
 
 @contextmanager
 def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
-    """Figures that are printed inside have these limits in every panel: xlim, ylim, as of `set_xlim`."""
+    """Give every panel of the figures that are printed inside the block these limits: xlim, ylim, as of `set_xlim`."""
     before = _LIMITS.set({name: pair for name, pair in ends.items() if pair is not None})
     try:
         yield
@@ -136,15 +137,15 @@ def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
 
 
 def width() -> str:
-    """Of a figure meant for a page: "page", or "column" where `apply` forces that."""
+    """The width of a figure meant for a page: "page", or "column" inside `apply("column")`."""
     return _FORCED.get() or "page"
 
 
 def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
     """A figure and its axes, as `Figure.subplots(**subplots)` gives them.
 
-    width : "column" (3.4 in), "page" (7 in) or inches. height : inches; default: the width's share of each row of axes.
-    Where `apply` forces another width, a figure meant for a page has its panels one below the other in a column.
+    width : "column" (3.4 in), "page" (7 in) or inches. height : inches; by default in proportion to the width of a panel.
+    Inside `apply("column")`, a figure meant for a page has its panels one below the other.
     """
     inches = WIDTHS[width] if isinstance(width, str) else width
     rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
@@ -152,7 +153,7 @@ def figure(width: str | float = "page", height: float | None = None, **subplots:
         height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
     forced, stacked, panels_high = _FORCED.get(), False, height * columns
     if forced is not None and WIDTHS[forced] != inches:
-        # a list of many rows gets narrower, but not shorter; more panels than a page holds are there to be scrolled
+        # a list of many rows gets narrower, but not shorter; a reader scrolls more panels than a page holds
         many = panels_high > 1.6 * TALLEST
         stacked = forced == "column" and columns > 1 and (rows > 1 or not many)
         inches, height = WIDTHS[forced], panels_high if stacked else height
@@ -166,7 +167,7 @@ def figure(width: str | float = "page", height: float | None = None, **subplots:
 
 
 def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, **more: Any) -> Any:
-    """Axes as `Figure.subplots` makes them, but all in one column; what they share they share."""
+    """Axes as `Figure.subplots` makes them and with the same shared axes, but all in one column."""
     grid = np.empty((nrows, ncols), dtype=object)
     for i, j in np.ndindex(nrows, ncols):
         firsts = {True: grid[0, 0], "all": grid[0, 0], "row": grid[i, 0], "col": grid[0, j]}
@@ -178,7 +179,7 @@ def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, 
 def panels(
     titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
-    """A panel for each title, so many to a row; `heights` of the figure without them, and of a row, in inches."""
+    """A figure with a panel for each title, `columns` to a row. heights : inches, of the figure without rows, and of a row."""
     columns = min(columns, len(titles))
     rows = -(-len(titles) // columns)
     fig, grid = figure("page", heights[0] + heights[1] * rows, nrows=rows, ncols=columns, squeeze=False, **shared)
@@ -198,7 +199,7 @@ def panels(
 
 
 def plain(name: str) -> str:
-    """A name as text of a figure: no formula, whatever dollars are in it, and nothing that cannot be printed."""
+    """A name as text of a figure: dollars in it make no formula, and nothing is left that cannot be printed."""
     return printable(name).replace("$", r"\$")
 
 
@@ -207,7 +208,7 @@ def printable(text: str) -> str:
 
 
 def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]]) -> None:
-    """Limits of xlim and ylim. ValueError: those of a logarithmic axis are not positive; matplotlib would ignore them."""
+    """Set xlim and ylim. ValueError: limits of a logarithmic axis are not positive; matplotlib would ignore them."""
     for name, ends in limits.items():
         if getattr(ax, f"get_{name[0]}scale")() == "log" and any(end is not None and end <= 0 for end in ends):
             given = ", ".join("None" if end is None else f"{end:g}" for end in ends)
@@ -216,10 +217,10 @@ def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]])
 
 
 def finish(fig: matplotlib.figure.Figure) -> None:
-    """Makes a figure ready to be saved; panels on top of each other get the labels they had from their neighbours."""
+    """Make a figure ready to be saved. Panels on top of each other get the labels that they shared side by side."""
     for ax in fig.axes:
         set_limits(ax, _LIMITS.get())
-        _choose_ticks(ax)  # or thousands of them are made, to be looked at and thrown away
+        _choose_ticks(ax)  # or matplotlib makes thousands, and throws them away
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
             place = ax.get_subplotspec()
@@ -239,12 +240,12 @@ def finish(fig: matplotlib.figure.Figure) -> None:
         lowest = [ax.get_xlabel() for ax in column if ax.get_xlabel()][-1:]
         for ax in column:
             ax.set_xlabel(ax.get_xlabel() or "".join(lowest))
-    if len(left) < grid.size:  # close the gaps of panels that were taken out
+    if len(left) < grid.size:  # close the gaps of removed panels
         fig.set_figheight(fig.get_figheight() * len(left) / grid.size)
         places = fig.add_gridspec(len(left), 1)
         for i, ax in enumerate(left):
             ax.set_subplotspec(places[i])
-    for ax, below in pairwise(left):  # on one scale of x, the lowest panel names it for all
+    for ax, below in pairwise(left):  # the lowest panel names a shared x
         if ax.get_shared_x_axes().joined(ax, below):
             below.set_xlabel(below.get_xlabel() or ax.get_xlabel())
             ax.set_xlabel("")
@@ -252,12 +253,12 @@ def finish(fig: matplotlib.figure.Figure) -> None:
 
 
 def title(text: str) -> str:
-    """The gid of a line that an SVG is to name by this text where one points at it."""
+    """The gid of a line: an SVG shows this text where one points at the line."""
     return TITLE + printable(text).replace(r"\$", "$")
 
 
 def few_decades(axis: Any, decades: float = 1.0) -> None:
-    """Plain numbers for a logarithmic axis of a decade or two: at 1, 2 and 5; at 1 and 3 if it has more than one decade."""
+    """Plain numbers on a logarithmic axis of a decade or two: at 1, 2 and 5, or at 1 and 3 if it has more than one decade."""
     digits = (1, 3) if decades > 1 else (1, 2, 5)
     axis.set_major_locator(LogLocator(subs=digits) if decades > LESS else MaxNLocator(2, steps=(1, 2, 5, 10)))
     axis.set_major_formatter(lambda value, _: show(float(value)))

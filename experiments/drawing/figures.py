@@ -1,4 +1,4 @@
-"""A figure as SVG, PDF or PNG, the same bytes every time; and as SVG inside a page next to others."""
+"""Figures as SVG, PDF or PNG files, the same bytes every time, and as SVG inside a page."""
 
 import io
 import re
@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from lagrange_bench.experiments.drawing import style
 
-LEAST_POINTS = 3  # of what is worth a figure of the page
-WIDE = 360  # points: a figure wider than a column gets a row of the page to itself
-DPI = {"column": 600, "page": 400}  # of a PNG: what journals ask for line art
+LEAST_POINTS = 3  # of a line, dots or bars that are worth a figure of the page
+WIDE = 360  # points: a wider figure gets a row of the page to itself
+DPI = {"column": 600, "page": 400}  # of a PNG: journals ask for this much in line art
 
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
@@ -26,9 +26,9 @@ TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 
 
 def svg(figure: Figure) -> str:
-    """The figure as a complete SVG document: no date, no version, so the same figure is the same text.
+    """The figure as a complete SVG document, without date and version, so that the same figure is the same text.
 
-    A line says whose it is where one points at it, and text has another font where there is no DejaVu Sans.
+    A line shows its name where one points at it. Without DejaVu Sans, text has another font.
     """
     without = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     document = _printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode()
@@ -37,13 +37,13 @@ def svg(figure: Figure) -> str:
 
 
 def pdf(figure: Figure) -> bytes:
-    """The figure as PDF, fonts embedded as TrueType: text can be searched, and no date is in it."""
+    """The figure as PDF, without date, with embedded TrueType fonts: text can be searched."""
     without = dict.fromkeys(("CreationDate", "Creator", "Producer"))
     return _printed(figure, FigureCanvasPdf, "pdf", style.RC["savefig.dpi"], without)
 
 
 def wide(figure: Figure) -> bool:
-    """Whether it is wider than a column."""
+    """Whether the figure is wider than a column."""
     return bool(72 * figure.get_figwidth() > WIDE)
 
 
@@ -54,7 +54,7 @@ def png(figure: Figure) -> bytes:
 
 
 def worth_a_look(figure: Figure) -> bool:
-    """Whether it has a line of three points, or as many dots or bars, or a picture of two columns."""
+    """Whether the figure has a line of three points, or as many dots or bars, or a picture of two columns."""
     lines = [np.asarray(line.get_xydata(), dtype=float) for ax in figure.axes for line in ax.lines]
     sizes = [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
     sizes += [np.asarray(dots.get_offsets()).shape[0] for ax in figure.axes for dots in ax.collections]
@@ -73,7 +73,7 @@ FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figur
 
 
 def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:
-    """Not by figure.savefig: that would lay everything out once more before it prints. dpi: of what is pixels."""
+    """The bytes of a file. figure.savefig would lay everything out twice. dpi : of pixels in it."""
     style.finish(figure)
     for line in (line for ax in figure.axes for line in ax.lines):
         if line.get_gid() is None and not str(line.get_label()).startswith("_"):
@@ -89,7 +89,7 @@ def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[
 
 
 def inline(document: str, prefix: str, label: str) -> str:
-    """The `<svg>` element of a document for a page with others: ids get a prefix, a reader gets a label."""
+    """The `<svg>` element of a document for a page with others. prefix : of its ids. label : for screen readers."""
     element = document[document.index("<svg") :]
     element = re.sub(r"<style.*?</style>", "", element, flags=re.DOTALL)  # would style the page; page.css has it
     element = re.sub(r'(\bid="|href="#|url\(#)', lambda match: f"{match[1]}{prefix}-", element)

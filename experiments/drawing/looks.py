@@ -1,9 +1,9 @@
 """What methods look like: name → label, colour, marker, line style.
 
-Colours go by family. They are the hues of Okabe and Ito, safe for colour-blind readers, with yellow and orange darkened
-so that text in them can be read. Shades, markers and dashes go by the place of a method within its family, so a figure
-also reads in grey. A method nobody registered gets a grey of its own, always the same. One of a plug-in, or a
-highlighted one, has black dashes, which no method of the bench has, and is named in every figure.
+Each family has a colour. The colours are the hues of Okabe and Ito, safe for colour-blind readers, with yellow and orange
+darkened so that text in them can be read. The place of a method in its family gives shade, marker and dashes, so a figure also
+reads in grey. A method that is not registered has a grey of its own, always the same. Methods of plug-ins and highlighted methods
+have black dashes, which no method of the bench has, and are named in every figure.
 """
 
 import hashlib
@@ -20,9 +20,9 @@ from matplotlib.colors import to_rgb
 from lagrange_bench.experiments.drawing.canvas import ARCHIVED, HIGHLIGHTED, plain, printable, title
 from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored_method, without_archive
 
-CONTRAST = 4.5  # of coloured text on white, as WCAG asks for
+CONTRAST = 4.5  # of coloured text on white; WCAG asks for it
 
-# family → (colours, markers), used in registry order within the family; no crosses: where a method failed there is one
+# family → (colours, markers), in registry order within the family; no crosses: they show where a method failed
 FAMILIES: dict[str, tuple[Sequence[str], str]] = {
     "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
     "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
@@ -47,18 +47,18 @@ TITLES = {
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+312")
-OWN = "#000000"  # of what stands out, with these markers and dashes
+OWN = "#000000"  # colour of methods that stand out, with these markers and dashes
 OWN_MARKERS = "*Phd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
 EXACT_STEPS = ("backlund", "backlund_splitting")
 MOST_NAMED = 6
 GREY = "#c2c2c2"
-FEW = MANY  # methods: all of so many can be named
+FEW = MANY  # up to so many methods are all named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 def of(method: str) -> dict[str, Any]:
-    """label, color, marker, linestyle of a method: keywords for `Axes.plot`, which would read a label as a formula."""
+    """label, color, marker and linestyle of a method: keywords for `Axes.plot`, with a label that makes no formula."""
     look = _look(method)
     return {**look, "label": plain(look["label"])}
 
@@ -68,7 +68,7 @@ def _look(method: str) -> dict[str, Any]:
     mine = _standing_out()
     if method not in mine and ":" not in method:
         return look
-    with suppress(Exception):  # one that cannot be loaded here keeps the name that it has in the rows
+    with suppress(Exception):  # a method that cannot be loaded here keeps its name in the rows
         look = {**look, "label": find_stored_method(method).label}
     place = mine.index(method) if method in mine else _digest(method)
     marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
@@ -76,23 +76,23 @@ def _look(method: str) -> dict[str, Any]:
 
 
 def _standing_out() -> list[str]:
-    """The methods with the reserved look: those of plug-ins, and the highlighted ones."""
+    """The methods with the reserved look: of plug-ins, and highlighted ones."""
     return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *HIGHLIGHTED.get())))
 
 
 def label(method: str) -> str:
-    """What a table or a sentence calls a method. In a figure: `plain(label(method))`, or the label of `of`."""
+    """The name of a method in tables and sentences. In a figure: `plain(label(method))`, or the label of `of`."""
     return printable(_look(method)["label"])
 
 
 def ordered(methods: Iterable[str]) -> list[str]:
-    """Distinct names in legend order: the registry's, then the unknown ones by name."""
+    """Distinct names in legend order: registered methods in the registry's order, then the others by name."""
     known = list(_known(METHODS.state)[1])
     return sorted(set(methods), key=lambda name: (known.index(name) if name in known else len(known), name))
 
 
 def shown(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the methods that figures show: of many those that are not in the archive, unless they stand out."""
+    """The rows that figures show: of many methods the archive is left out, except methods that stand out."""
     if ARCHIVED.get() or "method" not in rows:
         return rows
     names = [*without_archive(rows.method.dropna()), *_standing_out()]
@@ -100,14 +100,14 @@ def shown(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def family(method: str) -> str:
-    """The family a method is drawn with: its own if that has colours here, else OTHERS."""
+    """The family that a method is drawn with: its own if it has colours here, otherwise OTHERS."""
     return _known(METHODS.state)[0].get(method, OTHERS)
 
 
 def looks(methods: Iterable[str], named: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """The look of each method where some are named and bold, in legend order; what stands out, and FEW, are all named.
+    """The look of each method, in legend order. Up to FEW methods are all bold and named. Methods that stand out are named, too.
 
-    named : the most important first; MOST_NAMED of them are, and the exact step.
+    named : which of more methods are bold, the most important first: the exact steps and these, MOST_NAMED in all.
     """
     names = ordered(methods)
     first = [name for name in dict.fromkeys((*EXACT_STEPS, *named)) if name in names]
@@ -117,14 +117,14 @@ def looks(methods: Iterable[str], named: Iterable[str]) -> dict[str, dict[str, A
 
 
 def naming(methods: Collection[str], chosen: str) -> str:
-    """What a caption says of the lines of `looks`; chosen : which are named, if not all."""
+    """What a caption says of the lines of `looks`. chosen : the words for the named ones, if not all are named."""
     if len(set(methods)) <= FEW:
         return "Every method is named"
     return f"Grey: the other methods; {chosen}"
 
 
 def thin(method: str) -> dict[str, Any]:
-    """A method in the background: grey, its name only where one points at it."""
+    """A method in the background: grey, with its name only where one points at it."""
     return {"color": GREY, "linewidth": 0.6, "label": "_thin", "gid": title(label(method))}
 
 
@@ -136,9 +136,9 @@ def bold(method: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _known(state: tuple[int, int]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
-    """Family and style of each registered method, as the registry is in this state.
+    """Family and style of each registered method, for this state of the registry.
 
-    A method that cannot be loaded here may still have rows: it is drawn as a stranger.
+    A method that cannot be loaded here may still have rows, and is drawn as a stranger.
     """
     families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}
@@ -170,7 +170,7 @@ def _style(text: str, colours: Sequence[str], markers: str, place: int) -> dict[
 
 
 def readable(colour: Any) -> tuple[float, float, float]:
-    """The colour, darkened as far as text in it needs on white."""
+    """The colour, darkened until text in it can be read on white."""
     rgb = np.array(to_rgb(colour))
     while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
         rgb *= 0.97

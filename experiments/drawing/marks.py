@@ -1,7 +1,7 @@
 """Marks and names in panels, by the looks of methods.
 
-Forty lines in one panel are not readable. Either every family has a panel of its own (`by_family`), or all are thin
-but the best of each (`looks`). Lines are named where they end (`label_ends`), not in a legend.
+Forty lines in one panel are not readable. So every family has a panel of its own (`by_family`), or all lines are thin except the
+best of each family (`looks`). Lines are named where they end (`label_ends`), not in a legend.
 """
 
 import math
@@ -37,15 +37,16 @@ from lagrange_bench.integrators.registry import METHODS
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 REFERENCE = "backlund"  # pale in every panel of small multiples
 LEAST = 1e-17  # where an error of 0 is drawn
-WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # what names of lines call columns
+WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # column → its word in the names of lines
 
 
 def draw_method(
     ax: Axes, rows: pd.DataFrame, method: str, x: str, y: str, look: dict[str, Any], log: Sequence[bool] = (True, True)
 ) -> None:
-    """y against x of what one method has in `rows`, on logarithmic axes its absolute value.
+    """Draw y against x for one method of `rows`; on a logarithmic axis the absolute value.
 
-    Crosses where it failed; or, of one that only failed at no x, before its name. Not of a line without a name.
+    A cross marks each x at which the method failed. A method without result and without such an x has a cross before its name.
+    A line without a name has no crosses.
     """
     mine = rows[rows.method == method]
     good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna() & ((mine[x] > 0) | (not log[0]))]
@@ -68,9 +69,9 @@ def draw_lines(
     looks: Mapping[str, dict[str, Any]],
     log: Sequence[bool] = (True, True),
 ) -> None:
-    """`draw_method` of each method in `looks`; a line for each set of values of the columns `apart`.
+    """`draw_method` for each method in `looks`, with a line for each set of values of the columns `apart`.
 
-    The lines of one method differ by their dashes, and their names say the values. Rows are joined in their order.
+    The lines of one method differ by their dashes, and their names say the values. A line joins rows in their order.
     """
     for method, look in looks.items():
         for i, (words, line) in enumerate(lines(rows[rows.method == method], apart)):
@@ -82,7 +83,7 @@ def draw_lines(
 
 
 def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.DataFrame]]:
-    """The rows of each line of one method, and what its name says of the columns that differ."""
+    """For each line of one method: the words of its name about the columns that differ, and its rows."""
     columns = [name for name in apart if name in rows and rows[name].nunique() > 1]
     if not columns:
         return [([], rows)]
@@ -99,7 +100,7 @@ def by_family(
 ) -> tuple[Figure, list[Axes]]:
     """Small multiples of `draw_method`: a panel for each family, two to a row, the reference pale in each, lines named.
 
-    marker : "none" for lines without any.
+    marker : "none" for lines without markers.
     """
 
     def line(ax: Axes, method: str, look: dict[str, Any]) -> None:
@@ -114,7 +115,7 @@ def by_family(
 def multiples(
     methods: Iterable[str], line: Callable[..., None], xlabel: str, ylabel: str, ylim: tuple[float, float]
 ) -> tuple[Figure, list[Axes]]:
-    """The panels of `by_family`, with lines of another kind: line(ax, method, look) draws one."""
+    """The panels of `by_family` with any lines: line(ax, method, look) draws one."""
     names = ordered(methods)
     groups = [group for group in (*FAMILIES, OTHERS) if any(family(name) == group for name in names)]
     narrow = width() == "column"
@@ -143,19 +144,19 @@ def multiples(
 
 
 def label_ends(panels: Iterable[Axes], fontsize: Any = 6.5) -> None:
-    """Write each labelled line's name where it leaves its panel, pushed apart so that none overlap. Call it last."""
+    """Write the name of each labelled line where it leaves its panel, without overlap. Call it last."""
     for ax in panels:
         _Ends(ax, fontsize)
 
 
 class _Ends(Artist):
-    """The names at the ends of the lines of a panel, those without a line (`failed_label`) on top.
+    """The names at the ends of the lines of a panel; names without a line (`failed_label`) are on top.
 
-    They are placed each time the panel is drawn, for limits and sizes may have changed: right of the panel, or, where the
-    figure has no room there, inside it. Names of lines that are not in sight are not shown.
+    They are placed each time the panel is drawn, because limits and sizes may have changed. They stand right of the panel, or
+    inside it if the figure has no room there. A line out of sight has no name.
     """
 
-    zorder = -1.0  # drawn before what it moves
+    zorder = -1.0  # drawn before the names that it moves
 
     def __init__(self, ax: Axes, fontsize: Any) -> None:
         super().__init__()
@@ -175,7 +176,7 @@ class _Ends(Artist):
         ax.add_artist(self)
 
     def draw(self, renderer: Any) -> None:
-        """Puts the names where they belong, now that the panel has its size."""
+        """Place the names, now that the panel has its size."""
         names = [*self.texts, *self.failed]
         if not names:
             return
@@ -197,7 +198,7 @@ class _Ends(Artist):
 
 
 def _has_axis_on_the_right(ax: Axes) -> bool:
-    """Whether an axis of numbers is there, of this panel or of its twin."""
+    """Whether this panel or its twin has numbers on the right."""
     return any(each.yaxis.get_ticks_position() == "right" for each in (ax, *twins(ax)))
 
 
@@ -208,7 +209,7 @@ def twins(ax: Axes) -> list[Axes]:
 
 
 def _room(ax: Axes) -> float:
-    """Pixels from the left end of a panel to the next one on its right, or the end of the figure."""
+    """Pixels from the left end of a panel to the next panel on its right, or to the end of the figure."""
     figure = ax.get_figure(root=True)
     assert figure is not None
     others = [other.bbox for other in figure.axes if other is not ax and other.bbox.x0 >= ax.bbox.x1]
@@ -217,7 +218,7 @@ def _room(ax: Axes) -> float:
 
 
 def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
-    """Where a line is last seen, in fractions of the axes; if it is only above or below, at that edge; else None."""
+    """The last visible point of a line, in fractions of the axes. A line above or below has it at that edge; others have None."""
     data = np.column_stack([np.asarray(v, dtype=float) for v in line.get_data()])
     with np.errstate(all="ignore"):
         points = ax.transAxes.inverted().transform(ax.transData.transform(data))
@@ -238,7 +239,7 @@ def _last_point(ax: Axes, line: Any) -> tuple[float, float] | None:
 
 
 def _spread(places: Sequence[float], gap: float) -> np.ndarray:
-    """Ascending places in [0, 1] moved as little as needed to lie `gap` apart, and inside the axes if they can."""
+    """Ascending places in [0, 1], moved as little as possible to lie `gap` apart, and inside the axes if there is room."""
     from scipy.optimize import isotonic_regression  # not at the start: it takes 0.2 s
 
     steps = gap * np.arange(len(places))
@@ -249,7 +250,7 @@ def _spread(places: Sequence[float], gap: float) -> np.ndarray:
 
 
 def legend_below(fig: matplotlib.figure.Figure) -> None:
-    """One legend for all axes, each name once, below them, in as many columns as fit. The figure grows by it if it can."""
+    """One legend for all axes below them, each name once, in as many columns as fit. The figure grows by it, up to TALLEST."""
     entries: dict[str, Any] = {}
     for ax in fig.axes:
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
@@ -283,7 +284,7 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> No
 
 
 def failed_label(ax: Axes, method: str) -> None:
-    """The name of a method that has nothing to show in a panel, crossed: in its corner, or where `label_ends` puts it."""
+    """The name of a method without result in a panel, with a cross, in the corner, or where `label_ends` puts it."""
     above = sum(text.get_gid() == "failed" for text in ax.texts)
     text = f"× {plain(label(method))}"
     ax.text(
@@ -293,12 +294,12 @@ def failed_label(ax: Axes, method: str) -> None:
 
 
 def ulp_line(ax: Axes) -> None:
-    """A thin line where an error is one ulp."""
+    """A thin line at an error of one ulp."""
     ax.axhline(2.0**-52, color=FAINT, linewidth=0.6)
 
 
 def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float, text: str) -> None:
-    """A thin line y ∝ x^exponent on log-log axes from `anchor` over a factor `span` in x, with its name."""
+    """A thin line y ∝ x^exponent on log-log axes, from `anchor` over a factor `span` in x, with the name `text`."""
     x0, y0 = anchor
     x1, y1 = x0 * span, y0 * span**exponent
     ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=1.0, linestyle=(0, (1, 2)), marker="none", label="_guide")

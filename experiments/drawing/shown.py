@@ -1,4 +1,4 @@
-"""What an experiment shows: its tables and figures, each made by a function of rows of one part."""
+"""Tables and figures of an experiment, each made by a function of the rows of one part."""
 
 from collections.abc import Callable, Sequence
 from functools import wraps
@@ -10,9 +10,9 @@ Made = Callable[[pd.DataFrame], dict[str, Any]]
 
 
 def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable[..., Callable[..., Any]]:
-    """Decorator of a function that makes a table or a figure: it gets the rows of one part ("": all) that are done.
+    """Decorator of a function that makes a table or a figure from the rows of one part ("": all) that are done.
 
-    It gives None if there are none. caption : of the table. failed : with the failed rows, for their crosses.
+    Without such rows the result is None. caption : of the table. failed : the function gets the failed rows, too, for crosses.
     """
 
     def decorator(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -35,9 +35,9 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
 def by_group(
     columns: Sequence[str], part: str, caption: str, failed: bool = False
 ) -> Callable[..., Callable[..., Any]]:
-    """As `of_part`, of a function that makes a line of the table: it gets the values of `columns`, and the rows that have them.
+    """As `of_part`, for a function that makes one line of a table from the values of `columns` and the rows with these values.
 
-    Lines begin with these columns; an empty one is left out.
+    Lines begin with these columns; an empty line is left out.
     """
 
     def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
@@ -54,7 +54,7 @@ def by_group(
 
 
 def tabulated(*functions: Callable[..., Any]) -> Made:
-    """The `tables` of an experiment: those that these functions make of rows, by their names, and that have lines."""
+    """The `tables` of an experiment: name of a function → the table it makes of rows, if that has lines."""
 
     def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
         made = {function.__name__: function(rows) for function in functions}
@@ -64,7 +64,7 @@ def tabulated(*functions: Callable[..., Any]) -> Made:
 
 
 def drawn(**functions: Callable[..., Any]) -> Made:
-    """The `draw` of an experiment: what these functions draw of rows in the style of all figures; None is nothing to draw."""
+    """The `draw` of an experiment: name → the figure that a function(rows, style) draws, unless that is None."""
 
     def draw(rows: pd.DataFrame) -> dict[str, Any]:
         from lagrange_bench.experiments.drawing import style

@@ -1,7 +1,7 @@
 """Numbers as a reader sees them, here and on the page; tables as HTML cells, Markdown, LaTeX (booktabs, siunitx), CSV.
 
-Measured numbers have three digits: 0.0171, 1.23×10⁻⁵. Counts are exact, 1024 and 47 369; powers of ten are 10⁴, 10⁻¹². CSV
-holds every digit.
+Measured numbers have three digits: 0.0171, 1.23×10⁻⁵. Counts are exact: 1024, 47 369. Powers of ten are 10⁴, 10⁻¹². CSV holds
+every digit.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 MISSING = "–"
-PAGE = 45  # rows of a table that fit on a page of LaTeX
+PAGE = 45  # rows that fit on a page of LaTeX
 WHOLE = 10**7  # whole numbers up to here are counts, even as floats
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 LEVEL = {raised: digit for digit, raised in SUPERSCRIPT.items()}
@@ -30,7 +30,7 @@ TEX_SPECIAL = {
     **{c: "\\" + c for c in "&%$#_{}"},
     "\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}",
     "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}", "\n": " ", "\r": " ",
-    "[": "{[}", "*": "{*}",  # a row that starts with one would become an argument of the \\ before it
+    "[": "{[}", "*": "{*}",  # at the start of a row they would be an argument of the \\ before it
     "–": "--", "—": "---", "\N{NO-BREAK SPACE}": "~", GROUP: r"\,", "…": r"\ldots{}",
 }  # fmt: skip
 GREEK = {
@@ -48,7 +48,7 @@ TEX_MATH = {
 
 
 class Cell(NamedTuple):
-    """One cell of a table: what is read, what it is sorted by, and which side it keeps to."""
+    """One cell of a table: its text, the key for sorting, and whether it is a number, at the right side."""
 
     text: str
     sort: str
@@ -56,7 +56,7 @@ class Cell(NamedTuple):
 
 
 def flat(frame: pd.DataFrame) -> pd.DataFrame:
-    """The frame with columns named by plain strings, and its index as columns unless that only counts rows."""
+    """The frame with plain strings as names of columns. Its index becomes columns, unless it only counts rows."""
     counts = frame.index.names == [None] and pd.api.types.is_integer_dtype(frame.index.dtype)
     frame = frame.reset_index(drop=counts)
     names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
@@ -64,7 +64,7 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def heading(column: Any) -> str:
-    """A column's name for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶, 32.0 is 32."""
+    """The name of a column for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶, 32.0 is 32."""
     name = str(column)
     return show(float(name)) if DECIMAL.fullmatch(name) else UNIT.sub("µs", name.replace("_", " "))
 
@@ -82,7 +82,7 @@ def markdown(frame: pd.DataFrame) -> str:
 
 
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
-    r"""A `tabular` to be \input into a table float, numbers as siunitx; a `longtable` where it would not fit on a page."""
+    r"""A `tabular` to \input into a table float, with numbers for siunitx; a `longtable` if it does not fit on a page."""
     long = len(frame) > PAGE
     body = pd.DataFrame(_body(frame, tex), columns=[_tex_text(heading(name)) for name in frame.columns])
     table = body.style.hide(axis="index").to_latex(
@@ -110,7 +110,7 @@ def _no_formula(value: Any) -> Any:
 
 
 def show(value: Any, pad: bool | None = None) -> str:
-    """A value for a reader. pad : of a measured number, whether zeros at the end stay; None: it may be a count."""
+    """A value for a reader. pad : whether a measured number keeps zeros at the end; None: the value may be a count."""
     if not _is_number(value):
         return _word(value)
     mantissa, exponent = _digits(_count(value) if pad is None else value, bool(pad))
@@ -121,12 +121,12 @@ def show(value: Any, pad: bool | None = None) -> str:
 
 
 def numbers_in(text: str) -> str:
-    """A text with the numbers in it as `show` has them: 1e-06 is 10⁻⁶."""
+    """A text with its numbers as `show` writes them: 1e-06 is 10⁻⁶."""
     return NUMBER.sub(lambda match: show(float(match[0])), text)
 
 
 def tex(value: Any, pad: bool | None = None) -> str:
-    """A value for LaTeX, as `show`: a number as siunitx prints it."""
+    """As `show`, for LaTeX: siunitx prints the number."""
     if not _is_number(value):
         return _tex_text(_word(value))
     mantissa, exponent = _digits(_count(value) if pad is None else value, bool(pad))
@@ -141,7 +141,7 @@ def _count(value: Any) -> Any:
 
 
 def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
-    """Mantissa and power of ten, in ASCII but for ∞; whole numbers exactly, in groups of three."""
+    """Mantissa and power of ten, in ASCII except for ∞. Whole numbers are exact, in groups of three from five digits on."""
     if isinstance(value, numbers.Integral):
         whole = int(value)
         zeros = len(str(whole)) - len(str(whole).rstrip("0"))
@@ -163,7 +163,7 @@ def _digits(value: Any, pad: bool) -> tuple[str, int | None]:
 
 
 def _body(frame: pd.DataFrame, text: Callable[[Any, bool], Any]) -> list[list[Any]]:
-    """Row by row the text of each value; where a number of a column needs all three digits, the others show theirs too."""
+    """Row by row the text of each value. If a number of a column needs all three digits, the others show theirs, too."""
     columns = _columns(frame)
     pads = [any(map(_needs_all, column)) for column in columns]
     return [[text(value, pad) for value, pad in zip(row, pads, strict=True)] for row in zip(*columns, strict=True)]
@@ -192,9 +192,9 @@ def _cell(value: Any, pad: bool) -> Cell:
 
 
 def _columns(frame: pd.DataFrame) -> list[list[Any]]:
-    """The values of each column; whole numbers as such where the column has no others, though it may be one of floats.
+    """The values of each column. If all its numbers are whole, they are integers, even in a column of floats.
 
-    Iterating over a frame's rows would turn whole numbers into floats.
+    A loop over the rows of a frame would turn whole numbers into floats.
     """
     columns = []
     for i in range(frame.shape[1]):
