@@ -1,18 +1,18 @@
 """The implicit midpoint rule ỹ = y + h f((y + ỹ)/2), solved to round-off.
 
-The midpoint (J̄, x̄) satisfies J̄ = J + (h/2) alpha e3×x̄ and x̄ = x + (h/2) J̄×x̄. J̄3 = J3 is known, and for given v = (h/2) J̄ the
-second equation is a Cayley transform: x̄ = x + d, d = (v×x + v×(v×x))/(1 + |v|²). What is left is one equation for
-(v1, v2), v = F(v), and F contracts by L = h²|alpha||x|/4: the Cayley transform and its inverse lengthen nothing. So for L < 1
-the step is unique. For any h the elimination of J̄1, J̄2, x̄1, x̄2 leaves one cubic for x̄3, with all its real roots in
-[−|x|, |x|]; where it has three, the step is not defined and a StepError says so.
+In a uniform field the midpoint (J̄, x̄) satisfies J̄ = J + (h/2) alpha e3×x̄ and x̄ = x + (h/2) J̄×x̄. J̄3 = J3 is known. For
+given v = (h/2) J̄ the second equation is a Cayley transform: x̄ = x + d, d = (v×x + v×(v×x))/(1 + |v|²). One equation for (v1,
+v2) is left, v = F(v). F contracts by L = h²|alpha||x|/4, because the Cayley transform and its inverse lengthen nothing. So for
+L < 1 the step is unique. For any h, eliminating J̄1, J̄2, x̄1 and x̄2 leaves one cubic for x̄3, with all its real roots in
+[−|x|, |x|]. If it has three, the step is not unique, and is refused.
 
-In any field it is Gauss collocation with one stage, and takes the kernel of `gauss`.
+In any other field the rule is Gauss collocation with one stage, by the kernel of `gauss`.
 
-All four invariants are linear or quadratic and kept (every Gauss method does); the map is symmetric, not Poisson.
+All four invariants are linear or quadratic, and conserved, as by every Gauss method. The map is symmetric, not Poisson.
 
-Round-off. Written as x̃ = x + d + v×x̄, a relative error of 1 + |v|² (whose constant part v3² is rounded the same way in every
-step) does not change |x̃| to first order; as x + 2d it does, and |x|² drifts in proportion to time. The iteration goes
-on until it stagnates: what a tolerance leaves has a direction, and drifts too.
+Round-off. In x̃ = x + d + v×x̄ a relative error of 1 + |v|² does not change |x̃| to first order. (Its constant part v3² is
+rounded the same way in every step.) In x + 2d it does, and |x|² would drift in proportion to time. The iteration goes on until
+it stagnates: the rest that a tolerance leaves has a direction, and drifts, too.
 
 Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, sections II.1.1 and IV.2.1; reduction and cubic: this project.
 """
@@ -34,15 +34,15 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.vectors import cross
 
 ALPHA, H, LARGE = range(3)  # places of the constants
-LONGEST = 100.0  # of |h|, in time scales of the top: what solving the equation leaves of the invariants grows like h²
+LONGEST = 100.0  # largest |h|, in time scales of the top: the solution's errors of the invariants grow like h²
 LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6
 NOT_CONVERGED, NOT_UNIQUE = 1, 2
 FAILURES = {
     NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
     NOT_UNIQUE: "the midpoint equation has three solutions; take a smaller |h|",
 }
-# Below this contraction the fixed point is as quick as Newton and stagnates within half an ulp of the solution; above
-# it stops an ulp or more short of it, on the side it comes from.
+# Below this contraction the fixed point is as quick as Newton, and stagnates within half an ulp of the solution. Above, it stops
+# an ulp or more before the solution, on the side it comes from.
 WEAK = 2.0**-8
 
 
@@ -70,7 +70,7 @@ def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
 
 @jit(inline=True)
 def solve(s, c, counters, newton, v1, v2):
-    """The step from a first guess of v1, v2."""
+    """One step, from a first guess of v1 and v2."""
     J1, J2, J3, x1, x2, x3 = s
     half = 0.5 * c[H]
     kick = half * c[ALPHA]
@@ -168,12 +168,12 @@ def newton_step(s, c, counters):
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """Iterates every step until it stagnates.
+    """Every step is iterated until it stagnates.
 
     Parameters
     ----------
-    solver : "fixed_point", which contracts for h²|alpha||x| < 4; "newton", for any h for which the step is
-        unique; "auto": the fixed point for h²|alpha||x| < 1/64, else Newton.
+    solver : "fixed_point", which contracts for h²|alpha||x| < 4; "newton", for any h for which the step is unique; "auto": the
+        fixed point for h²|alpha||x| < 1/64, else Newton.
     """
     check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
     check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h, LONGEST)
@@ -185,7 +185,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> F
 
 
 def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """As `prepare`; "auto" passes to Newton in a step in which the fixed point contracts by less than 10."""
+    """As `prepare`, for any problem. "auto" passes to Newton in a step in which the fixed point contracts by less than 10."""
     return stepper("implicit_midpoint", 1, problem, y0, h, solver)
 
 
@@ -194,7 +194,7 @@ METHOD = Method(
     claims=Claims(symmetric=True, conserves={"J3", "C1", "C2"}, conserves_if_quadratic={"H"}),
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
     prepare=prepare_in_field, needs="rhs",
-    # one cubic equation solves the step in a uniform field, and tells whether the solution is unique; the general kernel
-    # costs 4.8 times as much there
+    # In a uniform field one cubic equation solves the step, and shows whether it is unique. The general kernel costs 4.8 times
+    # as much there.
     kernels_for={"uniform": prepare},
 )  # fmt: skip

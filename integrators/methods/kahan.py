@@ -2,29 +2,29 @@
 
     (J̃ − J)/h = alpha e3 × (x + x̃)/2        (x̃ − x)/h = (J̃×x + J×x̃)/2
 
-The new state enters linearly and y, ỹ change places under h → −h: the step is explicit, birational and symmetric. With
-eps = alpha h²/4 and W = J + (h/2) alpha e3×x the third equation for d = x̃ − x gives d3, and two equations are left,
+The new state enters linearly, and h → −h exchanges y and ỹ. So the step is explicit, birational and symmetric. Let d = x̃ − x,
+eps = alpha h²/4 and W = J + (h/2) alpha e3×x. Then the third equation gives d3, and two equations are left:
 
     d = h W×x + (h/2) W×d + eps (x3 d1 − x1 d3, x3 d2 − x2 d3, 0).
 
-It is known as integrable in the frame of the body. In the rest frame it keeps J3 and
+The map is known to be integrable in the frame of the body. In the rest frame it conserves J3 and
 
     e     = J1² + J2² + 2 alpha x3 − eps alpha (x1² + x2²)        ρ = (h/2) r0
     r0    = x·J / (1 − eps x3)                                   κ = (|x|² + ρ²) / (1 + |(h/2) J + eps ρ e3|²)
 
-which tend to 2H − J3², C2 and C1, and the volume dJ dx/[(1 − eps x3)(|x|² + ρ²)]. e is twice the energy that the map of Bobenko
-and Suris keeps, less J3². H, C1 and C2 oscillate, and the map is not Poisson for the bracket of the top.
+which tend to 2H − J3², C2 and C1, and the volume dJ dx/[(1 − eps x3)(|x|² + ρ²)]. e is twice the energy of Bobenko and Suris'
+map, minus J3². H, C1 and C2 oscillate, and the map is not Poisson for the bracket of the top.
 
-Where eps x3 ≥ 1 or the determinant of the step is not positive, a pole of the map has been passed, and orbits no longer follow
-the top: such steps are refused.
+A step is refused where it has passed a pole of the map, because orbits no longer follow the top there: eps x3 ≥ 1, or the
+determinant of the step is not positive.
 
-Round-off is a random walk because no product is formed of constants alone: (h/2) J3 or alpha h²/4 would err the same way in
-every step, and e and r0 would drift in proportion to time. Hence k (J3 − …) and k (alpha k x3), with k = h/2.
+In a uniform field round-off is a random walk, because no two constants are multiplied: (h/2) J3 or alpha h²/4 would have the same
+error in every step, and e and r0 would drift in proportion to time. So the code has k (J3 − …) and k (alpha k x3), k = h/2.
 
-In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T' the part of J is
-eliminated, and d solves D d = h W×x, D = 1 − k J× + k² x× T', W = J + k T. A real eigenvalue of D that is not positive shows that
-a pole has been passed, and is refused; of poles of invariants, such as eps x3 = 1, nothing is known. J3 is kept where the top
-keeps it.
+In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T', eliminating J̃
+leaves D d = h W×x, where D = 1 − k J× + k² x× T' and W = J + k T. A real eigenvalue of D that is not positive shows that a pole
+has been passed, and the step is refused. Poles of invariants, such as eps x3 = 1, are not known there. J3 is conserved where the
+top conserves it.
 
 Sources: Kahan, lecture notes (1993, unpublished); Kimura & Hirota, J. Phys. Soc. Japan 69 (2000) 3193; Petrera, Pfadler &
 Suris, Regul. Chaotic Dyn. 16 (2011) 245 (body frame). Rest frame, e, r0, κ and the volume: this project; the tests prove
@@ -64,7 +64,7 @@ def step(s, c, counters):
     W1, W2 = J1 - kick * x2, J2 + kick * x1
     v1, v2 = k * J1, k * J2
     w1, w2 = k * W1, k * W2
-    # a d1 + b d2 = h g1, −f d1 + g d2 = h g2: d3 = h (W×x)3 + w1 d2 − w2 d1 is eliminated
+    # With d3 = h (W×x)3 + w1 d2 − w2 d1 the others are a d1 + b d2 = h g1, −f d1 + g d2 = h g2.
     near = 1.0 - k * (kick * x3)
     a, b = near + v2 * w2, k * (J3 - v2 * W1)
     f, g = k * (J3 + v1 * W2), near + v1 * w1
@@ -84,7 +84,7 @@ def step(s, c, counters):
 
 @cache
 def kernel_in_field(system: System) -> Any:
-    """The step of |J|²/2 + U(x); constants: h, then t and the parameters."""
+    """The step of |J|²/2 + U(x) with a quadratic U; constants: h, then t and the parameters."""
     slopes, numbers = machine_code(with_slopes(system.torque, 3)), tuple_loader(1 + system.parameters)
     conserves_J3 = 2 in system.constant
 
@@ -121,7 +121,7 @@ def kernel_in_field(system: System) -> Any:
 
 
 def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """As `prepare`."""
+    """As `prepare`, for any quadratic potential."""
     c = np.array((h, problem.start, *problem.numbers))
     return FixedStepper("kahan", h, c, kernel_in_field(problem.system), failures=FAILURES)
 
@@ -135,7 +135,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
 
 def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
-    """J1² + J2² + 2 alpha x3 − alpha² h²/4 (x1² + x2²)."""
+    """e = J1² + J2² + 2 alpha x3 − alpha² h²/4 (x1² + x2²) of states (N, 6), and the size of its terms."""
     J1, J2, _, x1, x2, x3 = y.T
     kick = h / 2 * top.alpha
     rate, length, _ = top.scales(y[0])
@@ -144,14 +144,14 @@ def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 
 def r0(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
-    """x·J/(1 − eps x3)."""
+    """r0 = x·J/(1 − eps x3) of states (N, 6), and the size of its terms."""
     near = 1 - h * h / 4 * top.alpha * y[:, 5]
     rate, length, _ = top.scales(y[0])
     return np.sum(y[:, :3] * y[:, 3:], axis=1) / near, length * rate / abs(near[0])
 
 
 def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
-    """(|x|² + ρ²)/(1 + |(h/2) J + eps ρ e3|²): a quotient of sums of squares, its own size."""
+    """κ = (|x|² + ρ²)/(1 + |(h/2) J + eps ρ e3|²) of states (N, 6), and its size: it is a quotient of sums of squares."""
     rho = h / 2 * r0(top, h, y)[0]
     v = h / 2 * y[:, :3]
     v[:, 2] += h * h / 4 * top.alpha * rho

@@ -1,20 +1,20 @@
-"""Two Lie-group methods of order 4: every update is a motion of space, an element of SE(3), acting on (J, x); or rotations.
+"""Two Lie-group methods of order 4. An element of SE(3), a rigid motion, moves (J, x) in each update; a rotation moves a spin.
 
-The coadjoint action of exp(a, b) is x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds. On e3 the motion
-has the generator (∂H/∂J, ∂H/∂x), of the top (J, alpha e3) in a uniform field; a spin turns by exp(∂H/∂s). The commutator is
-[(a, b), (c, d)] = (a×c, a×d − c×b). Whatever the generator, Casimir functions such as |x| and x·J are kept for every h. J3 and H
-are not; they drift in proportion to time, as for a plain Runge-Kutta method.
+exp(a, b) acts by x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds: the coadjoint action. The generator
+of the motion is (∂H/∂J, ∂H/∂x) on e3, so (J, alpha e3) for a top in a uniform field. A spin turns by exp(∂H/∂s). The commutator
+is [(a, b), (c, d)] = (a×c, a×d − c×b). Casimir functions such as |x| and x·J are conserved for every h, whatever the generator.
+J3 and H are not: they drift in proportion to time, as by a plain Runge-Kutta method.
 
-`rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs; `commutator_free4`
-composes exponentials instead, five in all, of which one is used twice.
+`rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs. `commutator_free4`
+has no commutators, but five exponentials, one of which serves twice.
 
-A whole body (q, L) is moved by SO(3)×R³: q is turned by exp(a/2), in its own frame from the right, and L grows by b = h L'. The
-commutator is (a × c, 0), and |q| is kept.
+A whole body (q, L) is moved by SO(3)×R³: q is turned by exp(a/2) from the right, in its own frame, and L grows by b = h L'. The
+commutator is (a × c, 0), and |q| is conserved.
 
-R is written with w = a tan(θ/2)/θ, θ = |a|: R x = x + d + w×(x + d), d = (w×x + w×(w×x)) cos²(θ/2). A relative error of d then
-does not change |R x| to first order, and round-off is a random walk. As x + sin θ/θ a×x + …, with sine and cosine
-rounded apart, C1 drifts. The coefficients are polynomials in θ²: no library function, the same bits on every machine. Beyond
-θ = 1 the motion is taken in parts, so that it is good to round-off up to any θ; over `MOST` rad a step is refused.
+With θ = |a| and w = a tan(θ/2)/θ, R x = x + d + w×(x + d), d = (w×x + w×(w×x)) cos²(θ/2). In this form a relative error of d does
+not change |R x| to first order, and round-off is a random walk. In x + sin θ/θ a×x + … sine and cosine are rounded apart, and C1
+drifts. The coefficients are polynomials in θ². They call no library function, so the bits are the same on every machine. Beyond
+θ = 1 the motion is divided into parts, which are right to round-off up to θ = `MOST`. A step with a larger θ is refused.
 
 Sources: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas & Owren, Phil. Trans. R. Soc. A 357 (1999) 957 (two
 commutators); Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341 (commutator-free, order 4).
@@ -76,7 +76,7 @@ def add(a, r, b):
 
 @jit
 def turn(w, q, v):
-    """R v."""
+    """R v, for w and q = cos²(θ/2)."""
     u = cross(w, v)
     d = times(q, add(u, 1.0, cross(w, u)))
     e = cross(w, d)
@@ -85,7 +85,7 @@ def turn(w, q, v):
 
 @jit(inline=True)
 def exponential(a, counters):
-    """The rotation exp(a×) as (w, q, parts, a part of a, its θ²): as a product of so many equal ones."""
+    """Divide a into `parts` equal ones of θ ≤ 1. Returns w, cos²(θ/2), parts, a, θ² and sin(θ/2)/(θ/2), all of one part."""
     z = (a[0] * a[0] + a[1] * a[1]) + a[2] * a[2]
     if not z <= MOST * MOST:
         counters[FAILURE] = TURNED
@@ -126,7 +126,7 @@ def turn_one(k, s, counters):
 
 @cache
 def turn_all(count: int) -> Any:
-    """Rotations of so many vectors."""
+    """Rotations of `count` vectors."""
     if count == 1:
         return turn_one
     rest = turn_all(count - 1)
@@ -140,7 +140,7 @@ def turn_all(count: int) -> Any:
 
 @jit
 def of_length(square, q0, q):
-    """A quaternion (q0, q) that is as long as √square but for round-off, made so; four numbers."""
+    """The quaternion (q0, q), scaled to the length √square, which it has but for round-off; four numbers."""
     lack = 0.5 * (square - (q0 * q0 + dot(q, q))) / square
     q = add(q, lack, q)
     return q0 + lack * q0, q[0], q[1], q[2]
@@ -148,7 +148,7 @@ def of_length(square, q0, q):
 
 @jit
 def turn_body(k, s, counters, right):
-    """(a, b) of SO(3)×R³ acting on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
+    """(a, b) of SO(3)×R³ acts on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
     _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
     c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
     q0, q = s[0], (s[1], s[2], s[3])
@@ -184,7 +184,7 @@ def generator_of(system: System) -> Split:
 
 @cache
 def algebra(space: Space) -> tuple[Any, Any, Any]:
-    """Of generators: (r, k1, …, k4) → Σ r k, the commutator [k, l], and (k, r, l) → k + r l."""
+    """For generators: (r, k1, …, k4) → Σ r k; the commutator [k, l]; (k, r, l) → k + r l."""
     size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
 
     @unrolled
@@ -254,7 +254,7 @@ def kernel(name: str, system: System) -> Any:
 
 
 def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
-    """Any h for which no exponential turns by more than `MOST` rad: four or five exponentials."""
+    """Any h for which no exponential turns by more than `MOST` rad."""
     system = problem.system
     c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
     step, size, timed = kernel(name, system), system.size, system.timed

@@ -1,7 +1,7 @@
 """Splittings of any Hamiltonian that is a sum of `parts` with closed flows.
 
-A scheme for two flows becomes sweeps through all parts, see `stages_of`. `splitting` prepares these steps for a problem that is
-not a top in a fixed potential.
+A scheme for two flows becomes sweeps through all parts, see `stages_of`. `splitting` prepares these steps for every problem that
+is not a top in a fixed potential.
 
 Source: McLachlan, SIAM J. Sci. Comput. 16 (1995) 151.
 """
@@ -27,9 +27,9 @@ Stage = tuple[int, float, float]  # which part flows, how long, and when, in uni
 def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     """The flows of one step.
 
-    Of two parts, of which the first does not depend on t, they are the letters of the scheme, and t goes on with the first.
-    In general the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan, SIAM J. Sci.
-    Comput. 16 (1995) 151), with t as one more part.
+    For two parts, of which the first does not depend on t, they are the letters of the scheme, and t advances with the first
+    part. Else the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan), with t as one
+    more part.
     """
     letters = (scheme.a, scheme.b) if scheme.first == "A" else (scheme.b, scheme.a)
     stages: list[Stage] = []
@@ -62,17 +62,17 @@ def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:
 
 
 def weights_of_two(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """The weights of φ*, φ, φ*, … that for a sum of two parts is the splitting a1, b1, a2, b2, … (McLachlan)."""
+    """The weights of the sweeps φ*, φ, φ*, … that for a sum of two parts are the splitting a1, b1, a2, b2, … (McLachlan)."""
     return list(accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight))
 
 
-# places of the constants: time at the start, h, number of stages; then these, numbers
+# Places of the constants: the time at the start, h, the number of stages. The stages follow, then the constants of the parts.
 START, TIME_STEP, STAGES = range(3)
 
 
 @cache
 def kernel_of_parts(parts: tuple[Part, ...]) -> Any:
-    """One step of any stages; the constants of the parts follow them."""
+    """One step of any stages, as flows of the parts."""
     timed = any(part.timed for part in parts)
 
     def flow_of(number: int) -> Any:

@@ -4,10 +4,9 @@ With v = (t/2) J, z = |v|² and u = v×x, p = v×u, r = v×p, the rotation by 2|
 
     x + 2u + 2p + r + a(z) u + b(z) p,    a = sin(2√z)/√z − 2 + z,   b = (1 − cos 2√z)/z − 2,
 
-in which r takes the place of −zu. Part of the error of z is the same in every step, because v3² is rounded the same
-way. With r, what is left of this error is a change of the angle, and the length of x is kept to higher order. Both a
-and b are small, of order z, and so are their errors. Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No
-library function is called: the bits are the same everywhere.
+where r replaces −zu. Part of the error of z is the same in every step, because v3² is rounded the same way. With r, only the
+angle feels this error, and the length of x is kept to higher order. a and b are small, of order z, and so are their errors.
+Beyond 2|v| = 1 the turn is made in 2, 4, 8, … equal parts. No library function is called: the bits are the same everywhere.
 
 Source: this project.
 """
@@ -17,16 +16,16 @@ from __future__ import annotations
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_sum
 
-PART = 0.25  # z = (angle/2)² of a turn made at once: an angle of 1
-MOST = 128.0**2  # z beyond which no turn is made: an angle of 256
+PART = 0.25  # largest z = (angle/2)² of one part: an angle of 1
+MOST = 128.0**2  # largest z of a turn: an angle of 256
 
 
 @jit(inline=True)
 def small_coefficients(z):
     """a/z and b/z of the rotation, 0 <= z <= 1/4; a and b to 3e-19.
 
-    Least squares, one coefficient rounded after the other, so that the next ones mend what its rounding does: the rounded
-    polynomials keep |x|² to 2e-19.
+    Least squares, with one coefficient rounded after the other, so that the later ones mend the rounding of the earlier. The
+    rounded polynomials keep |x|² to 2e-19.
     """
     z2 = z * z
     z4 = z2 * z2
@@ -52,13 +51,13 @@ def turn(x1, x2, x3, v1, v2, v3, a, b, z):
 
 @jit(inline=True)
 def add(x, lost, change, compensated):
-    """x + (change + what the last sum lost), and what this one loses."""
+    """x + (change + what the last sum lost), and what this sum loses."""
     return two_sum(x, change + lost) if compensated else (x + change, lost)
 
 
 @jit(inline=True)
 def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
-    """x turned about v = part·J, |v| half the angle, and what its sums lose; False if that is too far to be done."""
+    """Turn x about v = part·J, |v| half the angle. Returns whether it is done (False: too far), x, and what its sums lose."""
     v1, v2, v3 = part * J1, part * J2, part * J3
     z = (v1 * v1 + v2 * v2) + v3 * v3
     parts = 1

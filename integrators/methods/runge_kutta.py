@@ -1,19 +1,19 @@
 """Explicit Runge-Kutta formulas at a fixed step, compiled: RK4, Dormand-Prince 5, DOP853, Verner 9, and Verner 9 projected.
 
-A formula is a tableau of coefficients; the step of any problem is written out from it, with nothing for coefficients that
-vanish, and products of h and parameters are computed once, before the loop. Of the invariants only those are kept whose
-derivative vanishes, such as J3; the others drift, and the phase error grows like t².
+A formula is a tableau of coefficients. The step of any problem is written out from it, without terms for coefficients that
+vanish. Products of h and parameters are computed once, before the loop. A component whose derivative vanishes, such as J3, is
+conserved. The other invariants drift, and the phase error grows like t².
 
 `verner9_projected` moves the state z after every step to the nearest point with the H, C1 and C2 it was prepared with.
 Distances are in units where |x| and |J| + √(|alpha||x|) are of order one. A Newton step goes to z + Gᵀλ with
 G Gᵀ λ = g. Here g is what H, |x|²/2 and x·J lack, and the rows of G are their gradients. A second Newton step follows
 only if the first was longer than √TINY.
 
-The gradients depend on each other in a regular precession and for a vertical or hanging top. Only part of g can be
-corrected there. So the Schur complement of |x|² in G Gᵀ is damped by DAMPING; |x|² itself never vanishes. The round-off
-u of an invariant then moves the state by u/(2√DAMPING) at most, and what is left undone is no larger than DAMPING.
+The gradients depend on each other in a regular precession and for a vertical or hanging top, and only part of g can be
+corrected. So the Schur complement of |x|² in G Gᵀ is damped by DAMPING; |x|² itself never vanishes. Then the round-off u of an
+invariant moves the state by u/(2√DAMPING) at most, and the rest that is not corrected is no larger than DAMPING.
 
-`compensated` carries what the addition of the increment to the state rounds away to the next step.
+`compensated` adds the rounding error of the last sum of state and increment to the next increment.
 
 Sources: the tableaux's; projection: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), section IV.4; damping:
 Levenberg, Q. Appl. Math. 2 (1944) 164; compensated summation with the exact error of a sum: Knuth, The Art of Computer
@@ -48,14 +48,14 @@ from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 PROJECTING = "verner9_projected"
 ALPHA, ENERGY, C1, C2 = range(4)  # places of the constants of the projection
 DAMPING = 2.0**-46
-TINY = 2.0**-50  # square of a correction after which what is left is round-off
+TINY = 2.0**-50  # after a correction with a smaller square only round-off is left
 LIMIT = 10  # Newton steps
 NOT_CONVERGED = 1
 FAILURES = {NOT_CONVERGED: f"the projection is not done after {LIMIT} Newton steps; take a smaller |h|"}
 
 
 def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
-    """Σ w_j k_j of slopes (J1, J2, x1, x2, x3)."""
+    """Σ w_j k_j of slopes k_j, without terms for weights that vanish."""
     terms = [tuple(w * k for k in slope) for w, slope in zip(weights, slopes, strict=True) if w]
     total = terms[0]
     for term in terms[1:]:
@@ -66,7 +66,7 @@ def weigh(weights: tuple[float, ...], slopes: Any) -> Any:
 def stages(
     system: System, rows: tuple[tuple[float, ...], ...], tape: Tape, t: Any, y: Any, h: Any, p: Any, slopes: Any = ()
 ) -> tuple[Any, ...]:
-    """h f(u_i) of all stages on a tape, u_i = y + Σ a_ij h f(u_j) for each row. `slopes`: those that are known, or h f(y)."""
+    """h f(u_i) of all stages on a tape, u_i = y + Σ a_ij h f(u_j) for each row. slopes : those already known, else h f(y)."""
     slopes = list(slopes) or [system.rates(tape, t, y, p, h)]
     for row in rows:
         u = tuple(a + d for a, d in zip(y, weigh(row, slopes), strict=True))
@@ -91,7 +91,7 @@ def increment_of(tableau: Tableau, system: System) -> Split:
 
 
 def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
-    """The sums of several pairs of numbers and their rounding errors, as in `two_sum`."""
+    """The sums of pairs of numbers and their rounding errors, as by `two_sum`."""
     totals = [x + y for x, y in zip(a, b, strict=True)]
     rows = [(x, y, total, total - x) for x, y, total in zip(a, b, totals, strict=True)]
     return totals, [(x - (total - share)) + (y - share) for x, y, total, share in rows]
@@ -99,9 +99,9 @@ def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
 
 @cache
 def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
-    """(s, d, counters) → the state with the increment of its moving components.
+    """(s, d, counters) → the state s with the increment d of its moving components.
 
-    `compensated`: the rounding error of the last sum is added to d, and that of this sum stored.
+    compensated : the rounding error of the last sum is added to d, and the error of this sum is stored.
     """
     count = len(moving)
     get, keep = tuple_loader(count), tuple_storer(max(count, 1))
@@ -179,7 +179,7 @@ def products(J1, J2, J3, x1, x2, x3):
 
 @jit
 def lack(c, j, J3, x3, xx, xJ):
-    """What H, |x|²/2 and x·J are short of."""
+    """By how much H, |x|²/2 and x·J fall short."""
     return c[ENERGY] - (0.5 * (j + J3 * J3) + c[ALPHA] * x3), 0.5 * (c[C1] - xx), c[C2] - xJ
 
 
@@ -226,10 +226,9 @@ IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of t
 
 @cache
 def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`projected` for any |J|²/2 + U(x), and (s, c) → what it makes up for. J3 stays where the motion keeps it.
+    """`projected` for any |J|²/2 + U(x), and (s, c) → (J, x, force, residuals). J3 is left alone where the motion conserves it.
 
-    `c`: the places above, then t and the parameters. The state is the user's; what is projected is the state in units of order
-    one.
+    c : the places above, then t and the parameters. The state is in the user's units, the projection in units of order one.
     """
     numbers, conserves_J3 = tuple_loader(1 + system.parameters), 2 in system.constant
     rest = (0.0, 0.0, 0.0)
@@ -237,7 +236,7 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
 
     @unrolled
     def scaled(s, q, per_rate, per_length):
-        """J, x, the force, and what H, |x|²/2 and x·J amount to, in units of order one."""
+        """J, x, the force, and the values of H, |x|²/2 and x·J, in units of order one."""
         per_energy = per_rate * per_rate
         J, x = tuple(v * per_rate for v in s[:3]), tuple(v * per_length for v in s[3:])
         (U,) = system.energy(q[0], *rest, *s[3:], *q[1:])
@@ -246,7 +245,7 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
 
     @unrolled
     def products(J, x, g):
-        """G Gᵀ of the gradients (J, g), (0, x), (x, J), J3 left out if it stays."""
+        """G Gᵀ of the gradients (J, g), (0, x), (x, J), without J3 if it is conserved."""
 
         def moving(v, w):
             plane = v[0] * w[0] + v[1] * w[1]
@@ -287,7 +286,7 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
 
 @cache
 def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) -> Callable[..., Any]:
-    """The step of a formula, and `finish(s, c, counters)` of where it leads; its own constants are behind those of `kernel`."""
+    """The step of a formula, then `finish(s, c, counters)`, whose constants follow those of `kernel`."""
     step, first = kernel(tableau, system), FIRST + len(increment_of(tableau, system).fixed.outputs)
 
     @jit
@@ -299,7 +298,7 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
 
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-        """`compensated`: carry the rounding error of the state along, at most a few per cent dearer."""
+        """`compensated`: carry the rounding error of the state to the next step, for a few per cent of time at most."""
         step = kernel(tableau, problem.system, check_flag(compensated, "compensated"))
         return stepper(name, problem, h, increment_of(tableau, problem.system), step, tableau.stages)
 
@@ -323,7 +322,7 @@ NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
 def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """Back onto the H, C1 and C2 of y0 after every step."""
+    """Every step ends on the H, C1 and C2 of y0."""
     units, c = Units(top, y0, h), np.zeros(4)
     c[ALPHA] = units.alpha
 
@@ -339,7 +338,7 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
 
 def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """As `prepare_projected`."""
+    """As `prepare_projected`, for any field."""
     units = units_in_field(PROJECTING, problem, y0, h)
     finish, lacking_in = projected_in_field(problem.system)
     c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), problem.start, *problem.numbers))
@@ -356,7 +355,7 @@ def _on_torus(
     h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], enter: Callable[[Array], Array],
     **more: Any,
 ) -> FixedStepper:  # fmt: skip
-    """A stepper for states that lack nothing but round-off of the invariants."""
+    """A stepper that refuses states whose invariants are off by more than round-off."""
     if not finite(c):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 

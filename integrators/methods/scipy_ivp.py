@@ -1,10 +1,10 @@
-"""SciPy's explicit integrators on their natural steps: RK45 and DOP853; h is only the output grid, which dense output fills.
+"""SciPy's explicit integrators RK45 and DOP853 on their natural steps. h is only the output grid, which dense output fills.
 
-They are used as they stand, with a compiled right-hand side. Of the 5 to 150 µs of a step nearly all is interpretation:
-`rk45_fixed` and `dop853` show what the formulas cost without it. J3, whose derivative vanishes, is kept.
+They are used as they are, with a compiled right-hand side. Nearly all of the 5 to 150 µs of a step is interpretation:
+`rk45_fixed` and `dop853` show what the formulas cost without it. J3, whose derivative vanishes, is conserved.
 
-The local error is kept below atol + rtol |y_i|, root mean square over the components. SciPy counts the right-hand sides; rejected
-steps follow from the number of stages.
+The local error is kept below atol + rtol |y_i|, as a root mean square over the components. SciPy counts the right-hand sides;
+the number of rejected steps follows from the number of stages.
 
 Sources: Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations
 I (1993), II.5; Virtanen et al., Nature Methods 17 (2020) 261.
@@ -33,7 +33,7 @@ from lagrange_bench.integrators.problem.system import System
 
 @cache
 def right_hand_side(system: System) -> Callable[..., Any]:
-    """(c, t, y) → y' of any system; `c`: the time at the start, then the parameters."""
+    """(c, t, y) → y' of any system; c : the time at the start, then the parameters."""
     state, numbers = tuple_loader(system.size), tuple_loader(system.parameters)
 
     @unrolled
@@ -77,7 +77,7 @@ class Solver:
         return run
 
     def on_its_level(self, top: Problem, y: Array, out: Array) -> Array:
-        """The states, if none has lost its energy: a pole of the potential may lie within a step."""
+        """Return the states `out`, or refuse them if one has lost its energy: a pole of the potential may lie within a step."""
         if kinds.top(top) and not kinds.uniform(top):
             off = np.abs(top.invariants(out)[:, 0] - top.invariants(y)[0])
             if not np.all(off <= top.invariant_scales(y)[0]):
@@ -99,7 +99,7 @@ class Solver:
             if reached > done:
                 out[done:reached] = solver.dense_output()(grid[done:reached]).T
                 done = reached
-        out[-1] = solver.y  # the last step ends at the last time: no interpolation
+        out[-1] = solver.y  # not interpolated: the last step ends at the last time
         work.rhs_evals += solver.nfev
         return out
 

@@ -3,19 +3,17 @@
     A(t), of |J|²/2:    x turns about the constant J at rate |J|
     B(t), of alpha x3:  J += t alpha e3×x with constant x, a kick
 
-Both are Poisson maps that keep J3, |x|² and x·J, and so is whatever is composed of them; H oscillates. A scheme is a
-list of coefficients, first letter … last letter; all are palindromes, and the maps symmetric. Two properties of this H
-are used. It is quadratic in J, so [B,[B,[B,A]]] = 0, and coefficients for Runge-Kutta-Nyström equations apply. And
-[B,[A,B]] and [B,[B,[A,[A,B]]]] are functions of x: a kick with force gradients is the exact flow of
+Both flows are Poisson maps that conserve J3, |x|² and x·J, and so is every composition of them. H oscillates. A scheme is a list
+of coefficients, first letter … last letter. All are palindromes, so the maps are symmetric. Two properties of this H are used.
+It is quadratic in J, so [B,[B,[B,A]]] = 0, and coefficients for Runge-Kutta-Nyström equations apply. And [B,[A,B]] and
+[B,[B,[A,[A,B]]]] are functions of x. So a kick with force gradients is the exact flow of
 
     hB b + h³c [B,[A,B]] + h⁵d [B,[B,[A,[A,B]]]],
 
-its torques are those of `System.commutator_torque` and `System.second_commutator_torque`. Any potential U(x) takes the place of
-alpha x3.
+with the torques `System.commutator_torque` and `System.second_commutator_torque`. Any potential U(x) takes the place of alpha x3.
 
-Taken n times, a scheme ends every step with the flow that begins the next. So the loop runs over a conjugate map, in which
-the two are one, and `enter` and `leave` of the stepper apply the first flow and its inverse. The processor of Takahashi
-and Imada goes the same way.
+A scheme ends each step with the flow that begins the next. So the loop repeats a conjugate map, in which the two flows are one.
+The stepper's `enter` and `leave` apply the first flow and its inverse, and the processor of Takahashi and Imada.
 
 The coefficients are in `splitting_schemes`, the rotation in `rotation_flow`. `part_splitting` takes any other Hamiltonian that
 is a sum of parts with closed flows.
@@ -44,18 +42,18 @@ from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
 
-FARTHEST = 4.0  # g |x| of `process`, which loses a factor of 1 + 2(g|x|)², squared, of the digits of |x|
+FARTHEST = 4.0  # largest g |x| of `process`, which amplifies the round-off of |x| by (1 + 2(g|x|)²)²
 
 
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
-LARGE = 1e154  # what has a square
+LARGE = 1e154  # larger numbers have no square in doubles
 TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
 
 
 @cache
 def torques(system: System, gradients: int) -> Any:
-    """(x, q, weights) → the sum of the torque of U(t, x) and of so many of its gradients, each times its weight; q = (t, *p)."""
+    """(x, q, weights) → the torques of U(t, x) and of the first `gradients` force gradients, times their weights; q = (t, *p)."""
     programs = (system.torque, system.commutator_torque, system.second_commutator_torque)[: gradients + 1]
 
     @unrolled
@@ -70,7 +68,7 @@ def torques(system: System, gradients: int) -> Any:
 
 @cache
 def push_by(system: System, gradients: int) -> Any:
-    """(x, c, i) → the kick of group i, with so many of its gradients; t and the parameters follow the four constants there."""
+    """(x, c, i) → the kick of group i, with so many gradients. t and the parameters follow the four constants of the group."""
     total, numbers = torques(system, gradients), tuple_loader(1 + system.parameters)
 
     @jit(inline=True)
@@ -117,9 +115,12 @@ def kernel(system: System, gradients: int, compensated: bool) -> Any:
 def process(s, g):
     """The exact flow of [A,B] for a time 2g/alpha. Its Hamiltonian is alpha (x2 J1 − x1 J2), linear in J.
 
-    x runs along its meridian: with D = cosh σ + (x3/|x|) sinh σ and σ = 2g|x|, (x1, x2) becomes (x1, x2)/D and x3
-    (x3 cosh σ + |x| sinh σ)/D. Here sinh(σ/2) = g|x| in place of σ/2. That makes all of it algebraic, and is a change
-    of time of relative order g²|x|²: |x| being a Casimir function, the map is still Poisson, and still even in h.
+    x moves along its meridian. With σ = 2g|x| and D = cosh σ + (x3/|x|) sinh σ
+
+        (x1, x2) → (x1, x2)/D        x3 → (x3 cosh σ + |x| sinh σ)/D
+
+    Here sinh(σ/2) = g|x| replaces σ/2, so that all is algebraic. This changes the time by a factor 1 + O(g²|x|²). Since |x| is a
+    Casimir function, the map is still Poisson, and still even in h.
     """
     J1, J2, J3, x1, x2, x3 = s
     w1, w2, w3 = g * x1, g * x2, g * x3
@@ -132,7 +133,7 @@ def process(s, g):
 
 @cache
 def map_over(step: Any, processed: bool) -> Any:
-    """Apply one rotation and one kick to each row, in place; if `processed`, with the flow of [A,B] before and after them."""
+    """Apply one rotation and one kick to each row, in place; if `processed`, with the flow of [A,B] before and after."""
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
@@ -151,9 +152,9 @@ def map_over(step: Any, processed: bool) -> Any:
 
 @cache
 def groups(scheme: Scheme) -> tuple[Array, Array]:
-    """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick, and the flow that begins the scheme.
+    """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick; and the flow that begins the scheme.
 
-    A B A … B A becomes (A² B)(A B) …, entered by A⁻¹; B A B … A B becomes (A B) … (A B²), entered by B.
+    A B A … B A becomes (A² B)(A B) …, entered by A⁻¹. B A B … A B becomes (A B) … (A B²), entered by B.
     """
     none = (0.0,) * len(scheme.b)
     rotations, kicks = np.array(scheme.a), np.column_stack((scheme.b, scheme.c or none, scheme.d or none))
@@ -169,12 +170,12 @@ def groups(scheme: Scheme) -> tuple[Array, Array]:
 
 @jit
 def scaled(groups, scales, numbers):
-    """Groups of coefficients times their scales, each followed by the numbers, in one row."""
+    """The groups of coefficients, times `scales`, each followed by `numbers`, in one row."""
     stride = STRIDE + len(numbers)
     c = np.zeros(len(groups) * stride)
     for i in range(len(groups)):
         for k in range(STRIDE):
-            if groups[i, k] != 0.0:  # 0 · ∞ is not to be: a coefficient that vanishes has no scale
+            if groups[i, k] != 0.0:  # 0 · ∞ is not a number: a coefficient that vanishes has no scale
                 c[i * stride + k] = groups[i, k] * scales[k]
         for k in range(len(numbers)):  # Numba compiles an assignment to a slice for two seconds
             c[i * stride + STRIDE + k] = numbers[k]
@@ -182,14 +183,14 @@ def scaled(groups, scales, numbers):
 
 
 def square(number: float) -> float:
-    """number²; beyond the range of doubles it is infinite."""
+    """number², infinite beyond the range of doubles."""
     return number**2 if abs(number) < LARGE else math.inf
 
 
 def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-    """A stepper for |J|²/2 + U(x). It runs over the conjugate of a scheme: its first flow and processor map states in and out.
+    """A stepper for |J|²/2 + U(x), or for the parts of any other problem.
 
-    `compensated`: the rounding error of each sum is added to the next one, from step to step within a call.
+    compensated : the rounding error of each sum is added to the next, from step to step within a call.
     """
     carried = check_flag(compensated, "compensated")
     if not kinds.top(problem):

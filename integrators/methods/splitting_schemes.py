@@ -10,32 +10,32 @@ from typing import NamedTuple
 
 
 class Scheme(NamedTuple):
-    """Coefficients of one step; `a` of the rotations and `b`, `c`, `d` of the kicks, all palindromes."""
+    """Coefficients of one step, `a` of the rotations and `b`, `c`, `d` of the kicks; all are palindromes."""
 
     order: int
-    first: str  # letter: "A" rotation, "B" kick
+    first: str  # the first letter: "A" rotation, "B" kick
     a: tuple[float, ...]
     b: tuple[float, ...]
     source: str
     c: tuple[float, ...] = ()
     d: tuple[float, ...] = ()
     processor: float = 0.0  # g: the scheme is exp(gh²[A,B]) · letters · exp(−gh²[A,B])
-    nystrom: bool = False  # of this order only because [B,[B,[B,A]]] = 0
+    nystrom: bool = False  # it has this order only because [B,[B,[B,A]]] = 0
 
 
 def mirror(half: tuple[float, ...], n: int) -> tuple[float, ...]:
-    """A palindrome of n numbers from its first half, the middle one included."""
+    """A palindrome of n numbers from its first half with the middle one."""
     return (*half, *half[: n // 2][::-1])
 
 
 def palindrome(first: tuple[float, ...], n: int) -> tuple[float, ...]:
-    """A palindrome of n numbers with sum 1 from all of its first half but the last, or middle, one."""
+    """A palindrome of n numbers with sum 1, from its first half without the last (or middle) one."""
     rest = math.fsum((1.0, *(-2 * w for w in first)))
     return mirror((*first, rest if n % 2 else rest / 2), n)
 
 
 def composition(order: int, source: str, first: tuple[float, ...]) -> Scheme:
-    """Strang steps of lengths w h: `first` are all w before the middle one."""
+    """Strang steps of lengths w h. first : the w before the middle one."""
     w = palindrome(first, 2 * len(first) + 1)
     return Scheme(order, "B", w, tuple((p + q) / 2 for p, q in zip((0.0, *w), (*w, 0.0), strict=True)), source)
 
@@ -56,7 +56,7 @@ SCHEMES = {
         palindrome((0.0829844064174052, 0.396309801498368, -0.0390563049223486), 7),
         f"{BLANES_MOAN}, SRKN6b",
     ),
-    # two conditions for a1, b1, c1, c2: b1 and c1 are the ones of least error of degree 5
+    # two conditions for a1, b1, c1, c2; b1 and c1 make the error of degree 5 least
     "force_gradient4": Scheme(
         4, "B",
         palindrome((0.27377798630646189,), 3),

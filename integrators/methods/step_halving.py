@@ -1,15 +1,16 @@
-"""A step for an error `tol`: run, halve the step, run again, until two runs agree. No estimate is fitted to anything.
+"""Steps for a given error `tol`: run, halve the step, run again, until two runs agree. No estimate is fitted to anything.
 
-States are compared at all output times and, if these are few, at `PLACES` of the run: so two runs do not agree by chance at
-one time. A run is good if it differs by at most `tol` from the one with twice its step, and if that difference is at most half
-of the one before, or both are below `tol`: at least three runs. As long as each halving at least halves the difference, the
-error is at most the last difference (a geometric series). Where a method of order p shows its order it is 1/(2^p − 1) of that
-(Richardson); this factor is not used, for near a close encounter two differences can show an order that the third denies.
-What is so narrow in time that all runs step over it is not seen.
+States are compared at all output times, and at `PLACES` of the run if these are few. So two runs cannot agree by chance at one
+time. A run is good if the one with twice its step differs by at most `tol`. This difference must also be at most half of the one
+before, or both must be below `tol`. That takes at least three runs. While each halving at least halves the difference, the error
+is at most the last difference (a geometric series). For a method of order p that shows its order the error is 1/(2^p − 1) of
+that (Richardson). This factor is not used: near a close encounter two differences can show an order that the third denies. An
+event so short that all runs step over it is not seen.
 
-Where halving does not help three times, at differences of at most `MOST`, what is left is round-off, or the motion is
-sensitive to it. On a chaotic motion runs never agree. Source: this project; Hairer, Nørsett & Wanner, Solving Ordinary
-Differential Equations I (1993), section II.4.
+If halving does not help three times, with differences of at most `MOST`, only round-off is left, or the motion is sensitive to
+it. On a chaotic motion runs never agree.
+
+Source: this project; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4.
 """
 
 from __future__ import annotations
@@ -23,14 +24,14 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.interface import Array, StepError
 
-LEAST, MOST = 1e-13, 0.1  # of tol
+LEAST, MOST = 1e-13, 0.1  # the smallest and the largest tol
 PLACES = 16
 HALVINGS, STALLS = 10, 3
 NO_ROWS = np.full((1, 6), np.nan)
 
 
 def check_tolerance(tol: Any) -> float:
-    """`tol` as a float; ValueError if no error of doubles can be meant by it."""
+    """`tol` as a float; ValueError if doubles cannot have such an error."""
     value = check_real(tol, "tol")
     if not LEAST <= value <= MOST:
         raise ValueError(f"tol must be between {LEAST:g} and {MOST:g}; got {value:g}")
@@ -40,9 +41,9 @@ def check_tolerance(tol: Any) -> float:
 def agreeing(
     name: str, run: Callable[[int], Array], tol: float, scales: tuple[float, float]
 ) -> tuple[Array, int, float]:
-    """The states (N, 6) of a run that agrees with those before, how often its step was halved, and the last difference.
+    """The states (N, 6) of a run that agrees with the one before, how often its step was halved, and the last difference.
 
-    run : 1, 2, 4, … → the states with the first step, half, a quarter of it … scales : of J and x.
+    run : n → the states with 1/n of the first step. scales : of J and x.
 
     Raises
     ------

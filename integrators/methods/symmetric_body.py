@@ -1,11 +1,11 @@
-"""The exact motion of a symmetric rigid body, from that of the Lagrange top inside and of the frame that turns with J.
+"""The exact motion of a symmetric rigid body, from its Lagrange top (J, x) and the frame that turns with J.
 
-With the moments A across and C along the axis a, and L_a = L·a, which is constant,
+With the moments of inertia A across and C along the axis a, and the constant L_a = L·a,
 
     J = R L/A        ω = J + σ x,   σ = L_a (A − C)/(A C)
     R(t) = F(t) R(0) exp(σ t â)        L(t) = A R(t)ᵀ J(t)
 
-F is the rotation of the frame whose angular velocity is J, F(0) = 1: methods that are exact on the top follow it, too.
+F is the rotation of the frame with the angular velocity J, F(0) = 1. Methods that are exact on the top follow it, too.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import quaternion_product
 
-PARTED = 1e-6  # of the axis: F and x are followed apart, and agree to round-off on a stable orbit
+PARTED = 1e-6  # largest difference of F x(0) and x(t): on a stable orbit the two agree to round-off
 PI = Fraction("3.14159265358979323846264338327950288419716939937510582")
 
 
 @jit
 def compose(frames, left, right, axis, half_turns, times, x):
-    """left·F(t)·right·(the own spin about the axis) into `frames`; returns by how much F x[0] and x[1 + i] differ at most."""
+    """Put left·F(t)·right·(the own spin about the axis) into `frames`. Returns the largest difference of F x[0] and x[1 + i]."""
     apart, x0 = 0.0, (0.0, x[0, 0], x[0, 1], x[0, 2])
     for i in range(len(times)):
         F = (frames[i, 0], frames[i, 1], frames[i, 2], frames[i, 3])
@@ -51,7 +51,7 @@ first_compose = at_first_interpreted(compose)
 
 
 def follow(name: str, body: RigidBody, y0: Array, times: Array, states: Array, frames: Array) -> Array:
-    """States (N, 7) of the body at `times`, from those of its top (N, 6) and the quaternions (N, 4) of F.
+    """The states (N, 7) of the body at `times`, from the states (N, 6) of its top and the quaternions (N, 4) of F.
 
     Raises
     ------
@@ -85,9 +85,9 @@ def follow(name: str, body: RigidBody, y0: Array, times: Array, states: Array, f
 
 
 class BodyStepper(Stepper):
-    """Steps of h of a symmetric body, by a stepper of its top.
+    """Steps of h for a symmetric body.
 
-    top_stepper : builds it, (top, state, h). frames : (top, state, times) → quaternions (N, 4) of F.
+    top_stepper : (top, state, h) → a stepper of its top. frames : (top, state, times) → quaternions (N, 4) of F.
     """
 
     from_start = True
@@ -109,19 +109,19 @@ class BodyStepper(Stepper):
 def prepared(
     name: str, body: RigidBody, y0: Array, h: float, prepare: Callable[..., Stepper], frames: Any, **options: Any
 ) -> BodyStepper:
-    """The stepper of a symmetric body, from `prepare` and `frames` of its top."""
+    """The stepper of a symmetric body, from `prepare` and `frames` for its top."""
 
     def build(top: Any, state: Array, h: float) -> Stepper:
         return prepare(top, state, h, **options)
 
-    build(body.top, body.reduced(y0), h)  # what cannot be prepared fails here
+    build(body.top, body.reduced(y0), h)  # fails here, and not in the first step
     return BodyStepper(name, body, h, build, frames)
 
 
 def evaluated(
     name: str, body: RigidBody, y0: Array, times: Array, evaluate: Callable[..., Any], frames: Any
 ) -> tuple[Array, Work]:
-    """States (N, 7) of a symmetric body at `times`, from `evaluate` and `frames` of its top."""
+    """The states (N, 7) of a symmetric body at `times`, from `evaluate` and `frames` for its top."""
     top, start = body.top, body.reduced(y0)
     states, work = evaluate(top, start, times)
     return follow(name, body, y0, times, states, frames(top, start, times)), work

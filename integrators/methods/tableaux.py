@@ -1,7 +1,7 @@
 """Coefficients of explicit Runge-Kutta formulas, as exact fractions.
 
-One row for each stage after the first, from column 1 on; `b` are the weights of the formula. Decimal digits are those of
-the source, all of them; the tests check every order condition (rooted trees) to the digits a source gives.
+There is one row for each stage after the first, from column 1 on; `b` are the weights. Decimals have all the digits of their
+source. The tests check every order condition (rooted trees) to these digits.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Tableau:
     b: Row
 
     def __hash__(self) -> int:
-        """Of the name: a hundred hashes of fractions would be most of a set-up."""
+        """The hash of the name: a hundred hashes of fractions would be most of a set-up."""
         return hash(self.name)
 
     @property
@@ -31,7 +31,7 @@ class Tableau:
 
 
 def tableau(name: str, order: int, text: str) -> Tableau:
-    """From rows by their labels: a word that ends in a colon starts a row."""
+    """A Tableau from labelled rows: a word that ends in a colon starts a row."""
     rows: dict[str, list[Fraction]] = {}
     for word in text.split():
         if word.endswith(":"):

@@ -1,18 +1,19 @@
 """heyoka's Taylor series, on its natural steps.
 
-`taylor` is heyoka's adaptive integrator as it is meant to be used: natural steps, unrolled machine code
-(`compact_mode=False`), one call for a whole run; h is only the output grid, which its dense output fills. A step
-clamped to h would be unfair to heyoka: the order follows from the tolerance, and the step from the decay of the
-coefficients. The tolerance is relative above norm 1 and absolute below, so a state smaller than 1 may need other
-units. A top whose rate |J| + √(|alpha||x|) or |x| is beyond 2^±FAR is followed in units, powers of two, in which both are
-of order one. Their twentieth powers would under- or overflow. alpha is a runtime parameter, so heyoka compiles once per
-process for each tolerance and variant.
+`taylor` is heyoka's adaptive integrator as it is meant to be used: natural steps, unrolled machine code (`compact_mode=False`),
+one call for a whole run. h is only the output grid, which its dense output fills. To cut steps to h would be unfair: the order
+follows from the tolerance, and the step from the decay of the coefficients.
 
-`taylor_accurate` adds compensated summation of the series, `taylor_compact` the machine code heyoka makes for large systems
-(loops over tables instead of unrolled; slower here).
+The tolerance is relative above norm 1 and absolute below, so a state smaller than 1 may need other units. A top whose rate
+|J| + √(|alpha||x|) or |x| is beyond 2^±FAR is followed in units, powers of two, in which both are of order one. (Twentieth
+powers of extreme numbers under- or overflow.) alpha is a runtime parameter, so heyoka compiles once in a process for each
+tolerance and variant.
 
-J3, whose coefficients vanish, is kept; nothing else is built in. An evaluation of the right-hand side counts as one
-Taylor coefficient of it: `order` for each step.
+`taylor_accurate` sums the series with compensation. `taylor_compact` has the machine code that heyoka makes for large systems:
+loops over tables, not unrolled, and slower here.
+
+J3, whose coefficients vanish, is conserved; no other invariant is. One right-hand side is counted for each Taylor coefficient:
+`order` in each step.
 
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99; Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka).
 """
@@ -37,13 +38,13 @@ from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
 EPS = float(np.finfo(float).eps)
 FAR = 10  # powers of two: the tolerance is relative to the largest number of a state
-INTERRUPTIBLE = 1 << 20  # steps in one call of heyoka, at most: it does not see Ctrl-C
+INTERRUPTIBLE = 1 << 20  # most steps in one call of heyoka, which does not see Ctrl-C
 
 
 class Equations(NamedTuple):
-    """What equations depend on, besides numbers: the system, and whether rates and lengths have units.
+    """What the equations depend on, besides numbers: the system, and whether rates and lengths have units.
 
-    Then these units are two more numbers, in front of the others.
+    If they have, the two units are numbers, too, in front of the others.
     """
 
     system: System
@@ -51,9 +52,9 @@ class Equations(NamedTuple):
 
 
 def equations(own: Equations | None = None) -> list[Any]:
-    """The equations of motion in heyoka's symbols; parameters are its runtime parameters, the time at the start the last one.
+    """The equations of motion in heyoka's symbols, by default those of the Lagrange top.
 
-    By default those of the Lagrange top.
+    The parameters are heyoka's runtime parameters; the time at the start is the last one.
     """
     import heyoka as hy
 
@@ -73,7 +74,7 @@ def equations(own: Equations | None = None) -> list[Any]:
 
 
 def set_numbers(ta: Any, numbers: Any) -> None:
-    """The runtime parameters, of which heyoka has only those that the equations contain, up to the last of them."""
+    """Set the runtime parameters. heyoka has only those that the equations contain, up to the last of them."""
     ta.pars[:] = numbers[: len(ta.pars)]
 
 
@@ -91,9 +92,9 @@ def compile_integrator(
 
 
 def integrator_here(*key: Any) -> Any:
-    """The same, one for each thread: a copy takes 0.7 ms, as long as heyoka needs for 700 units of time.
+    """The integrator of this thread: a copy takes 0.7 ms, in which heyoka follows 700 units of time.
 
-    Steppers share it; nothing of a run is left in it that the next does not set.
+    Steppers share it, because each run sets all that the run before has left in it.
     """
     compiled: dict[Any, Any] = _here.__dict__.setdefault("integrators", {})
     if key not in compiled:
@@ -112,7 +113,7 @@ def check_tolerance(tol: Any, least: float = EPS) -> float:
 
 
 def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
-    """The units in which a state is to be followed; None for the user's, as of every problem that is not a top."""
+    """The units in which to follow a state; None: the user's, which every problem that is not a top has."""
     if not kinds.top(top):
         return None
     rate, size, _ = top.scales(y)
@@ -123,7 +124,7 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
 
 
 def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
-    """Natural steps with the local error kept below `tol` (relative above norm 1); `high_accuracy`: compensated sums."""
+    """Natural steps with the local error below `tol` (relative above norm 1). high_accuracy : compensated sums."""
     tol = check_tolerance(tol)
     key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Equations(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
@@ -161,12 +162,12 @@ def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, hig
 
 
 def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
-    """The `runner` of a method that sets heyoka's switches for good."""
+    """The `runner` of a method with fixed switches of heyoka."""
     return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
 
 
 def _until(ta: Any, end: float) -> tuple[Array, int]:
-    """The state at one time: natural steps up to it, the last one shortened."""
+    """The state at one time: natural steps, of which the last is shortened."""
     steps, limited = 0, True
     while limited:  # resuming at a limit of steps changes no bit
         outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
@@ -178,8 +179,8 @@ def _until(ta: Any, end: float) -> tuple[Array, int]:
 def _on_grid(ta: Any, y: Array, grid: Array) -> tuple[Array, int]:
     """The states on a grid, by dense output."""
     grid = np.concatenate(((0.0,), grid))
-    # A run on a grid cannot be resumed without shortening a step. A callback lets Ctrl-C in after each step and changes no
-    # bit, but costs half as much as the step: only long runs start again with one.
+    # A run on a grid cannot be resumed without a shorter step. A callback lets Ctrl-C in after each step and changes no bit,
+    # but it costs half as much as the step. So only long runs start again with a callback.
     for limit in ({"max_steps": INTERRUPTIBLE}, {"callback": lambda ta: True}):
         ta.time, ta.state[:] = 0.0, y
         outcome, _, _, steps, _, out = ta.propagate_grid(grid, **limit)
@@ -189,7 +190,7 @@ def _on_grid(ta: Any, y: Array, grid: Array) -> tuple[Array, int]:
 
 
 def _check(ta: Any, outcome: Any, steps: int) -> bool:
-    """Whether heyoka stopped for its limit of steps; StepError unless that or the end of the run is the reason."""
+    """Whether heyoka stopped at its limit of steps; StepError unless that or the end of the run is the reason."""
     import heyoka as hy
 
     if outcome == hy.taylor_outcome.time_limit:

@@ -1,7 +1,7 @@
-"""The Taylor polynomial of any degree at a fixed step, by recurrences compiled here; heyoka's is a Python call for each step.
+"""The Taylor polynomial of any degree at a fixed step, by recurrences compiled here.
 
-J3, whose coefficients vanish, is kept; nothing else is built in. An evaluation of the right-hand side counts as one Taylor
-coefficient of it: `order` for each step.
+heyoka would take a Python call for each step. J3, whose coefficients vanish, is conserved; no other invariant is. One right-hand
+side is counted for each Taylor coefficient: `order` in each step.
 
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99.
 """
@@ -30,7 +30,7 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 @jit
 def step(s, c, counters):
-    """The Taylor polynomial of one step in a uniform field, in powers of t/h; z[8k … 8k+4]: coefficient k of h J1, h J2, x."""
+    """The Taylor polynomial of one step in a uniform field, in powers of t/h. z[8k … 8k+4] : coefficients k of h J1, h J2, x."""
     J1, J2, J3, x1, x2, x3 = s
     h, alpha_h, order = c[0], c[1], int(c[2])
     spin, kick = h * J3, h * alpha_h
@@ -61,15 +61,15 @@ def step(s, c, counters):
     return J1 + alpha_h * d1, J2 + alpha_h * d2, J3, x1 + e1, x2 + e2, x3 + e3
 
 
-# what a line of a program does to coefficients: one kernel reads these tables, whatever the problem
+# The operations of a program's lines. One kernel reads these tables, whatever the problem.
 ADD, SUB, NEG, SCALE, MUL, DIV, SQRT, EXP, LOG, SIN, COS = range(11)
 CODES = {"add": ADD, "sub": SUB, "neg": NEG, "mul": MUL, "div": DIV, "sqrt": SQRT, "exp": EXP, "log": LOG}
 
 
 class Recurrences(NamedTuple):
-    """Operations and their two operands, by rows of coefficients; where y' is; numbers that are constants, and their rows.
+    """A right-hand side as tables: operations, the rows of their two operands, the rows of y', constants, and the number of rows.
 
-    Rows are those of t, y and p, of the operations, and of constants.
+    Rows are those of t, y and p, then of the operations, then of the constants.
     """
 
     codes: Array
@@ -82,7 +82,7 @@ class Recurrences(NamedTuple):
 
 @lru_cache(maxsize=64)
 def recurrences(system: System) -> Recurrences:
-    """The right-hand side as tables. A sine is followed by its cosine, and a cosine by its sine: each needs the other."""
+    """The right-hand side as tables. Sine and cosine come together, because each needs the other."""
     program = system.rhs
     table: list[tuple[int, int, int]] = []
     place: dict[Any, int] = {i: i for i in range(program.inputs)}
@@ -111,7 +111,7 @@ def recurrences(system: System) -> Recurrences:
 
 @jit
 def coefficient(z, code, a, b, here, k):
-    """Coefficient k of one operation, from those of its operands and its own earlier ones."""
+    """Coefficient k of an operation, from the coefficients of its operands and its own earlier ones."""
     if code == ADD:
         return z[a + k] + z[b + k]
     if code == SUB:
@@ -154,7 +154,7 @@ def coefficient(z, code, a, b, here, k):
 
 @lru_cache(maxsize=64)
 def kernel_of(system: System) -> Callable[..., Any]:
-    """The Taylor polynomial of one step of any system, in powers of t/h; constants: start, h, order, then numbers."""
+    """The Taylor polynomial of one step of any system, in powers of t/h. Constants: start, h, order, parameters, `constants`."""
     rows, n = recurrences(system), system.size
     codes, first, second, rates = rows.codes, rows.first * (MAX_ORDER + 1), rows.second * (MAX_ORDER + 1), rows.rates
     inputs, lines, timed, width = 1 + n + system.parameters, len(rows.codes), system.timed, MAX_ORDER + 1

@@ -1,27 +1,28 @@
-"""The closed-form solution evaluated at any time from theta functions, compiled: no state is carried from step to step.
+"""The closed-form solution from theta functions, compiled. It is evaluated at each time; no state is carried from step to step.
 
-Let m = J3, l = x·J, s = |x| and ζ = alpha (x3(t) − x3(0)). Then ζ'² = 2 (ζ − ζ1)(ζ − ζ2)(ζ − ζ3), so ζ goes to and fro
-between ζ3 and ζ2. The solution is ζ = ζ3 + (ζ2 − ζ3) sn²(w, k) with w = κ (t − t0), κ² = (ζ1 − ζ3)/2 and
-k² = (ζ2 − ζ3)/(ζ1 − ζ3). Three quantities are linear in ζ,
+Let m = J3, l = x·J, s = |x| and ζ = alpha (x3(t) − x3(0)). Then ζ'² = 2 (ζ − ζ1)(ζ − ζ2)(ζ − ζ3), and ζ goes to and fro between
+ζ3 and ζ2. The solution is ζ = ζ3 + (ζ2 − ζ3) sn²(w, k) with w = κ (t − t0), κ² = (ζ1 − ζ3)/2 and k² = (ζ2 − ζ3)/(ζ1 − ζ3). Three
+quantities are linear in ζ,
 
     |J+|² = 2 (ζ_J − ζ)     |A|² = s − x3 = (ζ_A − ζ)/alpha     |B|² = s + x3 = (ζ − ζ_B)/alpha     ζ_B ≤ ζ3, ζ2 ≤ ζ_J, ζ_A ≤ ζ1
 
-and J+ = F_J e^{i(ψ + m (t − t0)/2)}, x+ = i F_A F_B e^{iψ} with |F| as given and (arg F)' = alpha D/|ζ_F − ζ|, where
+and J+ = F_J e^{i(ψ + m (t − t0)/2)}, x+ = i F_A F_B e^{iψ}. The F have these moduli, and (arg F)' = alpha D/|ζ_F − ζ| with
 
     D_J = (l − m x_J)/2 (x_J: where J+ would vanish)     D_A = (m s − l)/2     D_B = (m s + l)/2.
 
-Hence F = const e^{iλ(t − t0)} θ2(v − iσβ)/θ4(v), v = πw/2K, σ = sign D, for F_J and F_A, θ1 instead of θ2 for F_B; β from
-w = K + iη or iη, where ζ = ζ_F. For k² > 1/2 the same functions of the complementary modulus (Jacobi's imaginary
-transformation), which are regular on the separatrix: θ4(σb + iV)/θ2(iV) and −i θ1(σb + iV)/θ2(iV), V = πw/2K', b = πη/2K'.
-Either way the nome is at most e^−π and four terms are enough. Poles of the axis and zeros of J+ are zeros of entire functions.
+Hence F = const e^{iλ(t − t0)} θ2(v − iσβ)/θ4(v) for F_J and F_A, and with θ1 in place of θ2 for F_B. Here v = πw/2K and σ = sign
+D. β belongs to w = K + iη or iη, where ζ = ζ_F. For k² > 1/2 the functions of the complementary modulus are used (Jacobi's
+imaginary transformation), which are regular on the separatrix: θ4(σb + iV)/θ2(iV) and −i θ1(σb + iV)/θ2(iV), V = πw/2K',
+b = πη/2K'. Either way the nome is at most e^−π, and four terms are enough. Poles of the axis and zeros of J+ are zeros of entire
+functions.
 
-The period, by the arithmetic-geometric mean, and the precession per period, a complete integral of the third kind by the
-same means, are double-doubles, found with + − × ÷ √ alone; whole periods are taken off t before anything is rounded.
-What remains is in doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
+The period, and the precession in it (a complete integral of the third kind), come from the arithmetic-geometric mean. They are
+double-doubles, computed with + − × ÷ √ alone. Whole periods are subtracted from t before anything is rounded. The rest is in
+doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
-This is a formula and no stepping kernel: it may call sin, cos and exp. A step is one evaluation, at t = n h from the state the
-run began with; `evaluate` takes any times. The truth the methods are judged by (`truth.exact`) rests on mpmath's
-constants; it shares nothing with this file.
+This is a formula and no stepping kernel, so it may call sin, cos and exp. A step is one evaluation, at t = n h from the start of
+the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`, rests on mpmath's constants. It shares
+nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """
@@ -60,21 +61,20 @@ RATE_A, RATE_B, SIZE = range(THETA + TERMS, THETA + TERMS + 3)
 NAME = "theta_functions"
 REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
 NOT_FINITE, TOO_LATE = 1, 2
-LATEST = 1e15  # times, in units of 1/(|J| + √(|alpha||x|)), whose doubles still say something about the phase
+LATEST = 1e15  # in units of 1/(|J| + √(|alpha||x|)); doubles of later times say nothing about the phase
 FAILURES = {
     NOT_FINITE: "the closed form left the range of floating-point numbers",
     TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double",
 }
-WEIGHTLESS = 2.0**-100  # alpha in units of the orbit that makes no difference to a double for any admissible time
-# of J+ and x+, in units of the orbit: with less, the squares of their squares leave the range of doubles
-UPRIGHT = 1e-40
+WEIGHTLESS = 2.0**-100  # a smaller alpha, in units of the orbit, changes no double at any admissible time
+UPRIGHT = 1e-40  # least J+ or x+, in units of the orbit: the fourth powers of smaller ones underflow
 ZERO = (0.0, 0.0)
 state_of, put_state = tuple_loader(6), tuple_storer(6)
 
 
 @jit
 def reduced(t, c):
-    """Whole periods n since t0 and the time r in [−T/2, T/2] left over, n T subtracted in double-double."""
+    """The number n of whole periods since t0, and the rest r in [−T/2, T/2]; n T is subtracted in double-double."""
     if c[PERIOD] == math.inf:
         return 0.0, t + c[TIME_0]
     n = np.rint((t + c[TIME_0]) / c[PERIOD])
@@ -84,7 +84,7 @@ def reduced(t, c):
 
 @jit
 def turned(n, turn, turn_lo):
-    """The angle of n whole periods, in (−π, π], from the turns in each."""
+    """The angle of n whole periods, in (−π, π]. turn, turn_lo : turns in one period."""
     p, e = two_prod(n, turn)
     return TWO_PI[0] * ((p - np.rint(p)) + (e + n * turn_lo))
 
@@ -180,7 +180,7 @@ def position(t, rest, c):
 
 @jit
 def about(s, t, rest, c):
-    """x turned about the constant J; c[CLOCK] = |J|."""
+    """x turned about the constant J. c[CLOCK] = |J|."""
     J, x = (s[0], s[1], s[2]), (s[3], s[4], s[5])
     _, r = reduced(t, c)
     angle, rate = c[CLOCK] * (r + rest), c[CLOCK]
@@ -193,7 +193,7 @@ def about(s, t, rest, c):
 
 @jit
 def step(s, c, counters):
-    """The state at the next multiple of h since the start of the run; of the state before only the number is used."""
+    """The state at the next multiple of h since the start of the run. It does not depend on s, only on the number of steps."""
     n = counters[MEMORY] + 1.0
     counters[MEMORY] = n
     t, rest = two_prod(n, c[H])
@@ -221,7 +221,7 @@ def positions(instants, c):
 def klein(n, r, turn, c):
     """Unit quaternion w + xi + yj + zk of a frame that turns with J and has x/|x| as its third axis, for ψ = 0.
 
-    F_A and F_B are its Cayley-Klein parameters: w + iz = F_B/√2s, y − ix = i F_A/√2s. `turn`: that of F_A in a period.
+    F_A and F_B are its Cayley-Klein parameters: w + iz = F_B/√2s, y − ix = i F_A/√2s. turn : the turn of F_A in a period.
     """
     J, A, B = factors(r, c)
     turn_b = sub((c[TURN], c[TURN_LO]), turn)
@@ -255,7 +255,7 @@ def frames(instants, turn, c):
 
 @jit
 def turn_of_frame(alpha, y):
-    """The turn of F_A in a period, over 2π; with `klein` it is all that a frame needs besides the constants of `position`."""
+    """The turn of F_A in a period, over 2π. `klein` needs it besides the constants of `position`."""
     J1, J2, m, x1, x2, x3 = y
     if alpha < 0.0:
         alpha, x1, x2, x3 = -alpha, -x1, -x2, -x3
@@ -266,7 +266,7 @@ def turn_of_frame(alpha, y):
 
 @jit
 def pair(product, total):
-    """The numbers with this product, not above zero, and this sum; neither loses a digit."""
+    """The two numbers with this product, which is not above zero, and this sum. Neither loses a digit."""
     half = scale(total, 0.5)
     root = sqrt(sub(mul(half, half), product))
     return add(half, root), sub(half, root)
@@ -293,7 +293,7 @@ def roots(alpha, y):
     dJ = scale(sub(mul(a, xj), mul(m_, zJ)), 0.5)
     dA = mul(half_a, sub(mul(m_, down), xj))
     dB = mul(half_a, add(mul(m_, up), xj))
-    # The cubic of ξ = ζ_A − ζ: ζ1 and ζ2 lie on either side of ξ = 0, so where they are close they keep their digits.
+    # The cubic of ξ = ζ_A − ζ. ζ1 and ζ2 lie on either side of ξ = 0, so they keep their digits where they are close.
     h0 = sub(jj, scale(zA, 2.0))
     c2 = add(h0, sub(mul(m_, m_), scale(mul(a, s), 4.0)))
     c1 = scale(add(mul(mul(a, s), h0), scale(mul(m_, dA), 2.0)), -2.0)
@@ -315,7 +315,7 @@ def roots(alpha, y):
 
 @jit
 def carlson(x, y, z):
-    """R_F (DLMF 19.16.1) by duplication, at most one argument zero."""
+    """R_F (DLMF 19.16.1) by duplication; at most one argument is zero."""
     for _ in range(60):
         mean = (x + y + z) / 3.0
         if max(abs(x - mean), abs(y - mean), abs(z - mean)) < 2e-3 * mean:
@@ -332,7 +332,7 @@ def carlson(x, y, z):
 
 @jit
 def above(z1, z2, z3, z, d):
-    """z − ζ2 and ζ1 − z for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d²: the smaller from the product."""
+    """z − ζ2 and ζ1 − z for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d². The smaller one comes from this product."""
     low, high = sub(z, z2), sub(z1, z)
     rest = scale(sub(z, z3), 0.5)
     if low[0] < high[0]:
@@ -344,7 +344,7 @@ def above(z1, z2, z3, z, d):
 
 @jit
 def side(d, low, high):
-    """σ: the sign of D, 0 for a factor with a real zero (ζ_F = ζ2), 1 for one with D = 0 and none (ζ_F = ζ1)."""
+    """σ: the sign of D. If D = 0, it is 0 for a factor with a real zero (ζ_F = ζ2), and 1 for one without (ζ_F = ζ1)."""
     if d[0] == 0.0:
         return 0.0 if low[0] < high[0] or low[0] <= 0.0 else 1.0
     return math.copysign(1.0, d[0])
@@ -515,7 +515,7 @@ def found_constants(units: Units, y: Array, span: float, h: float | None = None)
 
 
 class ThetaStepper(FixedStepper):
-    """Every step is evaluated from the state the run began with, whichever that is."""
+    """Each step is evaluated from the state with which the run began."""
 
     from_start = True
 
@@ -537,14 +537,14 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
-    """The states at any times, one evaluation each."""
+    """The states at any times, with one evaluation for each."""
     if kinds.free_body(top):
         return free_body.evaluate(top, y0, times)  # type: ignore[arg-type]
     if kinds.symmetric_body(top):
         return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
     states = units.leave(first_positions(scaled, c))
-    states[times == 0.0] = y0  # also what is lost beside |x| on the way through the formulas
+    states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))
 
 

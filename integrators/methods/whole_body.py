@@ -1,4 +1,4 @@
-"""Methods of multibody dynamics for a `RigidBody`: states (q, L), all in the frame of the body's principal axes.
+"""Methods of multibody dynamics for a `RigidBody`: states (q, L), with L in the frame of the body's principal axes.
 
     rattle            symplectic: half a kick, the discrete Moser–Veselov step of the free body, half a kick
     simo_wong         a Cayley midpoint of Simo and Wong's kind: turns by the mean angular velocity; the torque of the mean
@@ -7,15 +7,17 @@
     generalized_alpha Newmark's formulas with weights α on the Lie group, numerical damping by `rho`
     rk4_normalized    RK4 in quaternions, which are made units after every step
 
-One step is R̃ = R F. With f the quaternion of F, I the moments of inertia, Θ the vector of a rotation:
+One step is R̃ = R F. With the quaternion f of F, the moments of inertia I, and the vector Θ of a rotation:
 
     rattle       2 (f0 I f + f × I f) = h L½,            L̃½ = L½ − (4/h) f × I f
     simo_wong    I Θ = h (L + L̃)/2,   L̃ = Fᵀ L + h Γ̃ × (w + Fᵀ w)/2,           F = (1 − Θ̂/2)⁻¹ (1 + Θ̂/2)
     lie_midpoint I Θ = h (L + L̃)/2,   L̃ = exp(−Θ̂/2) (exp(−Θ̂/2) L + h τ̄),   F = exp(Θ̂)
 
-In the world the torque of simo_wong is that of the mean of both positions. The turn times it is what the potential loses, and
-it is horizontal: energy and the momentum about the vertical stay. The mean (w + Fᵀ w)/2 is (1 + Θ̂/2)⁻¹ w. Equations are solved
-by Newton's method to round-off; the derivative of the torque, of order h², is left out of its matrix.
+In the world the torque of simo_wong belongs to the mean of both positions. This torque times the turn is the loss of potential
+energy, and the torque is horizontal. So the energy and the momentum about the vertical are conserved. (w + Fᵀ w)/2 is
+(1 + Θ̂/2)⁻¹ w.
+
+The equations are solved by Newton's method to round-off. Its matrix lacks the derivative of the torque, which is of order h².
 
 Sources: McLachlan & Zanna, Found. Comput. Math. 5 (2005) 87 (Moser–Veselov in quaternions); Simo & Wong, Int. J. Numer.
 Methods Eng. 31 (1991) 19 (not seen: the formulas are ours); Brüls, Cardona & Arnold, Mech. Mach. Theory 48 (2012)
@@ -43,9 +45,9 @@ from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
-# iterations: 3 to 6 at short steps; at long ones, without the derivative of the torque, each halves the error
+# Iterations: short steps take 3 to 6. In long steps, without the derivative of the torque, each halves the error.
 LIMIT = 50
-SMALL = 2.0**-40  # relative: a correction that has stopped falling is round-off only below this
+SMALL = 2.0**-40  # a correction that has stopped falling is round-off only if it is relatively smaller
 NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
@@ -73,7 +75,7 @@ def torque(s, c):
 
 @jit
 def turned_by(s, f0, f):
-    """The quaternion q f, as long as q where f is a unit but for round-off."""
+    """The quaternion q f, with the length of q. f is a unit quaternion but for round-off."""
     q0, q = s[0], (s[1], s[2], s[3])
     n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
     return lie_group.of_length(q0 * q0 + dot(q, q), n0, n)
@@ -97,7 +99,7 @@ def rows(I, scale, f, m):
 
 @cache
 def newton(residual: Callable[..., Any]) -> Any:
-    """(x, a, c, counters) → the solution near x of residual(x, a, c) = 0, to round-off; it returns also the rows of a matrix."""
+    """(x, a, c, counters) → the root of `residual` near x, to round-off. `residual` returns a vector and the rows of a matrix."""
 
     @jit
     def solve(x, a, c, counters):
@@ -120,7 +122,7 @@ def newton(residual: Callable[..., Any]) -> Any:
 
 @jit
 def free_residual(f, a, c, counters):
-    """Of Moser and Veselov's equation; a = h L½."""
+    """2 (f0 I f + f × I f) − a with a = h L½, and its derivative."""
     I = vector(c, INERTIA)
     m, f0 = scaled(I, f), math.sqrt(max(1.0 - dot(f, f), 1e-30))
     g = add(times(2.0, add(times(f0, m), 1.0, cross(f, m))), -1.0, a)
@@ -156,7 +158,7 @@ def middle(turn, g):
 
 @jit
 def mean_push(turn, up, w):
-    """Γ̃ × (1 + Θ̂/2)⁻¹ w, and Θ/2 × this added."""
+    """Γ̃ × (1 + Θ̂/2)⁻¹ w, plus Θ/2 × this."""
     image = add(times(2.0, middle(turn, up)), -1.0, up)
     push = cross(image, middle(turn, w))
     return add(push, 0.5, cross(turn, push))
@@ -164,7 +166,7 @@ def mean_push(turn, up, w):
 
 @jit
 def cayley_residual(turn, a, c, counters):
-    """a = (L, Γ)."""
+    """For a = (L, Γ): (1 + Θ̂/2) (2 I Θ − h (L + L̃)), and its matrix."""
     h, I = c[STEP], vector(c, INERTIA)
     m, push = scaled(I, turn), mean_push(turn, (a[3], a[4], a[5]), vector(c, WEIGHT))
     g = add(add(times(2.0, m), 1.0, cross(turn, m)), -2.0 * h, (a[0], a[1], a[2]))
@@ -224,7 +226,7 @@ ALPHA_M, ALPHA_F, GAMMA, BETA = range(OPTIONS, OPTIONS + 4)
 
 @jit
 def newmark(b, a, c):
-    """The next a, the angular velocity and the turn, b being the next rate; `a` = (q, v, v', a)."""
+    """The next acceleration, the angular velocity and the turn, if b is the next v'. a : q, v, v' and the acceleration."""
     h, m, f = c[STEP], c[ALPHA_M], c[ALPHA_F]
     v, old = (a[4], a[5], a[6]), (a[10], a[11], a[12])
     new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, (a[7], a[8], a[9])), -m, old))
@@ -246,7 +248,7 @@ def alpha_residual(b, a, c, counters):
 def generalized_alpha(s, c, counters):
     I = vector(c, INERTIA)
     v = s[4] / I[0], s[5] / I[1], s[6] / I[2]
-    if counters[MEMORY] == 0.0:  # the first step: both accelerations are that of the motion
+    if counters[MEMORY] == 0.0:  # the first step: both accelerations are v' of the motion
         counters[MEMORY] = 1.0
         b = rate(v, s, c)
         for i in range(3):
@@ -265,17 +267,17 @@ free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, mi
 
 
 def constants(body: RigidBody, h: float, *options: float) -> Array:
-    """What the kernels take."""
+    """The constants of the kernels."""
     return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
 
 
 def prepare(name: str, step: Callable[..., Any], body: RigidBody, y0: Array, h: float) -> FixedStepper:
-    """One step is solved to round-off."""
+    """Each step is solved to round-off."""
     return FixedStepper(name, h, constants(body, h), step, failures=FAILURES, size=7)
 
 
 def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
-    """`rho`: the spectral radius at infinite frequency, from 0, which damps most, to 1, which does not."""
+    """`rho`: the spectral radius at infinite frequency, from 0 (damps most) to 1 (does not damp)."""
     rho = check_real(rho, "rho")
     if not 0.0 <= rho <= 1.0:
         raise ValueError(f"rho must be from 0 to 1; got {rho}")
@@ -295,7 +297,7 @@ def normalized(s, c, counters):
 
 
 def prepare_normalized(body: RigidBody, y0: Array, h: float) -> FixedStepper:
-    """RK4 on the seven numbers."""
+    """RK4 on the seven numbers (q, L)."""
     step = followed_by(RK4, body.system, normalized)
     return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
 
