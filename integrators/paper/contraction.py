@@ -26,7 +26,7 @@ from lagrange_bench.integrators.paper.phase_space import E3, Numbers, dot, poiss
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import two_point
 
-SITE = 1  # the second site, whose sheets are those of the top
+SITE = 1  # the second site: its sheets are the sheets of the top
 
 
 def to_magnet(top: LagrangeTop, y: Any, eps: Any) -> tuple[GaudinMagnet, Numbers]:

@@ -41,7 +41,7 @@ from lagrange_bench.support.precision import workdps
 
 __all__ = ["Motion", "Weierstrass", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
 
-DIGITS = 20  # behind the doubles
+DIGITS = 20  # computed for a result in doubles
 I = mp.mpc(0, 1)
 
 
@@ -258,7 +258,7 @@ class Motion:
     def phi(self, t: Any) -> Any:
         """φ(t), continuous: φ' = −(c1 m − ℓ x3)/(c1 − x3²) integrated.
 
-        −φ' is the sum over the two poles a of ℘'(a)/(2i (℘(z) − ℘(a))), with ℘'(a±) = ∓(i/2) alpha (ms ∓ ℓ).
+        −φ' is Σ ℘'(a)/(2i (℘(z) − ℘(a))) over the two poles a, with ℘'(a±) = ∓(i/2) alpha (ms ∓ ℓ).
         """
         if self.phi0 is None:
             raise ValueError("the axis passes through a pole on this orbit, where φ jumps by π: use `states`")
@@ -284,7 +284,7 @@ def decimals(q: Fraction) -> int:
 
 
 def states(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
-    """(J, x) at times t by σ and ζ: what `exact.solution` gives by theta functions. Same arguments and shapes."""
+    """(J, x) at times t by σ and ζ; arguments and shapes as in `exact.solution`, which takes theta functions."""
     return evaluate(Motion.state, top, y0, t, digits)
 
 

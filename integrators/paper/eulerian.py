@@ -11,8 +11,8 @@ Proof. By (4.1), p_θ dθ + p_φ dφ and the one-form that (5.2.7) generates dif
 The same holds with tildes. By (5.2.6), r J-/x- = 2αλ (c̃ − κ)/(κ² − 1) and r J̃+/x̃+ = 2αλ (c − κ)/(κ² − 1). Insert
 both into (5.2.7).
 
-`old` = (θ, φ), `new` = (θ̃, φ̃): complex numbers, arrays of them or mpmath numbers. κ is the root closest to `near`:
-the sheet of the curve decides which of the two (`arguments`), never a principal root.
+`old` = (θ, φ), `new` = (θ̃, φ̃): complex numbers, arrays of them or mpmath numbers. κ is the root closest to `near`. Which of the
+two it must be follows from the sheet of the curve (`arguments`).
 """
 
 from collections.abc import Callable
@@ -44,8 +44,8 @@ def kappa(lam: Any, old: Pair, new: Pair, near: Any) -> Any:
 def generating_function(top: LagrangeTop, lam: Any, c1: Any, c2: Any, old: Pair, new: Pair, near: Any) -> Any:
     """F_λ(θ, φ | θ̃, φ̃), principal logarithm; alpha = 0 is the zero-field case.
 
-    There F depends on both sides together only through κ, its mixed second derivatives have determinant 0, and it defines
-    no map: p_θ and p_φ do not determine θ̃ and φ̃. (Nor is there a one-point map at alpha = 0: p and q are infinite.)
+    At alpha = 0 F depends on both sides together only through κ. The determinant of its mixed second derivatives is 0, and it
+    defines no map: p_θ and p_φ do not determine θ̃ and φ̃. (Nor is there a one-point map at alpha = 0: p and q are infinite.)
     """
     k, r = kappa(lam, old, new, near), sqrt(c1)
     c, c_new = function("cos", old[0]), function("cos", new[0])
@@ -121,7 +121,7 @@ def random_point(rng: Random) -> tuple[LagrangeTop, Any, Any, Pair, Pair, Any]:
 def by_old(
     F: Callable[..., Any], lam: Any, old: Pair, new: Pair, near: Any, count: int = 2, digits: int = 30
 ) -> Numbers:
-    """∂F/∂θ, ∂F/∂φ, or the first `count` of them, of F(old, new, κ), with κ on its sheet, in so many digits."""
+    """∂F/∂θ and ∂F/∂φ, or the first `count` of them, of F(old, new, κ), with κ on its sheet, in `digits` digits."""
 
     def value(z: Any) -> Any:
         pair = (*z, *(mp.mpc(v) for v in old[count:]))

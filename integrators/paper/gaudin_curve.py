@@ -1,16 +1,15 @@
 """Points of the spectral curve of the Gaudin magnet, and the flow that a two-point step is.
 
 A point (λ, v), v² = ℓ(λ)·ℓ(λ), is given by λ, a `site` k and a `sheet`: (u − a_k) v is continued along the straight
-segment from a_k, where it is sheet · |s_k|, to λ. Sheet 1 of site k is the one on which short two-point steps follow the
-flow of +H_k.
+segment from a_k, where it is sheet · |s_k|, to λ. On sheet 1 of site k short two-point steps follow the flow of +H_k.
 
 One real two-point step with (λ, v) is the flow over time 1 of the interpolating Hamiltonian of section 5.6 (without the
 paper's factor i), with μ = iv and the path from λ back along the segment and on to λ̄:
 
     ∫_λ^λ̄ μ du,   that is the flow of Σ c_j H_j with   c_j = Im ∫_a_k^λ du/(v (u − a_j)).
 
-The c_j are functions of the H_j and s_j²: the same at every step. All steps commute, so steps with λ_1 … λ_k are the
-flow with the sum of their c. The flow of one H_j over a time h is got
+The c_j are functions of the H_j and s_j², and so the same at every step. All steps commute: steps with λ_1 … λ_k are the flow
+with the sum of their c. There are two ways to the flow of one H_j over a time h:
 
 - to order 2k with λ_i = a_j + |s_j| h z_i, where Im Σ z_i = 1 and Im Σ z_i^m = 0 for m = 2 … 2k. The 1/z_i are the
   roots of the denominator of the diagonal Padé approximant of exp(2it). For k = 1 this is λ = a_j + i |s_j| h, the
@@ -63,8 +62,8 @@ def eigenvalue(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0)
 def _branch(magnet: Any, spins: Any, lam: Any, site: int) -> complex:
     """v on sheet 1 in double: |s_site|/z Π √(1 − z/u_i)/Π (1 − z/a_j), z = λ − a_site, u_i the branch points.
 
-    None of the principal roots jumps on the segment unless u_i lies on it. Sites and u_i are counted from a_site: they may lie
-    far from 0.
+    No principal root jumps on the segment unless u_i lies on it. Sites and u_i are counted from a_site, because they may lie far
+    from 0.
     """
     start = magnet.sites[site]
     z, others = complex(lam - start), np.array([complex(a - start) for a in magnet.sites if a != start])
@@ -79,10 +78,10 @@ def _branch(magnet: Any, spins: Any, lam: Any, site: int) -> complex:
 
 
 def branch_points(magnet: Any, spins: Any, origin: Any = 0) -> Numbers:
-    """The zeros of v², less `origin`, in double; each site without a spin is one twice.
+    """The zeros of v², less `origin`, in double; a site without a spin counts as two.
 
     v² = α² + Σ H_j/(u − a_j) + C_j/(u − a_j)² is a transfer function, c (u − A)⁻¹ b + α² with a block of two for each site. Its
-    zeros are the eigenvalues of a pencil, better conditioned than the roots of Q.
+    zeros are the eigenvalues of a pencil, and better conditioned than the roots of Q.
     """
     n = len(magnet)
     A, N = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex), np.eye(2 * n + 1)

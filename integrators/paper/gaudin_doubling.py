@@ -1,21 +1,21 @@
 """The exact flow of a Gaudin magnet over any time as one step: two-point maps and a turn about e3, by time doubling.
 
-A step of k = ⌊n/2⌋ maps with the points (λ_i, m_i) of the curve m² = Q(λ), m = v Π(λ − a_j), is held as a pair of real
-polynomials (Mumford's form): U = Π |u − λ_i|², and V of lower degree with V(λ_i) = i m_i, so that U divides V² + Q. A
-step after itself is what Cantor's algorithm makes of twice a divisor:
+A step of k = ⌊n/2⌋ maps with the points (λ_i, m_i) of the curve m² = Q(λ), m = v Π(λ − a_j), is stored as two real polynomials
+(Mumford's form): U = Π |u − λ_i|², and V of lower degree with V(λ_i) = i m_i, so that U divides V² + Q. Cantor's algorithm for
+twice a divisor gives the step that does the work of two:
 
 - composition: V mod U² such that U² divides V² + Q, by Newton's method;
-- reduction: real A, B with A ≡ B V mod U², deg A ≤ 3k, deg B ≤ 3k − n, by Euclid's algorithm. A − iBy then vanishes at
-  all points of the step, twice at each, and the other zeros of its norm, of the positive polynomial
+- reduction: real A, B with A ≡ B V mod U², deg A ≤ 3k, deg B ≤ 3k − n, by Euclid's algorithm. A − iBy then vanishes twice at each
+  point of the step. The other zeros of its norm, of the positive polynomial
 
       U' = (A² + B² Q)/U²,   V' = −A/B mod U',
 
-  are the λ' of the step that does the work of two, up to a turn about e3 (below).
+  are the λ' of the new step, up to a turn about e3.
 
-At the two points at infinity A − iBy takes two values. The phase of their ratio is ∓2 arg(a + i alpha b), where a is
-the coefficient of u^3k in A, and b that of u^(3k − n) in B. The divisor is trivial but for a turn about e3 by that
-angle. For odd n a step is so k = (n − 1)/2 maps and a turn, 2k + 1 = n numbers for n times. For even n Euclid's algorithm
-ends with b = 0, there is no turn, and k = n/2 maps are 2k = n numbers; λ' is infinite where a = 0, at isolated times.
+At the two points at infinity A − iBy takes two values. The phase of their ratio is ∓2 arg(a + i alpha b), where a is the
+coefficient of u^3k in A, and b the coefficient of u^(3k − n) in B. The divisor is trivial but for a turn about e3 by this angle.
+So for odd n a step is k = (n − 1)/2 maps and a turn: 2k + 1 = n numbers for n times. For even n Euclid's algorithm ends with
+b = 0 and there is no turn: k = n/2 maps are 2k = n numbers. λ' is infinite where a = 0, at isolated times.
 
 Doubling starts from a time so short that the Padé parameters of `gaudin_curve` are right to all digits. It takes as many
 digits as two runs need to agree: 30 for most magnets with up to 8 spins. That reduction never fails is measured and not
@@ -38,12 +38,12 @@ from lagrange_bench.integrators.paper.phase_space import Numbers, dot, numbers, 
 from lagrange_bench.integrators.truth.orbit import horner
 from lagrange_bench.support.precision import workdps
 
-DIGITS, MOST_DIGITS = 30, 600  # of the first run, and of the last that is tried
-AGREE = 1e-18  # of the spins, relative to the largest, between two runs with different numbers of digits
+DIGITS, MOST_DIGITS = 30, 600  # of the first run, and of the last
+AGREE = 1e-18  # largest difference of two runs with different digits, relative to the largest spin
 
 
 def exact_step(magnet: Any, spins: Numbers, h: float) -> Numbers:
-    """Real spins (n, 3) after the flow of H_site over a time h, in double. ArithmeticError if MOST_DIGITS do not suffice."""
+    """Real spins (n, 3) after the flow of H_site over a time h, in double. ArithmeticError if MOST_DIGITS are not enough."""
     digits, before = DIGITS, None
     while digits <= MOST_DIGITS:
         try:
@@ -98,9 +98,9 @@ def short_step(magnet: Any, spins: Numbers, Q: Numbers, h: Any) -> tuple[Numbers
 
 
 def double(U: Numbers, V: Numbers, Q: Numbers, alpha: Any, n: int) -> tuple[Numbers, Numbers, Any]:
-    """U and V of the step that does the work of two, and the angle of the turn that goes with it."""
+    """U and V of the step that does the work of two, and the angle of its turn."""
     k, squared = n // 2, np.convolve(U, U)
-    for _ in range(2):  # the second puts V back onto the curve, whose errors would grow with each doubling
+    for _ in range(2):  # the second puts V back onto the curve: errors of V would grow with each doubling
         off = polyadd(np.convolve(V, V), Q)
         V = polydiv(polysub(V, np.convolve(off, inverse(2 * V, squared))), squared)[1]
     A, B = euclid(squared, V, 3 * k)
@@ -121,7 +121,7 @@ def turned(spins: Numbers, angle: Any) -> Numbers:
 
 
 def euclid(m: Numbers, p: Numbers, degree: int) -> tuple[Numbers, Numbers]:
-    """r and t with r ≡ t p mod m: the first of Euclid's algorithm with r of degree `degree` or less."""
+    """r and t with r ≡ t p mod m: the first remainder r of Euclid's algorithm with at most this degree."""
     before, now = (m, np.array([mp.zero])), (p, np.array([mp.one]))
     while len(now[0]) - 1 > degree:
         quotient_and_rest: tuple[Numbers, Numbers] = polydiv(before[0], now[0])
@@ -137,5 +137,5 @@ def inverse(p: Numbers, m: Numbers) -> Numbers:
 
 
 def coefficient(p: Numbers, power: int) -> Any:
-    """Of a power that may be missing."""
+    """The coefficient of a power, 0 if p has none."""
     return p[power] if 0 <= power < len(p) else mp.zero

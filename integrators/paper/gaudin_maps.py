@@ -1,7 +1,7 @@
 """The Bäcklund transformations of the Gaudin magnet (paper, sections 5.1, 5.2, 5.5 with n sites).
 
 A map takes a point (λ, v) of the curve, given by λ, `sheet` and `site`: see `gaudin_curve`. The value v is a function
-of the state. With v from the curve at every state the maps are Poisson. With v frozen they are not.
+of the state. With v from the curve at every state the maps are Poisson. With a fixed v they are not.
 """
 
 from typing import Any
@@ -18,9 +18,9 @@ from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_po
 def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The one-point map, a complex Poisson map: L̃(u) = M L M⁻¹, M = ((u − λ + pq, p), (q, 1)); (5.1.3)–(5.1.8).
 
-    p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are kept.
-    v : in place of the one on the curve through the state. ValueError for alpha = 0, λ on a site, or B(λ) = 0 on the
-    sheet that is sent to infinity.
+    p = S-/(2 alpha), q = (A − v)/B = −C/(A + v) at λ, S the total spin. All s_j² and H_j are conserved.
+    v : in place of v on the curve through the state. ValueError for alpha = 0, λ on a site, or where the map sends the state to
+    infinity: B(λ) = 0 on this sheet.
     """
     refuse(magnet.alpha, "alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
     spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)

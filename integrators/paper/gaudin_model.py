@@ -86,7 +86,7 @@ class GaudinMagnet:
         spins : (n, 3) or (3n,)
             Real spins.
         h : float
-            The time, of either sign and any length. Units: H_j turns s_j by 2 alpha h about e3 where it is alone.
+            The time, of either sign and any length. Units: alone, H_j turns s_j by 2 alpha h about e3.
 
         Returns
         -------
@@ -96,9 +96,9 @@ class GaudinMagnet:
         Raises
         ------
         ValueError
-            Spins or h that make no sense.
+            Spins that are not real, or not n of them; or h is not a finite number.
         ArithmeticError
-            600 digits do not suffice.
+            600 digits are not enough.
         """
         return gaudin_doubling.exact_step(self, self.check_real_spins(spins), check_real(h, "h"))
 

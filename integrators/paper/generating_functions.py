@@ -8,9 +8,9 @@ map, up to the choice of a root k. This root is k = x3 − q x- = x̃3 − p x̃
     k² = c1 + λ x- x̃+                                                                                  (5.2.6) [99]
     x3 = i x- ∂F/∂J-,  J3 = i x- ∂F/∂x- + i J- ∂F/∂J-,  the same with tildes and +;  μ = −∂F/∂λ         (5.2.5) [95–98]
 
-`old` = (x-, J-), `new` = (x̃+, J̃+): complex numbers, arrays of them or mpmath numbers. F is two-valued: k is the root
-closest to `near`, and which one belongs to a point (λ, μ) of the curve only the states tell (`arguments`). At α = 0
-there is no one-point map: p and q are infinite. For Euler angles, and that limit, see `eulerian`.
+`old` = (x-, J-), `new` = (x̃+, J̃+): complex numbers, arrays of them or mpmath numbers. F is two-valued; k is the root
+closest to `near`. Only the states show which root belongs to a point (λ, μ) of the curve (`arguments`). At α = 0 there is no
+one-point map: p and q are infinite. For Euler angles, and α = 0, see `eulerian`.
 """
 
 from functools import partial
@@ -73,7 +73,7 @@ def states(top: LagrangeTop, lam: Any, c1: Any, c2: Any, old: Pair, new: Pair, n
 
 
 def arguments(top: LagrangeTop, y: Any, y_new: Any) -> tuple[Pair, Pair, Any]:
-    """old, new and k = x3 − q x- of a state and its image: k itself, without a root, on the sheet of the map."""
+    """old, new and k = x3 − q x- of a state and its image. So k comes without a root, on the sheet of the map."""
     _, Jm, _, x3, xm, _ = ladder(y)
     _, _, Jp, _, _, xp = ladder(y_new)
     return (xm, Jm), (xp, Jp), x3 - xm * Jp / (2 * top.alpha)
@@ -143,7 +143,7 @@ def contraction_arguments(
 def contracted(alpha: Any, lam: Any, squares: Any, minus: Any, plus: Any, near: Any, eps: Any) -> Any:
     """(5.2.11) [conGF] corrected: (5.2.9) for n = 2, a_2 = a_1 + ε, to the order ε⁰ when s_j = O(1/ε).
 
-    The same sum with ζ_j² = s_j² + λ s̃_j⁺ s_j⁻ in place of z_j² (5.2.12), plus iεζ_2/λ. Left out is O(ε), not O(ε²):
+    It is the same sum with ζ_j² = s_j² + λ s̃_j⁺ s_j⁻ in place of z_j² (5.2.12), plus iεζ_2/λ. The error is O(ε), not O(ε²):
     −(iε²/2)(s̃_2⁺ s_2⁻/2λζ_2 − ζ_2/λ²) + O(ε²). For ε → 0 it is (5.2.7) plus a constant ±πℓ/r.
     """
     zeta = roots_z(lam, 0 * squares, squares, minus, plus, near)

@@ -6,11 +6,10 @@ on a leaf, that is the motion (1.1) over a time T followed by a rotation about e
 
     T = −i ∫_{λ2}^{λ1} du/√Q        Θ = −i alpha ∫_{λ2}^{λ1} u du/√Q        along λ2 → 0 → λ1
 
-and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. No multiple root of Q may lie on the path, its end included: there
-the integrals diverge, and the step leads to a sleeping top (docs/exact-step.md, section 1). For a small λ = iη, T =
-2η/√C1: the paper's −iΔλ if C1 = 1.
+and for λ2 = λ̄1 = λ̄ real: T = 2 Im ∫_0^λ du/√Q. If a multiple root of Q lies on the path, or at its end, the integrals diverge,
+and the step leads to a sleeping top (docs/exact-step.md, section 1). For a small λ = iη, T = 2η/√C1: the paper's −iΔλ if C1 = 1.
 
-`sheet` is that of `two_point`, 1 forward in time, √Q the branch of `lax.root`. The quadratures are those of `torus.clock`.
+`sheet` is as for `two_point`, 1 forward in time; √Q is the branch of `lax.root`. `torus.clock` computes the integrals.
 """
 
 from random import Random
@@ -55,7 +54,7 @@ def limit_lax_rate(top: LagrangeTop, y: Any, u: Any, second: Point) -> Numbers:
 def limit_rate(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Numbers:
     """The same flow on states, i{μ2, z} = −(z' + alpha λ2 e3 × z)/√Q(λ2), (..., 6); (5.6.7).
 
-    At λ2 = 0 it is the physical flow but for its unit of time, −z'/√C1: ε runs backwards, ε = −2 Im λ (5.6.8).
+    At λ2 = 0 it is the physical flow in another unit of time, −z'/√C1: ε runs backwards, ε = −2 Im λ (5.6.8).
     """
     turn = turn_rate(y)
     field = vector_field(top, y) + turn * lift(lam, turn.ravel()[0]) * top.alpha

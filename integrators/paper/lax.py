@@ -38,7 +38,7 @@ def square(a: Any, b: Any, c: Any, d: Any) -> Numbers:
 
 
 def determinant(M: Numbers) -> Any:
-    """Of matrices (..., 2, 2) of any numbers."""
+    """The determinants of matrices (..., 2, 2) of any numbers."""
     return M[..., 0, 0] * M[..., 1, 1] - M[..., 0, 1] * M[..., 1, 0]
 
 
@@ -115,7 +115,7 @@ def spectral_curve(top: LagrangeTop, y: Any, u: Any) -> Any:
 def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     """m = √Q(λ), continuous from the principal √C1 at 0 along the straight segment to λ.
 
-    ValueError for C1 = 0. If a root of Q lies on the segment, the side is decided by round-off: choose another λ.
+    ValueError for C1 = 0. If a root of Q lies on the segment, round-off decides the side: choose another λ.
     """
     q = spectral_polynomial(top, y)
     phase_space.refuse(q[0], "C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")

@@ -2,16 +2,16 @@
 
     M(u) L(u) = L̃(u) M(u)     M(u) = ((u − λ + pq, p), (q, 1))     p = J-/(2 alpha)     q = J̃+/(2 alpha)
 
-The point (λ, μ) of the spectral curve is given by λ and a sheet, μ = sheet · i m/λ² (`lax.eigenvalue`); μ is a
-function of the state, and the map is Poisson only with that dependence: at frozen μ it is not. C1 is general, C1 ≠ 0;
-alpha = 0 has no one-point map. With k = x3 − q x- = x̃3 − p x̃+,  k² = C1 + λ x- x̃+ of (5.2.6), the sheet is the sign
-of k: k → sheet · √C1 as λ → 0, where the map stays regular (only μ has a pole).
+The point (λ, μ) of the spectral curve is given by λ and a sheet, μ = sheet · i m/λ² (`lax.eigenvalue`). μ is a function of the
+state: with a fixed μ the map is not Poisson. C1 is general, C1 ≠ 0. At alpha = 0 there is no one-point map. With
+k = x3 − q x- = x̃3 − p x̃+,  k² = C1 + λ x- x̃+ of (5.2.6), the sheet is the sign of k: k → sheet · √C1 as λ → 0, where the map
+stays regular (only μ has a pole).
 
 The map commutes with rotations about e3, also complex ones (the *gauge* J-, x- → d J-, d x-; J+, x+ → J+/d, x+/d).
 Iterated, |J-|, |x-| grow and |J+|, |x+| shrink geometrically, so `orbit` keeps states balanced by such a gauge.
 
-Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q, hence B⁻¹ = τ B τ with
-τ: J2, x2 → −J2, −x2, at the same (λ, μ). B_(λ̄,ν)⁻¹ ∘ B_(λ,μ) on one sheet is the real two-point map of section 5.5,
+Its inverse is its mirror image: transposing L exchanges J- with J+ and p with q. So B⁻¹ = τ B τ at the same (λ, μ), with
+τ: J2, x2 → −J2, −x2. B_(λ̄,ν)⁻¹ ∘ B_(λ,μ) on one sheet is the real two-point map of section 5.5,
 `lagrange_bench.two_point(top, y, λ, sheet=s)` for the one-point maps of sheet −s.
 """
 
@@ -39,9 +39,9 @@ def _m(top: LagrangeTop, y: Any, lam: Any, sheet: int, mu: Any) -> Any:
 def parameters(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None) -> tuple[Any, Any]:
     """p and q of the dressing matrix from the old variables, (5.1.6), (5.1.8).
 
-    q = (A − μ)/B = −C/(A + μ), both times −iλ²: (a3 − m)/a- = −a+/(a3 + m) with a = x + λJ + λ² alpha e3. The form
-    with the larger of a3 ± m has no cancellation. ValueError where it is the denominator's turn to vanish (B = 0 on
-    the other sheet): the state is sent to infinity.
+    q = (A − μ)/B = −C/(A + μ), both times −iλ²: (a3 − m)/a- = −a+/(a3 + m) with a = x + λJ + λ² alpha e3. The form with the
+    larger of a3 ± m has no cancellation. ValueError if its denominator vanishes (B = 0 on this sheet): the map sends the state
+    to infinity.
     """
     m = _m(top, y, lam, sheet, mu)
     J3, Jm, Jp, x3, xm, xp = ladder(y)
@@ -60,8 +60,8 @@ def one_point(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None
     ----------
     lam : Bäcklund parameter λ, complex. Also 0, unless `mu` is given.
     sheet : 1 or −1, the point over λ; see `lax.eigenvalue`.
-    mu : μ itself in place of the one on the curve through y. Freezing it makes an iteration no worse, but the map
-        with constant μ is not Poisson and changes C1 and C2 off its torus.
+    mu : μ itself, in place of μ on the curve through y. A fixed μ does an iteration no harm. But the map with constant μ is not
+        Poisson, and changes C1 and C2 off its torus.
     """
     J3, Jm, Jp, x3, xm, xp = ladder(y)
     p, q = parameters(top, y, lam, sheet, mu)
@@ -85,7 +85,7 @@ def real_form(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1, mu: Any = None
     square = q / (4 * a) * (J1**2 - J2**2)
     J1_new = a * q + xm / 2 - lam / 2 * Jm + square + 1j / (2 * a) * tail
     J2_new = -1j * a * q + 1j / 2 * xm - 1j * lam / 2 * Jm + 1j * square - tail / (2 * a)
-    # the paper's brackets times q, which removes their 1/q
+    # the paper's brackets times q, so that 1/q disappears
     b2 = q * (lam / 2 * (J2**2 - J1**2) + Jm * xm + 1j * lam * J1 * J2) - Jm * x3
     b3 = q * (q * J1**2 * (J1 - 3j * J2) + 1j * q * J2**2 * (J2 + 3j * J1) - 2 * J3 * Jm**2) - Jm**2 * Jp
     even = b2 / (2 * a) + b3 / (8 * a * a) - lam / 2 * xm
@@ -119,7 +119,7 @@ def gauge(y: Any, d: Any) -> Numbers:
 
 
 def balance(top: LagrangeTop, y: Any) -> tuple[Numbers, int]:
-    """One state in the gauge d = 2^n that makes |J-|, |x-| and |J+|, |x+| of one size, and n; d is exact."""
+    """One state in the gauge d = 2^n that makes |J-|, |x-| as large as |J+|, |x+|, and n; d is exact."""
     _, _, c1, _ = invariants(top, y)
     _, Jm, Jp, _, xm, xp = ladder(y)
     scale = float(abs(top.alpha)) ** 0.5 / float(abs(c1)) ** 0.25  # brings x to the units of J

@@ -1,8 +1,8 @@
 """Section 1 of the paper on the complexified phase space: states, brackets, equations of motion, invariants.
 
-State y = (J1, J2, J3, x1, x2, x3), last axis of an array: real, complex, or mpmath numbers in a list or an object
-array. Everything here and in the other modules of the paper is + − * / and a square root, so that the same line runs
-in double and in any number of digits. C1 = |x|² is general; x·x is the bilinear form, nothing is conjugated.
+A state is y = (J1, J2, J3, x1, x2, x3), the last axis of an array: real, complex, or mpmath numbers in a list or an object array.
+All modules of the paper need only + − * / and a square root, so the same line runs in double and in any number of digits.
+C1 = |x|² is general; x·x is the bilinear form, nothing is conjugated.
 """
 
 from collections.abc import Callable
@@ -60,7 +60,7 @@ def lift(z: Any, like: Any) -> Any:
 
 
 def numbers(y: Any) -> Numbers:
-    """An object array of mpmath numbers, the doubles as they are."""
+    """An object array of mpmath numbers. Doubles are taken as exact."""
     return np.frompyfunc(mp.mpmathify, 1, 1)(np.asarray(y))
 
 
@@ -77,7 +77,7 @@ def check_numbers(values: Any, name: str) -> Numbers:
 
 
 def check_reals(values: Any, name: str) -> Numbers:
-    """The same of real numbers."""
+    """The same for real numbers."""
     array = check_numbers(values, name)
     if any(isinstance(v, (complex, mpmath.mpc)) for v in array.ravel().tolist()):
         raise ValueError(f"{name} must be real numbers; got {values!r}")
@@ -105,14 +105,14 @@ def function(name: str, z: Any) -> Any:
 
 
 def gradient(F: Callable[[Numbers], Any], z: Any) -> Numbers:
-    """∂F/∂z, (..., n), at numbers z (n,) by central differences with half as many digits more: good to nearly all of mpmath's."""
+    """∂F/∂z, (..., n), at numbers z (n,): central differences in 3/2 of mpmath's digits, right to nearly all digits of mpmath."""
     z, d = numbers(z), mp.mpf(10) ** (-mp.dps // 2)
     with mp.workdps(3 * mp.dps // 2):
         return np.stack([(F(z + d * e) - F(z - d * e)) / (2 * d) for e in np.eye(len(z), dtype=int)], axis=-1)
 
 
 def refuse(z: Any, reason: str) -> None:
-    """ValueError if a number is 0."""
+    """ValueError with this reason if a number is 0."""
     if np.any(np.asarray(z) == 0):
         raise ValueError(reason)
 

@@ -4,10 +4,10 @@ For general C1 = c1 = s² and C2 = c2 (the paper has s = 1, c2 = ℓ). The separ
 
     u1 = −x-/J-      v1 = i (J-/x-)(J3 − (J-/x-) x3)      u2 = J-      v2 = −i J3/J-        {v_k, u_l} = δ_kl
 
-v1 is the explicit one of (3.5). It equals −A(u1) + i alpha, not −A(u1) as (3.4) has it, and all later formulas of the
-section need it so; the point on the spectral curve is (u1, v1 − i alpha). With f' = {f, H}: u' = −∂H/∂v, v' = ∂H/∂u.
+v1 is the explicit expression of (3.5). It equals −A(u1) + i alpha, not −A(u1) as in (3.4), and all later formulas of the section
+need it so. The point on the spectral curve is (u1, v1 − i alpha). With f' = {f, H}: u' = −∂H/∂v, v' = ∂H/∂u.
 
-Both charts are complex and leave out the states with x- = 0, the first also those with J- = 0: ValueError.
+Both charts are complex. States with x- = 0, and in the first chart J- = 0, are outside: ValueError.
 """
 
 from random import Random

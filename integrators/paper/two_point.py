@@ -3,21 +3,21 @@
     M(u) L(u) = L̃(u) M(u)     M(u) = ((u − λ1 + xX, X), (−x²X + Δλ x, u − λ2 − xX))          (5.5.2), (5.5.3)
     det M = (u − λ1)(u − λ2)     Δλ = λ1 − λ2     λ0 = (λ1 + λ2)/2                            (5.5.4), (5.5.8)
 
-B_(P1,Q2) is the one-point map of P1 = (λ1, μ1) followed by the inverse of that of (λ2, μ2). Its own inverse exchanges
-the two points, or changes the sign of both μ. Like the paper, the formulas of 5.5 take points: pairs (λ, μ) from `point`.
-The tilde here is the paper's double one. C1 is general, C1 ≠ 0; alpha = 0 is no exception.
+B_(P1,Q2) is the one-point map of P1 = (λ1, μ1), followed by the inverse of the one-point map of (λ2, μ2). Its own inverse
+exchanges the two points, or changes the sign of both μ. Like the paper, the formulas of 5.5 take points: pairs (λ, μ) from
+`point`. The tilde here is the paper's double tilde. C1 is general, C1 ≠ 0; alpha = 0 is no exception.
 
-All of them divide by B(λ), which vanishes on some states: that is a singular chart, not a singular map. With
+All these formulas divide by B(λ), which vanishes on some states: the chart is singular there, not the map. With
 M(u) = u − λ0 + i w·σ, a_k = x + λ_k J + λ_k² alpha e3 and m_k = iλ_k² μ_k = √Q(λ_k) the same map is
 
     w = (Δλ/2i) (m2 a1 + m1 a2 − i a1×a2)/(m1 m2 + a1·a2)      w·w = −Δλ²/4
     J̃ = J + 2 alpha e3×w      x̃ = x + λ0 (J̃ − J) + (J + J̃)×w
 
-(a result of this project), and for real states and λ2 = λ̄1, m2 = m̄1, where the denominator is |m|² + |Re a|² + |Im a|²,
-the real map of `lagrange_bench.two_point`. `sheet` is that of m, 1 forward in time: sheet −1 of `lax.eigenvalue`.
+(a result of this project). For real states and λ2 = λ̄1, m2 = m̄1, it is the real map of `lagrange_bench.two_point`, and the
+denominator is |m|² + |Re a|² + |Im a|². `sheet` is the sheet of m, 1 forward in time: sheet −1 of `lax.eigenvalue`.
 
-μ and m are functions of the state: with them from the curve at every state the map is Poisson, with frozen ones not.
-What the map is in time, section 5.6, is in `interpolating_flow`.
+μ and m are functions of the state. With their values on the curve at every state the map is Poisson; with fixed values it is not.
+`interpolating_flow` shows what the map is in time, section 5.6.
 """
 
 from collections.abc import Callable
@@ -144,9 +144,9 @@ def inverse(top: LagrangeTop, y: Any, first: Point, second: Point) -> Numbers:
 
 
 def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
-    """w of M(u) = u − λ0 + i w·σ, shape (..., 3); m : (m1, m2) in place of those on the curve.
+    """w of M(u) = u − λ0 + i w·σ, shape (..., 3). m : (m1, m2), in place of their values on the curve.
 
-    ValueError at a pole: for a real state and λ2 = λ̄1 only a(λ) = 0, a vertical top with λ the double root of Q.
+    ValueError at a pole. For a real state and λ2 = λ̄1 this is only a(λ) = 0: a vertical top, and λ the double root of Q.
     """
     sheet, y = lax.check_sheet(sheet), np.asarray(y)
     roots = (sheet * lax.root(top, y, lam1), sheet * lax.root(top, y, lam2)) if m is None else m
@@ -159,7 +159,7 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
 
 
 def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
-    """The map by its vector w, complex: any λ1 and λ2, also 0. Arguments as for `axis`."""
+    """The map by its vector w, complex, for any λ1 and λ2, also 0. Arguments as for `axis`."""
     J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
     w = axis(top, y, lam1, lam2, sheet, m)
     J_new = J + cross(E3, w) * (2 * top.alpha)
@@ -187,7 +187,7 @@ def _points(rng: Random, top: LagrangeTop, y: Any) -> tuple[Point, Point]:
 
 
 def _component(rng: Random, printed: bool, name: str, form: Callable[..., Numbers]) -> float:
-    """One component as printed or as corrected against the pole-free map, over the size of the terms."""
+    """One component, as printed or as corrected, against the pole-free map, over the size of the terms."""
     top, y = draw(rng)
     first, second = _points(rng, top, y)
     m = tuple(1j * lam * lam * mu for lam, mu in (first, second))

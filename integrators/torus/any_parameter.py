@@ -1,4 +1,4 @@
-"""The two-point map with any λ, also the paper's choice. Its constants, and one single step."""
+"""The two-point map with any λ, such as the paper's: its constants, and one single step."""
 
 from __future__ import annotations
 

@@ -10,7 +10,8 @@ the complex number A(0) − i√C1, with A the interpolating cubic:
 
     exp(iχ'/2) = exp(iχ/2)² (A(0) − i√C1)/|A(0) − i√C1|
 
-For two dressing matrices M(0) and the third that replaces them differ by the value of A − i√Q · L(0)/√C1 at 0.
+The reason: the third dressing matrix M(0), which replaces two, differs from their product by the value of
+A − i√Q · L(0)/√C1 at 0.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ l_3 = p2/6 − p1²/24, … (`series`). With τ^k p_k = P_k, R/τ and η/τ are 
 `WEIGHT`. Here λ is in units of τ and m in units of √C1. In these, Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴, and nothing
 depends on the caller's units.
 
-Larger times. `double_time` is that of `time_step`, with the divisions by N = 2|m|² and by B = N b side by side. For times beyond
-half a nutation, ensembles subtract whole nutations (`whole_nutations`).
+Larger times. `double_time` has the formula of `time_step`, with the divisions by N = 2|m|² and by B = N b side by side. For times
+beyond half a nutation, ensembles subtract whole nutations (`whole_nutations`).
 
 `ok` says that T has a relative error below 2e-15. It requires that 2|h| is below the nutation period, that |m|² is at least C1/4,
 and that the start is in reach. |m| falls towards a double root of Q, next to the separatrix, and for a nearly planar top from
@@ -55,8 +55,7 @@ MOST = 12  # most doublings
 LEAST = 1 / 4  # least |m|²/C1 for which T is right to 2e-15
 
 NEAR = 0.05  # least (z1 − z2)/(z1 − z3); next to the separatrix errors grow too fast for plain doubles
-# least (z_p − z2)/(z1 − z3); if J comes nearer to the vertical, half a revolution of each nutation may be lost
-VERTICAL = 1e-9
+VERTICAL = 1e-9  # least (z_p − z2)/(z1 − z3); with J nearer to the vertical, half a revolution per nutation may be lost
 NEWTON, AGM = 12, 12  # steps for the largest root of the cubic of nutation, in double, and of the means
 PI, PI_LO = 3.141592653589793, 1.2246467991473532e-16
 
@@ -164,7 +163,7 @@ def slope(P, z):
 
 @unrolled
 def double_time(P, z):
-    """(R, η, Re m, Im m) for twice the time, and B, which is positive while that is below T_nut; see `time_step`."""
+    """(R, η, Re m, Im m) for twice the time, and B, which is positive while twice the time is below T_nut; see `time_step`."""
     R, eta, mr, mi = z
     N, G, B = slope(P, z)
     over_b, over_n = 1.0 / B, 1.0 / N
@@ -313,9 +312,11 @@ def whole_nutations(work, nutation):
 
         T = π/M,    P = T (J3/2 + D (2 + (z2 − z3)/(z_p − z2) Σ Q_n)/(4 (z_p − z3))),    M = agm(a_0, g_0)
 
-    a_0² = (z1 − z3)/2, g_0² = (z1 − z2)/2, p_0² = a_0² (z_p − z2)/(z_p − z3), Q_0 = 1, p_{n+1} = (p_n² + a_n g_n)/(2 p_n) and
-    Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)): DLMF 19.8.7-8. All is in double-double, because an error is repeated with
-    every nutation.
+    with DLMF 19.8.7-8: a_0² = (z1 − z3)/2, g_0² = (z1 − z2)/2, p_0² = a_0² (z_p − z2)/(z_p − z3), Q_0 = 1 and
+
+        p_{n+1} = (p_n² + a_n g_n)/(2 p_n)        Q_{n+1} = Q_n (p_n² − a_n g_n)/(2 (p_n² + a_n g_n)).
+
+    All is in double-double, because an error is repeated with every nutation.
     """
     for j in range(LANES):
         s, alpha = column(work, STATE + j, 6, LANES), work[GIVEN + j]

@@ -96,7 +96,7 @@ def compensated_step(s, c, counters):
 
 @jit
 def direction(s, c):
-    """u along w, and |u|. It also serves where p, q and m vanish together and the denominator has no digits left."""
+    """u along w, and |u|. It serves also where p, q and m vanish together, so that the denominator has no digits left."""
     J1, J2, J3, x1, x2, x3 = s
     p3 = x3 + c[P3]
     z = c[ETA] * x3 - c[ETA_B]
@@ -184,10 +184,10 @@ def adjugate(a, b, d, e, f, g):
 
 @jit
 def nearly_dependent(s, alpha):
-    """Whether the gradients of the invariants are so nearly dependent that `restore_invariants` would amplify round-off.
+    """Whether `restore_invariants` would amplify round-off, because the gradients of the invariants are nearly dependent.
 
-    The test takes 1/(1/l1 + 1/l2 + 1/l3) with the eigenvalues l of the Gram matrix, which is between a third of the least
-    eigenvalue and that eigenvalue.
+    With the eigenvalues l of the Gram matrix, 1/(1/l1 + 1/l2 + 1/l3) is between a third of the least one and the least one. The
+    test compares this with the trace.
     """
     matrix = gram(s, alpha)
     A, _, _, E, _, G, determinant = adjugate(*matrix)
@@ -199,8 +199,8 @@ def nearly_dependent(s, alpha):
 def corrected(s, alpha, r1, r2, r3):
     """The state after one Newton step: the smallest change of J1, J2, x1, x2, x3 that removes the residuals of H, C1/2 and C2.
 
-    The gradients are dependent on the vertical and at regular precession. A small ridge leaves such directions alone.
-    Elsewhere it makes the correction 99.99 %, which suffices, because corrections are frequent.
+    On the vertical and at regular precession the gradients are dependent. A small ridge leaves such directions alone. Elsewhere
+    it makes the correction 99.99 %, which suffices, because corrections are frequent.
     """
     J1, J2, J3, x1, x2, x3 = s
     a, b, d, e, f, g = gram(s, alpha)
@@ -225,8 +225,8 @@ def corrected(s, alpha, r1, r2, r3):
 def restore_invariants(s, c):
     """Move a state back onto (H, C1, C2), with residuals in plain doubles.
 
-    The round-off of the residuals, divided by the least singular value of the gradients, becomes an error of the state. If
-    that is too large, take `restore_invariants_precisely`.
+    The round-off of the residuals, divided by the least singular value of the gradients, becomes an error of the state. If this
+    is too large, take `restore_invariants_precisely`.
     """
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
@@ -247,9 +247,9 @@ def halves(a):
 def restore_invariants_precisely(s, c):
     """The same with residuals right to 2^-75, for tops whose invariants are `nearly_dependent`.
 
-    With G the gradients, an error e of the state leaves the residuals G e. The smallest change that removes G e is no longer than
-    e, however close to dependent the gradients are. So the correction is as small as the error, if the residuals are right. Large
-    sums are exact here, and the rest is small.
+    With G the gradients, an error e of the state leaves the residuals G e. The smallest change that removes G e is no longer
+    than e, even if the gradients are nearly dependent. So the correction is as small as the error, if the residuals are right.
+    Large sums are exact here, and the rest is small.
     """
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
