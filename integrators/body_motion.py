@@ -57,7 +57,7 @@ class BodyMotion:
     def euler_angles(self) -> Array:
         """Euler angles of the body.
 
-        Within 1e-7 of the vertical only phi ± psi has a meaning; all of it is then given to phi.
+        Within 1e-7 of the vertical only phi ± psi has a meaning; phi is then all of it.
 
         Returns
         -------

@@ -1,7 +1,7 @@
 """The one contract between a method and everything that uses it.
 
-A method is a record of claims (`Method`) with a builder (`prepare`); what it builds is a `Stepper`.
-Tests read the claims and check them; experiments only ever see a `Stepper`.
+A method is a record (`Method`) of claims and of a builder (`prepare`), which builds a `Stepper`. Tests check the claims;
+experiments only ever see a `Stepper`.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class Claims:
         Names of INVARIANTS, or of a problem's own. The method keeps them at round-off, for every h that it takes, if the problem
         conserves them. Round-off may grow with the angle of a step: some ulps for each time scale of h.
     conserves_if_quadratic : set of str
-        Names of those that it also keeps if H is quadratic.
+        Names of further invariants that it keeps if H is quadratic.
     conserves_own : dict
         Other quantities, such as a modified energy, that it keeps at round-off for every h in a uniform field: name → function
         of (top, h, states (N, 6)) that returns the values (N,) and the size of their terms at the first state.
@@ -211,7 +211,7 @@ class Method:
     name : str
         Registry key, the name in every table.
     label : str
-        What a legend shows.
+        The name in legends.
     family : str
         Colour and grouping: one of FAMILIES, or a plug-in's own.
     order : int or None
@@ -236,7 +236,7 @@ class Method:
     requires : str, optional
         A package that may be missing on some platforms.
     engine : str
-        What takes the steps: "numba" compiled here; "heyoka"; "scipy" and "python" interpreted.
+        It takes the steps: "numba", compiled here; "heyoka"; "scipy" and "python", interpreted.
 
     Raises
     ------

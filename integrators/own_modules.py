@@ -11,7 +11,7 @@ from types import ModuleType
 
 
 def import_modules(names: Iterable[str]) -> None:
-    """Import the modules that the user names with --module. Stored results may name what is in them from then on."""
+    """Import the modules that the user names with --module, so that stored results may name their methods and potentials."""
     for name in names:
         try:
             import_own(name)

@@ -188,7 +188,7 @@ class Registry(Mapping[str, Any]):
 
     @property
     def state(self) -> tuple[tuple[str, ...], int]:
-        """It differs where the names in this thread differ. What is derived from the names holds as long as it is the same."""
+        """A key for caches: it differs where the names in this thread differ."""
         return tuple(self._entries), self._in_block.get()[0]
 
     def each(self) -> Iterator[tuple[str, Any, str]]:

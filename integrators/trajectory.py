@@ -111,9 +111,9 @@ class Rows:
         Returns
         -------
         DataFrame
-            t, the place of the motion in an ensemble, and the numbers of the state. Of a RigidBody also the position px py pz,
-            the quaternion qw qx qy qz, the angular velocity in the body wx wy wz, and where it flies the velocity vx vy vz, in
-            SI units. Last the invariants, if asked for.
+            t, the place of the motion in an ensemble, and the numbers of the state. A RigidBody also has the position px py pz,
+            the quaternion qw qx qy qz, and the angular velocity in the body wx wy wz, in SI units. A flying one has the velocity
+            vx vy vz, too. The invariants come last.
         """
         import pandas as pd
 

@@ -57,11 +57,11 @@ class Convention:
 class Frames:
     """A rigid body, and the axes in which a trajectory of it is written.
 
-    `to_world` takes vectors from the world of the rows to the world of the case, `from_body` from the body of the case to the
-    body of the rows. `known_until` is the time up to which the exact motion is known.
+    `to_world` takes vectors from the world of the rows to the world of the case. `from_body` takes them from the body of the case
+    to the body of the rows. `known_until` is the time up to which the exact motion is known.
 
-    case : its exact motion is compared with the rows; without a case they are compared with themselves. digit : what matrices
-    are rounded by.
+    case : its exact motion is compared with the rows; without a case they are compared with themselves. digit : the rounding of
+    matrices in the file.
     """
 
     def __init__(self, body: RigidBody, convention: Convention, digit: float = 0.0, case: Case | None = None):

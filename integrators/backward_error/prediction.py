@@ -122,7 +122,7 @@ def predicted_phase(
     Returns
     -------
     PredictedPhase
-        `states(t)` are the states of the method after a time t. The rates say the same in a few numbers: apart from oscillations,
+        `states(t)` are the states of the method after a time t. The rates say the same in a few numbers. Apart from oscillations,
         the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
         t². Without a prediction clock and turn are None, and `reason` says why.
 

@@ -2,8 +2,7 @@
 
 A `Program` is a formula as a straight list of operations without repetitions; `tape` records it. It runs on floats, arrays,
 mpmath numbers, heyoka expressions and, through `machine_code`, in compiled kernels. Its digest identifies the formula, wherever
-the function stands. Bits are the same everywhere as long as the formula is algebraic; sin, cos, exp and log are those of the C
-library.
+the function stands. Bits are the same everywhere if the formula is algebraic; sin, cos, exp and log come from the C library.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The time loop of many tops at once, one in each SIMD lane. The kernels are those of `loops`, but must not fail."""
+"""The time loop of many tops at once, one in each SIMD lane. It takes the kernels of `loops`, but they must not fail."""
 
 from __future__ import annotations
 
@@ -98,8 +98,8 @@ def run_lanes(
 ) -> None:
     """Take the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, restore, steps between two restores).
 
-    `constants` (m, k) are those of each top, `memory` says how many numbers the kernel carries from step to step. Rows of `out`
-    (steps // every, m, 6) are the states after every, 2 every, … steps. Ends early, its rows unfinished, once `stopped()`.
+    `constants` (m, k) has a row for each top; the kernel carries `memory` numbers from step to step. Rows of `out`
+    (steps // every, m, 6) are the states after every, 2 every, … steps. It ends early, with rows unfinished, once `stopped()`.
     """
     step, restore, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # the lanes left over repeat some tops

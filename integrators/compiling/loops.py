@@ -3,7 +3,7 @@
 A compiled method is a Numba function on a tuple of numbers, `step(s, c, counters) -> s`. A second one may restore invariants:
 `restore(s, c) -> s` is called before every `block` steps, also before the first of a call. `c` is the method's array of
 constants, and `counters` counts (see below). The state lives in registers; nothing is allocated. `lanes` has the loop of many
-tops, `methods.dop853` that of kernels that choose their steps.
+tops, and `methods.dop853` the loop of kernels that choose their steps.
 """
 
 from __future__ import annotations

@@ -77,7 +77,7 @@ class Unknown(Number):
 class Unrolled:
     """An unrolled function. Called from Python, it runs the function itself.
 
-    `digest` identifies it in all processes, like that of a kernel.
+    `digest` identifies it in all processes, as for a kernel.
     """
 
     def __init__(self, function: Callable[..., Any]):

@@ -55,9 +55,9 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
 
     Returns
     -------
-    (n, 6) for n times, (6,) for one. Without `digits`: doubles, with errors below 4e-15 of the scales of J and x at every t, and
-    below 2e-14 in a tide if the state is closer to a separatrix than 1e-20 of the scales. With `digits`: mpmath.mpf in an object
-    array, with errors below 10^-digits of the scales. The scales are `top.scales`; that of J is at least √|k| |x|.
+    (n, 6) for n times, (6,) for one. Without `digits`: doubles, with errors below 4e-15 of the scales of J and x at every t; in a
+    tide, below 2e-14 if the state is closer to a separatrix than 1e-20 of the scales. With `digits`: mpmath.mpf in an object
+    array, with errors below 10^-digits of the scales. The scales are `top.scales`, for J at least √|k| |x|.
 
     Raises
     ------
@@ -156,8 +156,8 @@ def rounded_off(h: float, n: Array) -> Array:
 def nutation_period(top: LagrangeTop, y0: ArrayLike) -> float:
     """The time in which x3 goes from its minimum to its maximum and back. Relative error 1e-16.
 
-    If x3 is constant, it is the period of small oscillations after a kick, or inf if these are unstable (the sleeping top with
-    J3² <= 4 alpha |x|). On the separatrix it is inf. For alpha = 0 it is 2 pi/|J|, and inf at rest.
+    If x3 is constant, it is the period of small oscillations after a kick. It is inf for the unstable sleeping top, with
+    J3² <= 4 alpha |x|, and on the separatrix. For alpha = 0 it is 2 pi/|J|, and inf at rest.
     """
     orbit = orbit_of(top, y0)
     return float(mp.ldexp(orbit.nutation_period, -orbit.rate))

@@ -11,9 +11,9 @@ Take a frame of the world whose third axis is along L. The complex number ζ_n h
 
     ζ_i = γ/G θ4(v − iβ)/θ4(iβ),   ζ_j = ±i θ3(v − iβ)/θ3(iβ),   ζ_k = −α/G θ1(v − iβ)/θ1(−iβ),   all times θ4(0)/θ4(v) e^(iΛt)
 
-Here β = ±πb/2K with the sign of a_i − a_k, sc²(b, k') = (a_j − a_k)/(a_i − a_j), and Λ makes ζ_j turn at the rate D/G when
-L_j = 0. For k² > 1/2 Jacobi's imaginary transformation replaces v by ix with x = πu/2K', replaces v − iβ by ix + δ with
-δ = ±πb/2K', and exchanges θ2 and θ4. So the nome never exceeds e^-π. It vanishes on the separatrix, and if two moments are equal.
+Here β = ±πb/2K with the sign of a_i − a_k, and sc²(b, k') = (a_j − a_k)/(a_i − a_j). Λ makes ζ_j turn at the rate D/G when
+L_j = 0. For k² > 1/2 Jacobi's imaginary transformation replaces v by ix with x = πu/2K', and v − iβ by ix + δ with δ = ±πb/2K'.
+It exchanges θ2 and θ4. So the nome never exceeds e^-π. It vanishes on the separatrix, and if two moments are equal.
 
 With w = iv or −x all these functions are sums of e^(mw) over one list of whole numbers m. As in `exact`, half periods are
 subtracted from t − t0, and whole turns from the mean growth of the phase. mpmath computes the constants from the doubles as
@@ -85,8 +85,8 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
 
     Parameters
     ----------
-    body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. The rotation is that of
-    q/|q|, and |q| stays constant.
+    body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. q/|q| is the rotation,
+    and |q| stays constant.
     t : a time or a sequence (N,) of times, of any sign, in any order; with `digits` also mpmath numbers.
     digits : None for doubles, or the number of decimal digits, up to 1000.
     more : (N,), added to `t`, below an ulp of it; ignored with `digits`.

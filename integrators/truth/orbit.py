@@ -18,7 +18,7 @@ E = alpha x3/2 - H/6 then solves Weierstrass' equation E'² = 4E³ - g2 E - g3 w
     P_J = H/3 - m²/4  (|J+|² = 4 (P_J - E)),      P_A = alpha s/2 - H/6,      P_B = -alpha s/2 - H/6,
 
 and P_B <= E3 <= E <= E2 <= {P_A, P_J} <= E1. As f(P) is minus a square, each has a factor F with |F|² = |P - E| and
-(arg F)' = D/|P - E|, D² = |(P - E1)(P - E2)(P - E3)|, which is an elliptic function of the second kind:
+(arg F)' = D/|P - E|, D² = |(P - E1)(P - E2)(P - E3)|. F is an elliptic function of the second kind:
 
     F = const e^{i lam (t-t0)} theta2(v - i sgn(D) beta)/theta4(v)   (theta1 for P_B),   v = pi w/2K,
     J+ = 2 F_J e^{i(psi + m (t-t0)/2)},     x+ = i (2/alpha) F_A F_B e^{i psi}.
@@ -88,7 +88,7 @@ class Orbit(NamedTuple):
     regime: str  # "elliptic", "homoclinic", "precession", "equilibrium", "free"
     motion: Nutation | Rotation
     roots: Vector  # of f, e1 >= e2 >= e3
-    nutation_period: Any  # without nutation that of small oscillations, inf if there are none
+    nutation_period: Any  # without nutation the period of small oscillations, inf if there are none
     precession: Any  # angle about e3 swept by x+ in this period, nan if the period is inf
     rate: int = 0
     size: int = 0
@@ -244,7 +244,7 @@ def equilibrium(state: State) -> Orbit:
     period, swept = mpf("inf"), mpf("nan")
     if square > 0:
         period = 2 * mp.pi / mp.sqrt(real(square))
-        # about the vertical J+ and x+ have two frequencies, m/2 ± half of that of nutation
+        # about the vertical J+ and x+ have two frequencies, m/2 ± half the frequency of nutation
         swept = real(rate) * period if rate else past_poles(real(m) * period / 2, 1)
     e = heights(state, cubic(state)[0])
     return Orbit("precession" if rate else "equilibrium", motion, e, period, swept)
@@ -543,7 +543,7 @@ def quotients(
 def sweep(d: Distances, torus: Torus, base: mpf, turns: Sequence[mpf]) -> mpf:
     """The angle that x+ sweeps in a period: `base` from the exponent, and one turn each from the theta quotients A and B.
 
-    The sign of each turn is that of its D. If D = 0 and eta = 0, the axis passes through the pole.
+    Each turn has the sign of its D. If D = 0 and eta = 0, the axis passes through the pole.
     """
     signs = [(-1 if D < 0 else 1) if D or eta else 0 for D, eta in zip(d.D[1:], torus.eta[1:], strict=True)]
     return past_poles(base + signs[0] * turns[0] + signs[1] * turns[1], signs.count(0))

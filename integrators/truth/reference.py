@@ -358,7 +358,7 @@ class Mpmath:
 def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float], order: int) -> list[list[mpf]]:
     """Taylor coefficients of each component of y from 0 to `order`; ZeroDivisionError at a singularity."""
     states = [[v] for v in y]
-    values = [*states, *([mpf(p)] for p in parameters)]  # a series, or the one number of what is constant
+    values = [*states, *([mpf(p)] for p in parameters)]  # of each place a series; of a constant, one number
     lines: list[tuple[str, list[mpf], list[mpf], list[mpf]]] = []
 
     def series(place: Any) -> list[mpf]:

@@ -6,11 +6,11 @@ unitary matrix (u, −v*; v, u*) of Cayley–Klein parameters, with x+ = 2 u* v 
     u = B*/√n e^(iχ − iφ/2),    v = A/√n e^(iχ + iφ/2),    χ' = −(ω_a − φ' x3)/2 − Im(A* A' − B* B')/n,
 
 where φ is the turn about e3, and ω_a = L_a/C is constant. In a uniform field (k = 0) the divisor of the theta functions is real
-on the orbit, so χ' is constant, too (Klein & Sommerfeld, Theorie des Kreisels, chapter VI). B gains a phase in each period. The
+on the orbit. So χ' is constant, too (Klein & Sommerfeld, Theorie des Kreisels, chapter VI). B gains a phase in each period. The
 mean rate of χ counts it, and a second rate gives the rest within a period.
 
-The numbers of the start are taken as exact. The rotation is that of q/|q|, and |q| stays constant. If `up` is along an axis of
-the world, all cases are distinguished exactly, else to about 10^-60. Tested against `truth.rigid_body`.
+The numbers of the start are taken as exact. q/|q| is the rotation, and |q| stays constant. If `up` is along an axis of the
+world, all cases are distinguished exactly, else to about 10^-60. Tested against `truth.rigid_body`.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class Motion(NamedTuple):
     half: Any  # (2,): u and v, if they are constant
     momentum: Any  # (J+, J3) in that case
     world: Any  # (3, 3): rows are the frame with e3 up
-    left: Any  # (4,): quaternion on the left of that of (u, v)
-    right: Any  # (4,): quaternion on its right
+    left: Any  # (4,): q = left g right, with the quaternion g of (u, v)
+    right: Any  # (4,)
     rate: int  # times of the orbit are times 2^rate
 
 

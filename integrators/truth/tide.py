@@ -5,8 +5,8 @@ With m = J3, l = x·J, s = |x|, J+ = J1 + iJ2, x+ = x1 + ix2 the equations of mo
     x3'² = f(x3) = (2H - m² - 2 alpha x3 - k x3²)(s² - x3²) - (l - m x3)²,      J = (x × x' + l x)/s².
 
 Let x3 be smallest, `low`, at r = 0. Then e(x3) = f'(low)/(4 (x3 - low)) is Weierstrass' function of r, up to a constant. Its
-periods are T, that of the nutation, and iT'; if only two roots of f are real, T and (T + iT')/2. Of the two zeros of
-s - x3 one is a zero of x+, at r = a, and so is one of s + x3, at r = b; the poles of both are the same. Therefore
+periods are T, the period of the nutation, and iT'; if only two roots of f are real, T and (T + iT')/2. s - x3 and s + x3 have two
+zeros each, of which one is a zero of x+: r = a and r = b. Both have the same poles. Therefore
 
     A = const e^{i lam r} theta1(r - a),      B = const theta1(r - b),      n = |A|² + |B|²,
     x3 = s (|B|² - |A|²)/n,      x+ = 2s A B/n,
@@ -312,7 +312,7 @@ def nutating(state: State, at: Places, digits: int) -> Tide:
     c, s = lattice(at, digits), mp.sqrt(real(state.c1))
     up, down = weight(state, 1), weight(state, -1)
     A, B = factor(c, at, at.top, up), factor(c, at, at.bottom, -down)
-    # these are the rates of arg A and arg B where x3 is stationary, minus those of theta1
+    # the rates of arg A and arg B where x3 is stationary, minus those of theta1
     lam = up / (2 * (at.top - at.low)) + down / (2 * (at.high - at.bottom))
     lam -= logarithmic_slope(A, c.kappa, mpf(0))
     if finite := mp.isfinite(c.period):

@@ -7,7 +7,7 @@ at equal distances in time, in SI units.
 With --code it writes a file of C or Python that gives the same motion at any time. The file needs no library: put it into the
 tests of your program.
 
-Up to 17 digits are those of doubles: the last one or two are round-off. More digits, up to 40, come from a Taylor series in
+Up to 17 digits come from doubles, and the last one or two are round-off. More digits, up to 40, come from a Taylor series in
 integers, which takes some seconds for a hundred turns. Lines that begin with # explain the columns.
 pandas.read_csv("ref.csv", comment="#") reads the file; before pandas 3.1 add float_precision="round_trip".
 

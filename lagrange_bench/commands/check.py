@@ -7,8 +7,8 @@ whether a step is a Poisson map. It also tests the rules that every method must 
   not claimed   it was measured for your information; there is no bound
   not judged    it could not be measured; the reason follows the table
 
-"Measured" is what was found, "bound" what is allowed. A drift, the change of an invariant, is relative: 1 is as large as the
-terms of the invariant. "Largest at" names the top and the step with the largest value; steps are in units of the top's time
+"Bound" says which "measured" values are allowed. A drift, the change of an invariant, is relative: 1 is as large as the terms of
+the invariant. "Largest at" names the top and the step with the largest value; steps are in units of the top's time
 scale. A method that takes tops in a potential is tested there, too ("in a field: …"). If a method cannot take its first step,
 the only verdict shows the line that fails, or what Numba says.
 

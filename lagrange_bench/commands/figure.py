@@ -83,7 +83,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:
-    """A figure of two columns, as the bytes of a file. The rows are those of an experiment, or of the named figure."""
+    """A figure of two columns, as the bytes of a file, from the rows of an experiment or of the named figure."""
     from lagrange_bench.comparison import MOST, Comparison
     from lagrange_bench.data import load
     from lagrange_bench.experiments.drawing import figures, style

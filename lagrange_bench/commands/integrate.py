@@ -91,7 +91,7 @@ def times(text: str) -> list[float]:
 
 
 def physical(text: str) -> dict[str, float]:
-    """name=number,…: the arguments of a real top, with the defaults of those that are not written."""
+    """name=number,…: the arguments of a real top, and the defaults of the others."""
     values = arguments.number_pairs(text, (*REQUIRED, *OPTIONAL))
     if missing := [name for name in REQUIRED if name not in values]:
         raise ValueError(f"lacks {', '.join(missing)}")

@@ -155,7 +155,7 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
 
 
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
-    """What is to be said of one file."""
+    """The lines about one file."""
     rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit", "grows like")]
     for name, error in judged.errors.items():
         numbers = f"{error.max:.2e}", f"{error.end:.2e}"

@@ -31,7 +31,7 @@ def write_file(path: Path, content: str | bytes) -> Path:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        target = path.resolve()  # of a link: what it points to
+        target = path.resolve()  # the file that a link points to
         if target.exists() and not os.access(target, os.W_OK):
             raise PermissionError(errno.EACCES, "the file is read-only")
         # `tempfile` makes files that nobody else may read
