@@ -16,7 +16,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, METHODS, Case, RigidBody, judge
-from lagrange_bench.experiments import engines_shown, programs
+from lagrange_bench.experiments import engine_figures, programs
 from lagrange_bench.results.store import Store
 
 DOCS = Path(__file__).parent
@@ -94,7 +94,7 @@ def references() -> list[str]:
 @cache
 def orders() -> tuple[pd.DataFrame, str]:
     """Integrators of engines with their errors, and the column of the position at the step of the documents."""
-    table = engines_shown.tables(stored())["orders"]
+    table = engine_figures.tables(stored())["orders"]
     return table, next(name for name in table if name.startswith("position, h"))
 
 
@@ -146,13 +146,13 @@ def stored() -> pd.DataFrame:
 
 def known() -> list[str]:
     """Known engines with the steps of games, and the splitting of this bench beside them."""
-    table = engines_shown.overview(stored())
+    table = engine_figures.overview(stored())
     lines = [
-        f"| {row.engine} | {row.setting} | {' | '.join(shown(row[step], '.1e', '–', ' m') for step in engines_shown.OVERVIEW)} "
+        f"| {row.engine} | {row.setting} | {' | '.join(shown(row[step], '.1e', '–', ' m') for step in engine_figures.OVERVIEW)} "
         f"| {shown(row.until, '.2g', '–', ' s')} | {row.limit} |"
         for _, row in table.iterrows()
     ]
-    ours = [shown(value(programs.OURS, "strang", h=h), ".1e", "–", " m") for h in engines_shown.OVERVIEW.values()]
+    ours = [shown(value(programs.OURS, "strang", h=h), ".1e", "–", " m") for h in engine_figures.OVERVIEW.values()]
     return [
         *KNOWN,
         *lines,
@@ -162,8 +162,8 @@ def known() -> list[str]:
 
 def energies() -> list[str]:
     """What becomes of the energy in known engines, and how small their errors get."""
-    table = engines_shown.tables(stored())["energy"]
-    table = table[table.engine.isin(engines_shown.KNOWN) & table.setting.isin((programs.DEFAULT, programs.BEST))]
+    table = engine_figures.tables(stored())["energy"]
+    table = table[table.engine.isin(engine_figures.KNOWN) & table.setting.isin((programs.DEFAULT, programs.BEST))]
     lines = []
     for _, row in table.iterrows():
         setting = row.setting if row.integrator == row.setting else f"{row.setting}: {row.integrator}"
@@ -177,14 +177,14 @@ def energies() -> list[str]:
 
 def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
     """What is stored of a run; NaN if it gave up."""
-    rows = engines_shown.runs(stored(), sweep=False)
+    rows = engine_figures.runs(stored(), sweep=False)
     (found,) = rows[(rows.engine == engine) & (rows.integrator == kind) & (rows.case == case) & (rows.h == h)][column]
     return float(found)
 
 
 def story() -> list[str]:
     """What the rows say, in sentences with their numbers."""
-    rows = engines_shown.runs(stored(), sweep=False)
+    rows = engine_figures.runs(stored(), sweep=False)
     rows = rows[(rows.status == "done") & rows.engine.ne(programs.OURS)]
     finest = rows[rows.h == rows.groupby(["case", "engine", "integrator"]).h.transform("min")]
     racket, default = finest[finest.case == "racket"], rows[rows.setting == programs.DEFAULT]
@@ -195,7 +195,7 @@ def story() -> list[str]:
     games = default[(default.case == "slow") & (default.h == 1 / 60)]
     near = sorted(set(games[games.until >= programs.UNTIL].engine))
     far = games[games.until < programs.UNTIL].until
-    family = engines_shown.families(stored())[0]
+    family = engine_figures.families(stored())[0]
     spins = {name: 10 + value(name, "default", column="spin") for name in ("cannon-es", "PhysX", "Jolt", "Havok")}
     releases = {"3.6": "MuJoCo 3.6", "3.10": "MuJoCo 3.10", "3.17": "MuJoCo 3", "4.0": "MuJoCo"}
     box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}

@@ -29,8 +29,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.experiments import adapters
-from lagrange_bench.experiments.engines_shown import draw as draw
-from lagrange_bench.experiments.engines_shown import tables as tables
+from lagrange_bench.experiments.engine_figures import draw as draw
+from lagrange_bench.experiments.engine_figures import tables as tables
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import rounded
 from lagrange_bench.experiments.programs import AXIS, BODIES, ENGINES, OURS, POWERS, RECOMMENDED, UNTIL, Engine

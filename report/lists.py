@@ -2,7 +2,7 @@
 
 import pandas as pd
 
-from lagrange_bench.experiments.engines_shown import OVERVIEW, overview
+from lagrange_bench.experiments.engine_figures import OVERVIEW, overview
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.experiments.programs import OURS, UNTIL
 from lagrange_bench.integrators.interface import INVARIANTS, Method, needed

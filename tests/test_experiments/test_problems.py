@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.experiments import (
     cost,
     drift,
+    engine_figures,
     engines,
-    engines_shown,
     heavy_top,
     perturbed,
     phase,
@@ -156,16 +156,16 @@ def test_what_an_engine_tends_to():
         0.06,
         1 / 4096,
     ]
-    lines = engines_shown.overview(rows, kinds).set_index("engine")
+    lines = engine_figures.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
     assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
     few = pd.DataFrame(stored("right", "best", falling)[:1])
-    assert np.isnan(engines_shown.overview(few, ["right"])["1/1024 s"].iloc[0])
-    part = engines_shown.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
+    assert np.isnan(engine_figures.overview(few, ["right"])["1/1024 s"].iloc[0])
+    part = engine_figures.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
     assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2], (
         "Euler and RK4 are missing"
     )
-    found = [[name for name, _, _ in family] for family in engines_shown.families(rows)]
+    found = [[name for name, _, _ in family] for family in engine_figures.families(rows)]
     assert sorted(map(sorted, found)) == [["bare", "damped", "other", "right"], ["level", "single"]]
     assert found[0][0] == "right"
     figures = engines.draw(rows)

@@ -293,7 +293,7 @@ def test_an_edit_marks_the_cells_that_depend_on_the_file():
         "lagrange_bench/integrators/registry.py": set(),
         "lagrange_bench/experiments/programs.py": of("engines"),
         "lagrange_bench/experiments/drawing/style.py": set(),
-        "lagrange_bench/experiments/engines_shown.py": set(),
+        "lagrange_bench/experiments/engine_figures.py": set(),
         "lagrange_bench/experiments/heavy_top.py": set(),
         "lagrange_bench/results/store.py": set(),
         "lagrange_bench/runner/workers.py": set(),
