@@ -89,7 +89,13 @@ class Comparison:
         return f"<Comparison of {names} on {len(tops)} top{'s' * (len(tops) != 1)}: {self.y} against {self.x}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """The rows, as a copy of the frame."""
+        """The rows as a frame of its own.
+
+        Returns
+        -------
+        DataFrame
+            A copy of `frame`.
+        """
         return self.frame.copy()
 
     def plot(
