@@ -5,7 +5,7 @@
     from lagrange_bench import metrics, states, timing              # what the experiments measure with
     from lagrange_bench import drift, phase, work_precision         # questions: a few methods, as a frame and as figures
     from lagrange_bench import load                                 # stored rows, the published ones among them, as frames
-    from lagrange_bench import judge                                # the trajectory of any program, by the exact heavy top
+    from lagrange_bench import judge                                # the trajectory of any program, by the exact motion
     from lagrange_bench import explicit_stepper                     # for a method of your own, on any problem
     from lagrange_bench import FixedStepper, compiled               # and with a kernel of your own
 

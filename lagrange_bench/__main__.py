@@ -1,4 +1,4 @@
-"""Benchmarks of geometric integrators for the symmetric Lagrange top, judged by its exact solution.
+"""Measures how well integrators follow spinning rigid bodies, by their exact motion.
 
 examples:
   lagrange-bench run --profile quick            measure everything coarsely, in a few minutes

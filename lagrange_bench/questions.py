@@ -344,7 +344,7 @@ def _named(top: Any) -> _NamedProblem:
             return _NamedProblem(top, named.label, named.top, named.state)
         return _NamedProblem(top, NAMED_TOPS[top].label if top in NAMED_TOPS else top, *states.find(top))
     if hasattr(top, "state"):  # a named top
-        if top in (NAMED_TOPS[name] for name in (top.name,) if name in NAMED_TOPS):
+        if top.name in NAMED_TOPS and NAMED_TOPS[top.name] == top:
             return _named(top.name)
         top = top.name, top.top, top.state
     if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or (problem := _problem(top[-2])) is None:
@@ -365,9 +365,11 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
     """The time scale of a top → the step, or the length of a run, in this time scale."""
     if own is not None and scaled is not None:
         raise ValueError(f"give {word} or {word}_scaled, not both")
-    number = check_real(usual if own is scaled is None else scaled if own is None else own, word)
+    if own is None:
+        word = f"{word}_scaled"
+    number = check_real(own if own is not None else usual if scaled is None else scaled, word)
     if not number > 0:
-        raise ValueError(f"{word if scaled is None else f'{word}_scaled'} must be positive; got {number:g}")
+        raise ValueError(f"{word} must be positive; got {number:g}")
     return lambda unit: number if own is None else number / unit
 
 

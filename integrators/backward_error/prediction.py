@@ -69,8 +69,8 @@ class PredictedPhase:
     clock_growth, turn_growth : float
         Their growth per unit of time. It is 0 if the method conserves the invariants in the mean.
     amplitude : float
-        The amplitude of the nutation: how far it takes J and x from a steady precession, relative to their scales. `states`
-        misses about the part error/amplitude of the error. If this part is 1 or more, the prediction may be worse than none.
+        The amplitude of the nutation: how far it takes J and x from a steady precession, relative to their scales. `states` is
+        wrong by about error²/amplitude. If the error is as large as the amplitude, the prediction may be worse than none.
         Infinite if the prediction is exact.
     reason : str
         Why there is no prediction; "" if there is one.
@@ -176,9 +176,9 @@ class Sum:
 
 
 class Theory:
-    """The error of a method, to first order in its local error. Inside, everything is in units of the top.
+    """The error of a method, to first order in its local error. All of it is in units of the top.
 
-    step : (points, 6), the increments of p and o in a step, at equal distances over a nutation. S : (points, 2, 4), or 0.
+    step : (points, 6), the increments of p and o in a step, at equal distances over a nutation. S : (points, 2, 4).
     angle : (points,), by which a step turns each Fourier mode. drifts : whether the invariants drift in the mean.
     amplitude : see `PredictedPhase`.
     """

@@ -1,7 +1,7 @@
 """The step of each method as a power series in h, at many states at once.
 
 If a kernel is a formula, the kernel itself runs on power series. If it iterates, or rounds a function to a polynomial, its
-equations do. `STEPS` has no entry for a step without a series.
+equations are solved in power series. `STEPS` has no entry for a step without a series.
 """
 
 from __future__ import annotations
