@@ -4,7 +4,8 @@
 
 Axes i, j, k are as in Euler's solution: j is the middle one, and L goes round k.
 
-    L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ (t − t0)
+    L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ (t − t0),  λ² = (a_j − a_k)(a_i G² − D),  k² = (a_i − a_j)(D − a_k G²)/λ²
+    α² = (D − a_k G²)/(a_i − a_k),   β² = (D − a_k G²)/(a_j − a_k),   γ² = (a_i G² − D)/(a_i − a_k)
 
 Take a frame of the world whose third axis is along L. The complex number ζ_n holds the other two components of body axis n in it.
 ζ' = ζ × ω, and its solutions are quotients of theta functions of v = πu/2K, with one common phase:

@@ -62,7 +62,7 @@ class Reference:
     states: Array  # (N, n), n = 6 for a top
     tail: Array  # (N, n): states + tail has about 30 digits
     error: (
-        Array  # (N,): of states + tail, relative to the scales of its vectors; that of `states` alone is 1.1e-16 larger
+        Array  # (N,): of states + tail, relative to the scales of its vectors; of `states` alone it is 1.1e-16 larger
     )
     engine: str  # "heyoka" or "mpmath"
 
@@ -385,7 +385,11 @@ def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float]
 
 
 def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) -> None:
-    """Append coefficient k of c = a ∘ b, or of c = ∘a, computed from lower ones. A constant has only the first."""
+    """Append coefficient k of c = a ∘ b, or of c = ∘a, computed from lower ones. A constant has only the first.
+
+    a b: c_k = Σ a_j b_(k−j)      a/b: b_0 c_k = a_k − Σ b_j c_(k−j)      √a: 2 c_0 c_k = a_k − Σ c_j c_(k−j)
+    exp a: k c_k = Σ j a_j c_(k−j)      log a: a_0 c_k = a_k − Σ j c_j a_(k−j)/k      sin a, cos a: parts of b = exp(i a)
+    """
     if operation in ("add", "sub", "neg"):
         one, two = (v[k] if k < len(v) else mpf(0) for v in (a, b))
         c.append(one + two if operation == "add" else one - two if operation == "sub" else -one)
