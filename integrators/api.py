@@ -192,10 +192,7 @@ def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> A
 def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
     """The step in the problem's own unit: h, or h_scaled in the shortest time scale of the starts (problem, state), or None.
 
-    Raises
-    ------
-    ValueError
-        Both are given, or the motion is at rest and has no time scale.
+    ValueError if both are set, or if a motion is at rest and has no time scale.
     """
     if h_scaled is None:
         return h

@@ -300,10 +300,7 @@ class Method:
     def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
         """The builder of a stepper for this problem: (problem, y0, h, **options) → Stepper.
 
-        Raises
-        ------
-        ValueError
-            The method does not take the problem, or has no such option.
+        ValueError if the method does not take the problem, or has no such option.
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")
@@ -316,10 +313,7 @@ class Method:
     ) -> Callable[..., tuple[Array, Work]] | None:
         """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none.
 
-        Raises
-        ------
-        ValueError
-            The method does not take the problem, or its dense output has no such option.
+        ValueError if the method does not take the problem, or its dense output has no such option.
         """
         if reason := self.takes(problem):
             raise ValueError(f"method: {reason}")

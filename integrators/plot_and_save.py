@@ -115,13 +115,7 @@ def _orbit(run: Any) -> Array:
 def save(
     path: Path, facts: Mapping[str, Any], arrays: Callable[[], dict[str, Array]], frame: Callable[[], pd.DataFrame]
 ) -> Path:
-    """Write arrays (.npz) or a table (.csv, .parquet), and the facts of the run, each as JSON.
-
-    Raises
-    ------
-    ValueError
-        See `Trajectory.save`.
-    """
+    """Write arrays (.npz) or a table (.csv, .parquet), and the facts of the run, each as JSON; see `Trajectory.save`."""
     kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
     texts = {key: _json(key, value) for key, value in facts.items()}
     if kind == ".npz":

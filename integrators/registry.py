@@ -162,12 +162,7 @@ class Registry(Mapping[str, Any]):
         return record
 
     def include(self, name: str) -> None:
-        """Register `module:NAME` under these very words in this process, without an entry point.
-
-        Raises
-        ------
-        ValueError : it cannot be loaded; the message says why.
-        """
+        """Register `module:NAME` under these very words in this process, without an entry point; ValueError if it cannot be."""
         if name not in self._entries:
             _load(name, self)
             self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
@@ -240,9 +235,7 @@ class NotInstalled(StepError):
 def find_method(method: str | Method) -> Method:
     """The method of a name in METHODS or of `package.module:METHOD`, or the method itself, if it can run here.
 
-    Raises
-    ------
-    ValueError : there is none, or it cannot be loaded; the message says why. NotInstalled : it needs another package.
+    ValueError if there is none, or it cannot be loaded; NotInstalled if it needs another package.
     """
     record = _load(method, METHODS) if isinstance(method, str) else method
     if not isinstance(record, Method):
@@ -264,12 +257,7 @@ copyreg.pickle(Method, _reduced)
 
 
 def find_potential(potential: str | Any) -> Any:
-    """The potential of a name in POTENTIALS or of `package.module:POTENTIAL`, or the potential itself.
-
-    Raises
-    ------
-    ValueError : there is none of this name, or it cannot be loaded.
-    """
+    """The potential of a name in POTENTIALS or of `package.module:POTENTIAL`, or the potential itself; else ValueError."""
     if isinstance(potential, str):
         return _load(potential, POTENTIALS)
     if not isinstance(potential, POTENTIALS.kind):
@@ -280,12 +268,7 @@ def find_potential(potential: str | Any) -> Any:
 
 
 def find_top(name: str) -> Any:
-    """The named top of a name in NAMED_TOPS or of `package.module:TOP`.
-
-    Raises
-    ------
-    ValueError : there is none of this name, or it cannot be loaded.
-    """
+    """The named top of a name in NAMED_TOPS or of `package.module:TOP`; else ValueError."""
     return _load(name, NAMED_TOPS)
 
 

@@ -76,7 +76,6 @@ def number_pairs(text: str, known: Iterable[str]) -> dict[str, float]:
 
 
 def names(text: str) -> tuple[str, ...]:
-    """Names separated by commas."""
     listed = tuple(word.strip() for word in text.split(","))
     if not all(listed):
         raise ValueError(f"must be names separated by commas; got {text!r}")

@@ -213,7 +213,6 @@ class Comparison:
         return rows[rows["top"].isin(rows["top"][both])]
 
     def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str, look: dict[str, Any]) -> None:
-        """All lines of a panel."""
         sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())  # rows are samples of runs, and not runs
         race = x in ("seconds", "total") and y == "error"
         log = [self._is_log(rows, name) for name in (x, y)]

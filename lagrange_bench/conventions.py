@@ -98,7 +98,7 @@ class Frames:
 
     @cached_property
     def others(self) -> dict[str, Frames]:
-        """A user's mistake in words → the frames of the body that he then simulated in place of this one."""
+        """A mistake in words → the frames of the body that a user with this mistake has simulated."""
         body = self.rigid_body
         changes: dict[str, dict[str, Any]] = {}
         if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):

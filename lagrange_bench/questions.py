@@ -71,13 +71,8 @@ def drift(
     Returns
     -------
     Comparison
-        A column for each invariant, such as H, J3, C1, C2: its change over the size of its terms. `worst` is the largest of those
-        that are conserved; "kept: …" are quantities that a method conserves of its own.
-
-    Raises
-    ------
-    ValueError
-        Bad input, or a method that does not take a top.
+        A column for each invariant, such as H, J3, C1, C2: its change over the size of its terms. `worst` is the largest of the
+        conserved ones; "kept: …" are quantities that a method conserves of its own.
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.125)
@@ -101,18 +96,14 @@ def phase(
     h, h_scaled : float, optional
         The step, as for `drift`; h_scaled = 0.25 if neither is given.
     steps : int
-        The number of steps. Without a closed form of the motion, only runs of at most 2000 time scales have a reference solution.
+        The number of steps. Without a closed form of the motion, only runs of up to 2000 time scales have a reference solution;
+        longer ones raise a ValueError.
 
     Returns
     -------
     Comparison
         `error` is the distance to the exact or reference solution. Of tops in a uniform field `time` and `angle` say by how much
         nutation and precession are off, and `off` is the distance to the torus.
-
-    Raises
-    ------
-    ValueError
-        Bad input, a method that does not take a top, or a run that is too long.
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.25)
@@ -143,7 +134,7 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     Raises
     ------
     ValueError
-        Bad input, or a method that has no order: it chooses its own steps, or is exact in time.
+        Also for a method that has no order: it chooses its own steps, or is exact in time.
     """
     request = _Request(methods, tops)
     for method in request.methods:
@@ -189,7 +180,7 @@ def work_precision(
     Raises
     ------
     ValueError
-        Bad input, a method that does not take a top, or no run with an error below 0.1 within `longest`.
+        Also if there is no run with an error below 0.1 within `longest`.
     """
     request, span = _Request(methods, tops), _step(t, t_scaled, 100.0, "t")
     return _race(request, work_experiment.measure, {}, span, longest, "seconds")
@@ -240,11 +231,6 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     -------
     Comparison
         `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
-
-    Raises
-    ------
-    ValueError
-        Bad input, or a method that does not take a whole body.
     """
     cases: list[Any] = [tops] if isinstance(tops, str) or not isinstance(tops, Iterable) else list(tops)
     if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:

@@ -110,7 +110,6 @@ def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
 
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
-    """Draw the path of the axis on its sphere, and write the picture."""
     from lagrange_bench.experiments.drawing import style
 
     with style.apply():

@@ -185,9 +185,7 @@ def drifts(
 ) -> Iterator[Run]:
     """A run for each top and each step; arguments as of `assert_drift`, with tops from `find_all`.
 
-    Raises
-    ------
-    AssertionError : the method cannot take a step. ValueError : the method does not take a top.
+    AssertionError if the method cannot take a step; ValueError if it does not take a top.
     """
     n = states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
     counts = states.log_counts(n, per_octave=4)

@@ -74,24 +74,14 @@ def identified(digest: str | None) -> Any:
 
 
 def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> Any:
-    """Compile a function of this package, and save its machine code for later processes.
+    """Compile a function of this package, and save its machine code for later processes. Returns a `Kernel`.
 
     With NUMBA_DISABLE_JIT=1 in the environment it stays a Python function, and computes the same bits. A function that closes
     over kernels of other packages is compiled in every process, because it is not known what they call.
 
-    Parameters
-    ----------
-    function : callable
-        A function that Numba can compile, or a kernel, which is compiled again. It may close over kernels, unrolled functions,
-        numbers, arrays, and tuples of them.
-    inline : bool
-        Whether to inline its code at every call. Use it for short kernels, whose call costs as much as their work, and for
-        kernels in loops that should become SIMD code.
-
-    Returns
-    -------
-    Kernel
-        The compiled function.
+    function : a function that Numba can compile, or a kernel, which is compiled again. It may close over kernels, unrolled
+    functions, numbers, arrays, and tuples of them. inline : whether to inline its code at every call. Use it for short kernels,
+    whose call costs as much as their work, and for kernels in loops that should become SIMD code.
     """
     if function is None:
         return partial(jit, inline=inline)

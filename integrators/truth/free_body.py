@@ -82,24 +82,19 @@ class Spin(NamedTuple):
 
 
 def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
-    """States (q, L) at times t of the free motion that is at y0 at t = 0.
+    """States (q, L) at times t of the free motion that is at y0 at t = 0; as `exact.solution`.
 
     Parameters
     ----------
     body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. q/|q| is the rotation,
     and |q| stays constant.
-    t : a time or a sequence (N,) of times, of any sign, in any order; with `digits` also mpmath numbers.
-    digits : None for doubles, or the number of decimal digits, up to 1000.
+    t, digits : as in `exact.solution`.
     more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
 
     Returns
     -------
-    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. Without `digits`: doubles, with errors below 2e-15 of
-    |q| and |L| at every t. With `digits`: mpmath.mpf in an object array, with errors below 10^-digits of these.
-
-    Raises
-    ------
-    ValueError : a torque acts on the body, an argument is malformed, or, without `digits`, |t| exceeds 2^45 periods.
+    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. The errors of doubles are below 2e-15 of |q| and |L|
+    at every t, with `digits` below 10^-digits of these. ValueError as in `exact.solution`, and if a torque acts on the body.
     """
     if not kinds.free_body(body):
         raise ValueError(f"body must be a free RigidBody; got {body!r}")

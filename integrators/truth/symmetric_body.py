@@ -61,23 +61,18 @@ class Motion(NamedTuple):
 
 
 def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
-    """States (q, L) at times t of the motion that is at y0 at t = 0.
+    """States (q, L) at times t of the motion that is at y0 at t = 0; as `exact.solution`.
 
     Parameters
     ----------
     body, y0 : a symmetric RigidBody with a weight, and a state (7,).
-    t : times (N,), of any sign, in any order; with `digits` also mpmath numbers.
-    digits : None for doubles, or the number of decimal digits, up to 1000.
+    t, digits : as in `exact.solution`, for N times.
     more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
 
     Returns
     -------
-    (N, 7): q or −q, which are the same rotation, and L. Without `digits`: doubles, with errors below 1e-14 of |q| and of the
-    scale of L at every t. With `digits`: mpmath.mpf in an object array, with errors below 10^-digits of these.
-
-    Raises
-    ------
-    ValueError : an argument is malformed, or, without `digits`, |t| exceeds 2^45 periods.
+    (N, 7): q or −q, which are the same rotation, and L. The errors of doubles are below 1e-14 of |q| and of the scale of L at
+    every t, with `digits` below 10^-digits of these. ValueError as in `exact.solution`.
     """
     facts = facts_of(body, y0)
     if digits is not None:

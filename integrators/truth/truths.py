@@ -22,13 +22,8 @@ BITS = 44  # precision of the times for which reference solutions are computed
 def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST) -> Array:
     """The true states (N, n) at `times` of the motion that is at y0 at t = 0.
 
-    States are NaN from where a chaotic motion is lost, and for a body beyond `longest`, with a warning.
-
-    longest : the longest reference solution that is computed, in time scales.
-
-    Raises
-    ------
-    ValueError : there is no truth to compare with; the message says why.
+    States are NaN from where a chaotic motion is lost, and for a body beyond `longest`, with a warning. ValueError if there is no
+    truth to compare with; the message says why. longest : of a reference solution, in time scales.
     """
     times = np.asarray(times, dtype=float)
     return _solution("solution", problem, y0, (times,), times, np.zeros_like(times), longest)

@@ -30,7 +30,6 @@ DOUBLE = 17  # digits from which a double can be read back exactly
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """The list of the cases, or the rows of one."""
     from lagrange_bench.integrators import CASES
     from lagrange_bench.judging import find
     from lagrange_bench.support.files import replace_file

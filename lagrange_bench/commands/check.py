@@ -37,7 +37,6 @@ RIVALS = ("rk4", "strang", "backlund")  # methods to compare with at first
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Test the claims of one method. If one fails, the exit code is 1."""
     from lagrange_bench.experiments.measuring import check as checks
     from lagrange_bench.integrators.registry import METHODS, find_method
 
@@ -70,7 +69,6 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _problem(options: argparse.Namespace) -> Any:
-    """The problem that --problem names, if any."""
     if options.problem is None:
         if options.state is not None:
             raise ValueError("--state: give --problem, too")

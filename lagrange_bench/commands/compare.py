@@ -40,7 +40,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List the differences between two results. If there are any, the exit code is 1."""
     from lagrange_bench.results import compare as stores
 
     tolerance = {"rtol": options.rtol, "atol": options.atol}

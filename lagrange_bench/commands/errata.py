@@ -20,7 +20,6 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List every erratum of the paper, with its residuals as printed and as corrected."""
     from lagrange_bench.experiments.measuring import errata as paper
 
     errata = paper.measure(options.points, options.seed)

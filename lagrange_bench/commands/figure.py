@@ -46,7 +46,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Draw one figure, or all of them, as files."""
     from lagrange_bench.experiments.drawing import style
     from lagrange_bench.report import export
     from lagrange_bench.results.store import find_results

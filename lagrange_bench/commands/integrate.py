@@ -33,7 +33,6 @@ OPTIONAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """The options of `integrate`."""
     text = "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
     start = command.add_argument_group(text)
     one = start.add_mutually_exclusive_group()
@@ -99,7 +98,6 @@ def physical(text: str) -> dict[str, float]:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Follow the top, write the files, and sum up."""
     from lagrange_bench import summary
     from lagrange_bench.integrators.api import default_method, own_step
     from lagrange_bench.integrators.registry import METHODS, find_method

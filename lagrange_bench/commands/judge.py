@@ -95,7 +95,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """The errors of each file, the orders, and the bounds that are violated."""
     from lagrange_bench import conventions, judgement, judging, reading
     from lagrange_bench.runner import progress
 
@@ -155,7 +154,6 @@ def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:
 
 
 def _described(judged: Any, units: dict[str, str]) -> list[str]:
-    """The lines about one file."""
     rows: list[tuple[str, ...]] = [("error of", "largest", "end", "unit", "grows like")]
     for name, error in judged.errors.items():
         numbers = f"{error.max:.2e}", f"{error.end:.2e}"

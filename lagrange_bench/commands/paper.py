@@ -32,7 +32,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List the sections, or show one."""
     from lagrange_bench.experiments import paper_sections
     from lagrange_bench.integrators import TOPS
     from lagrange_bench.support.words import suggestion

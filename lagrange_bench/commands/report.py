@@ -35,7 +35,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Write the page of stored results, and say what could not be drawn."""
     from lagrange_bench.report import claims, page
     from lagrange_bench.results import provenance
     from lagrange_bench.results.store import REFERENCE, find_results

@@ -62,7 +62,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Compute the missing cells, draw them if asked, and say what to do next."""
     from lagrange_bench.experiments import sweep
     from lagrange_bench.results.store import default_results, name_of
     from lagrange_bench.runner import engine

@@ -40,7 +40,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """Compute stored cells again. If rows have changed, the exit code is 1."""
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 

@@ -25,9 +25,7 @@ def cache_folder() -> Path | None:
 def write_file(path: Path, content: str | bytes) -> Path:
     """Write a file beside the old one, then replace it and keep its permissions. The folder is made if there is none.
 
-    Raises
-    ------
-    OSError : the file cannot be written, or is read-only. The error names `path`, and the old file is untouched.
+    OSError if it cannot be written, or is read-only. The error names `path`, and the old file is untouched.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -78,11 +78,8 @@ class Sources:
     def files(self, modules: Collection[str]) -> dict[str, str]:
         """These modules and all modules that they import, directly or not, with their files.
 
-        Python's own modules are left out. So are installed packages, unless one of `modules` is in the package.
-
-        Raises
-        ------
-        ImportError, OSError : one of `modules` is missing, or has no file.
+        Python's own modules are left out. So are installed packages, unless one of `modules` is in the package. ImportError or
+        OSError if one of `modules` is missing, or has no file.
         """
         packages = {name.partition(".")[0] for name in modules}
         files: dict[str, str] = {}
