@@ -107,16 +107,16 @@ def integrate(
     t : (N,)
         Finite times, in the unit of h.
     h_scaled : float
-        In place of `h`: the step in the time scale of the motion. It is 1/(|J| + √(|alpha||x|)) at y0 for a top in a uniform
-        field, and `top.scales(y0)[2]` for any problem.
+        In place of `h`: the step in the time scale of the motion. This scale is 1/(|J| + √(|alpha||x|)) at y0 for a top in a
+        uniform field, and `top.scales(y0)[2]` for any problem.
     **options : dict
         Options of the method.
 
     Returns
     -------
     Trajectory
-        t (N,), y (N, 6), of a Problem (N, size), and work. For a RigidBody y is (N, 7), for a flying one (N, 13). Then there are
-        `position`, `velocity`, `rotation`, `omega_body`, `omega_world`, `energy` and `momentum`, too, in SI units.
+        t (N,), y (N, 6), of a Problem (N, size), and work. For a RigidBody y is (N, 7), or (N, 13) if it flies, and there are
+        also `position`, `velocity`, `rotation`, `omega_body`, `omega_world`, `energy` and `momentum`, in SI units.
 
     Raises
     ------

@@ -154,7 +154,7 @@ class Tape:
         return self._record(operation, *places, moving=any(self.moving[place] for place in places))
 
     def _fold(self, operation: str, *terms: Term) -> Term | None:
-        """f·(g·m) as (f·g)·m for fixed f and g; likewise −(g·m) and (g·m)/f. Of constants only if nothing is rounded."""
+        """f·(g·m) as (f·g)·m for fixed f and g; likewise −(g·m) and (g·m)/f. Constants only if nothing is rounded."""
         if operation == "neg" and self.collects:
             factor, rest = self._factor(terms[0])
             return None if factor is None else -factor * rest
@@ -182,7 +182,7 @@ class Tape:
         return None, term
 
     def _may_collect(self, f: Term, g: Term) -> bool:
-        """Whether f·g may become one factor: no constant times a fixed number, such as a weight times h, which needs a place."""
+        """Whether f·g may become one factor: not a weight (a constant) times h, which would be one more constant of the step."""
         return _exact(self.known(f)) or (_exact(self.known(g)) if self.known(f) is not None else self.collects)
 
     def run(self, program: Program, *numbers: Any) -> tuple[Term, ...]:
