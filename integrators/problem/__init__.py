@@ -1,1 +1,1 @@
-"""The top itself: equations, invariants, named tops, units, the whole body."""
+"""The problems: equations, invariants, named tops, units, rigid bodies."""

@@ -1,6 +1,6 @@
-"""Checks of the first calls of other people's steppers, so that a wrong row is not believed.
+"""Checks the first calls of a stepper that a user wrote, so that wrong rows are refused.
 
-The bench's own classes are not checked here: their loops write as many rows as there are, and tests check them.
+Steppers of the bench itself are not checked here: tests check them.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from lagrange_bench.integrators.checks import Array, as_state, check_grid
 from lagrange_bench.integrators.interface import StepError, Stepper
 
-OWN = __name__.removesuffix("problem.checked_stepper")  # how the modules of the bench's own classes begin
-CALLS = 2  # of `advance`, and of `record`, that are checked: the second one may return the array of the first
+OWN = __name__.removesuffix("problem.checked_stepper")  # begins the names of the bench's own modules
+CALLS = 2  # checked calls of `advance`, and of `record`: a second call may return the array of the first
 
 
 def checked_stepper(name: str, stepper: Any, size: int = 6) -> Stepper:
-    """The stepper of the method `name`, of states of `size` numbers; its first calls are checked unless it is our own.
+    """The stepper of the method `name`, for states of `size` numbers; its first calls are checked unless it is our own.
 
     ValueError : it is no stepper.
     """
@@ -37,13 +37,13 @@ def _own(kind: type) -> bool:
 
 
 class CheckedStepper:
-    """A stepper whose first calls are checked. Later calls, and all else, are the stepper's own, at no cost.
+    """A stepper whose first calls are checked. Everything else goes to the stepper itself, at no cost.
 
     Raises
     ------
-    ValueError : a result of the wrong shape or type, a first row that is not the input, an input that was written to, or an
-    array that was returned before.
-    StepError : a state that is not finite.
+    ValueError : a result has the wrong shape or type, its first row is not the input, it was returned before, or the input was
+    written to.
+    StepError : a state is not finite.
     """
 
     def __init__(self, name: str, stepper: Stepper, size: int = 6):
@@ -55,7 +55,7 @@ class CheckedStepper:
 
     def advance(self, y: Array, n: int) -> Array:
         inherited = getattr(type(self.stepper), "advance", None) is Stepper.advance
-        if inherited:  # the last row of `record`, if all rows are there
+        if inherited:  # the last row of `record`, which is checked
             return self.record(y, n, max(n, 1))[-1]
         return self._call("advance", (self.size,), as_state(y, self.size), n)
 
@@ -85,7 +85,7 @@ class CheckedStepper:
 
 
 def check_rows(name: str, word: str, rows: Any, shape: tuple[int, ...]) -> None:
-    """ValueError unless `rows`, returned by the function `word` of the method `name`, is an array of floats of this shape."""
+    """ValueError unless `rows`, which `word` of the method `name` returned, is an array of floats of this shape."""
     if not isinstance(rows, np.ndarray) or rows.shape != shape or rows.dtype != np.float64:
         kind = f"{rows.dtype} {rows.shape}" if isinstance(rows, np.ndarray) else type(rows).__name__
         raise ValueError(f"{name}: {word} must return an array of floats (float64) of shape {shape}; got {kind}")

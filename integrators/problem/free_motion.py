@@ -2,13 +2,15 @@
 
     L' = L × ω,   ω = L/I,   a = 1/I,   G = |L|,   D = Σ a L²
 
-L goes round axis k, that of the largest or of the smallest moment, as D is below or above a_j G², j the middle axis, i the third:
+j is the axis of the middle moment. L goes round axis k: if D < a_j G², the axis of the largest moment, otherwise of the smallest.
+i is the third axis. Then
 
     L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ t + u0
     α² = (D − a_k G²)/(a_i − a_k)      β² = (D − a_k G²)/(a_j − a_k)      γ² = (a_i G² − D)/(a_i − a_k)
     λ² = (a_j − a_k)(a_i G² − D)       1 − k² = (a_i − a_k)(a_j G² − D)/λ²
 
-1 − k² is 0 on the separatrix. All differences are of the doubles themselves, in fractions: nothing cancels. Roots have 128 bits.
+In 1 − k², k is the modulus; it is 1 on the separatrix. All differences are exact fractions of the doubles, so nothing cancels.
+Roots have 128 bits.
 
 Source: Landau & Lifshitz, Mechanics (1976), section 37.
 """
@@ -25,7 +27,7 @@ MARGIN = 256  # bits of a square whose root is taken
 
 
 class FreeMotion(NamedTuple):
-    """Constants of the motion through one L. `axes` are the numbers of i, j, k."""
+    """Constants of the motion through one L, in the letters of the module. `axes` are the numbers of i, j, k."""
 
     axes: tuple[int, int, int]
     amplitudes: tuple[float, float, float]  # α, β, γ with their signs: u0 is within a quarter period of 0
@@ -40,14 +42,14 @@ class FreeMotion(NamedTuple):
 
 
 def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
-    """The constants of the motion through L (3,), with the principal moments (3,); None where L stays as it is."""
+    """The constants of the motion through L (3,), for principal moments `inertia` (3,); None if L is constant."""
     I, J = (tuple(map(Fraction, v.tolist())) for v in (inertia, L))
     a = [1 / v for v in I]
     if all(J[n] * J[m] * (a[n] - a[m]) == 0 for n, m in ((0, 1), (1, 2), (2, 0))):
         return None
     squares = [v * v for v in J]
     i, j, k = sorted(range(3), key=lambda n: -a[n])
-    # a_j G² − D; where it is 0 the two choices of k are the same motion
+    # a_j G² − D: if it is 0, both choices of k give the same motion
     if (a[j] - a[i]) * squares[i] + (a[j] - a[k]) * squares[k] < 0 or a[j] == a[k]:
         i, k = k, i
     ij, jk, ik = a[i] - a[j], a[j] - a[k], a[i] - a[k]
@@ -75,7 +77,7 @@ def free_motion(inertia: Array, L: Array) -> FreeMotion | None:
 
 
 def root(square: Fraction) -> Fraction:
-    """To 128 bits."""
+    """√square, to 128 bits."""
     p, q = square.numerator, square.denominator
     shift = max(0, MARGIN - p.bit_length() + q.bit_length())
     shift += shift & 1
@@ -83,7 +85,7 @@ def root(square: Fraction) -> Fraction:
 
 
 def period(inertia: Array, L: Array) -> float:
-    """The time after which L comes back, s: that of ω in the body; 0 where L stays, inf on the separatrix."""
+    """4K/λ: the time in s after which L and ω come back in the body; 0 if they are constant, inf on the separatrix."""
     from scipy.special import ellipkm1
 
     motion = free_motion(inertia, L)

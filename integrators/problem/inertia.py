@@ -10,12 +10,12 @@ import numpy as np
 from lagrange_bench.integrators.checks import Array, warn_caller
 
 ULP = 2.0**-52
-DECIMAL, TURNED = 4 * ULP, 64 * ULP  # relative: what rounding leaves of zero in moments, and in a matrix of turned axes
-UNREAL = 1e-12  # relative: moments that no body has miss the triangle inequality by more
+DECIMAL, TURNED = 4 * ULP, 64 * ULP  # relative size of rounding in moments, and in a matrix about turned axes
+UNREAL = 1e-12  # relative: moments that fail the triangle inequality by more belong to no body
 
 
 def check_inertia(inertia: Array) -> None:
-    """ValueError for a matrix that is not symmetric; a warning for moments that no body has."""
+    """ValueError if the matrix is not symmetric; a warning if no body has such moments."""
     size = float(np.max(np.abs(inertia)))
     if np.max(np.abs(inertia - inertia.T)) > UNREAL * size:
         raise ValueError(f"inertia_com must be a symmetric matrix; got {inertia.tolist()}")
@@ -29,9 +29,12 @@ def check_inertia(inertia: Array) -> None:
 
 
 def principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tuple[Array, Array, int | None]:
-    """Principal moments about the fixed point, their axes as rows, and the number of the axis of symmetry.
+    """Principal moments about the fixed point, their axes as rows, and the number of the axis of symmetry or None.
 
-    `lever` leads from the fixed point to the centre of mass. Moments are made equal where they differ by rounding only.
+        I = I_com + mass (|lever|² 1 − lever leverᵀ)
+
+    lever : from the fixed point to the centre of mass. heavy : whether there is gravity. Moments that differ by rounding only are
+    made equal.
     """
     diagonal = not np.count_nonzero(inertia_com - np.diag(np.diag(inertia_com)))
     straight = diagonal and np.count_nonzero(lever) <= 1
@@ -67,7 +70,10 @@ def _positive(moments: Array) -> Array:
 
 
 def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fraction] | None:
-    """Moments along and across a direction of symmetry, exact; None if it is none, rounding apart."""
+    """Moments C along and A across a direction, exact; None if I ≠ A 1 + (C − A) n nᵀ, n = along/|along|, by more than `slack`.
+
+    C = n·I n,   A = (tr I − C)/2
+    """
     direction = direction_of(along)
     C = direction @ inertia @ direction
     A = (np.trace(inertia) - C) / 2
@@ -79,7 +85,7 @@ def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fracti
 
 
 def direction_of(v: Array) -> Array:
-    """v/|v|, also where squares underflow: a power of two is taken out first."""
+    """v/|v|. A power of two is taken out first, so that squares do not underflow."""
     v = v / math.ldexp(1.0, math.frexp(np.max(np.abs(v)))[1] - 1)
     return v / np.linalg.norm(v)  # type: ignore[no-any-return]
 
@@ -89,14 +95,14 @@ def _dot(a: Array, b: Array) -> Fraction:
 
 
 def differences_of_inverses(inertia: Array) -> tuple[int, list[float]]:
-    """r and D_i = 1/I_i − 1/I_r, without cancellation; r is one of the two nearest moments."""
+    """r and D_i = 1/I_i − 1/I_r = (I_r − I_i)/(I_i I_r), without cancellation; I_r is one of the two nearest moments."""
     I = inertia.tolist()
     r = min(((0, 1), (1, 2), (2, 0)), key=lambda pair: abs(I[pair[0]] - I[pair[1]]) / (I[pair[0]] * I[pair[1]]))[0]
     return r, [(I[r] - v) / I[r] / v for v in I]
 
 
 def upright(up: Array) -> Array:
-    """(3, 3): rows of a frame whose third is `up`; along an axis without rounding."""
+    """A right-handed frame as rows (3, 3), the third being the unit vector `up`; for up = e3 the identity."""
     if up[2] == 1.0:
         return np.eye(3)
     first = np.zeros(3)

@@ -2,9 +2,9 @@
 
     H = Σ (a_i J_i² + 2 b_i J_i x_i + c_i x_i²)/2,   J' = J × ∂H/∂J + x × ∂H/∂x,   x' = x × ∂H/∂J
 
-J is the angular and x the linear momentum of body and fluid; a, b and c are the inverse moments, the coupling of a screw and the
-inverse masses, those of the fluid included. |x|² and x·J are conserved. With two equal axes J along the third is, too
-(Kirchhoff's integrable case); in general the motion is chaotic.
+J is the angular and x the linear momentum of body and fluid. a holds the inverse moments, b the coupling of a screw, and c the
+inverse masses, all with the fluid. |x|² and x·J are conserved. If a, b and c are the same for the first two axes, J3 is
+conserved, too (Kirchhoff's integrable case). In general the motion is chaotic.
 
 Source: Lamb, Hydrodynamics (1932), chapter VI, sections 117 to 126.
 """
@@ -28,6 +28,11 @@ def kirchhoff_body(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -
     -------
     Problem
         On "e3", in the body's frame.
+
+    Raises
+    ------
+    ValueError
+        a, b or c has not three finite real numbers.
     """
     numbers = (*a, *b, *c)
     if len(a) != 3 or len(b) != 3 or len(c) != 3:

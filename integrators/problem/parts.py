@@ -1,4 +1,4 @@
-"""Parts of a Hamiltonian whose flows are closed formulas, found on its tape.
+"""Takes a Hamiltonian apart into parts whose flows are closed formulas, for splittings.
 
     kick      a function of t and x on e3: x stays, J grows by τ ∂U/∂x × x
     axis      a function of t and of components along one axis: these stay, each vector turns about the axis
@@ -6,11 +6,10 @@
     pair      a multiple of s_j·s_k: both spins turn about their sum
     free      of a whole body, a multiple of |L|² and a function of L along one axis: the free symmetric top
 
-Of a whole body a kick is a function of t and q, and q turns with the body.
+For a whole body a kick is a function of t and q, and q turns with the body. A flow leaves t as it is: the splitting advances it.
 
-t is frozen in a flow: a splitting advances it by itself. H is a sum, multiplied out where a factor does not depend on y; an
-addend that is none of these has no closed flow here. Where two of the coefficients of J1², J2², J3² are equal, |J|² is taken
-out of them.
+H is read from its tape as a sum. Products are multiplied out if a factor does not depend on y. An addend that is none of these
+parts has no closed flow here. If two of the coefficients of J1², J2², J3² are equal, |J|² is taken out of them.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
 from lagrange_bench.integrators.problem.system import BODY, E3, Space, System, depends
 from lagrange_bench.integrators.problem.vectors import cross, cross_in, dot
 
-TINY = 1e-300  # beside the square of a length: keeps 0/0 from a vector that vanishes
-Key = tuple[Any, ...]  # of a part: "kick"; "axis" and which; "square" and the vector; "pair" and both vectors
+TINY = 1e-300  # added to the square of a length: a vector of length 0 gives no 0/0
+Key = tuple[Any, ...]  # of a part: its kind, then the axis of "axis" and "free", the vectors of "square" and "pair"
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part H_i of H, a program of (t, y, p), with its kind and what it acts on."""
+    """A part H_i of H: a program of (t, y, p), its kind, and the space on which its flow acts. body : see `System`."""
 
     key: Key
     energy: Program
@@ -46,7 +45,7 @@ class Part:
 
     @cached_property
     def digest(self) -> str:
-        """Identity of the formula and of what it acts on."""
+        """Identity of the part."""
         return f"{'-'.join(map(str, self.key))} {self.energy.digest} {self.space.name} {self.body}"
 
     @cached_property
@@ -56,7 +55,7 @@ class Part:
 
     @cached_property
     def flow(self) -> Split:
-        """(t, y, τ) → y after the time τ; fixed inputs are the parameters."""
+        """(t, y, τ) → y after the time τ. The parameters are fixed inputs."""
         n = self.space.size
         tape = Tape()
         t, y, span = tape.input(), tuple(tape.input() for _ in range(n)), tape.input()
@@ -68,7 +67,12 @@ class Part:
         return tape.split(turn(y, slopes, -span if self.body else span))
 
     def _whole(self, tape: Tape, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
-        """Of a whole body: q and L after the time `span`."""
+        """q and L of a whole body after the time `span`; g is ∂H/∂y.
+
+        kick : L grows by span times the torque of ∂H/∂q.
+        square, free : q turns about L by span · rate |L|, with ∂H/∂L = rate L + rest.
+        axis, free : q and L turn about axis k by span · rest_k.
+        """
         if self.kind == "kick":
             push = self.space.flow((*g[:4], *(tape.constant(0.0),) * 3), y, cross_in(self.body))[4:]
             return [*y[:4], *(v + span * w for v, w in zip(y[4:], push, strict=True))]
@@ -89,11 +93,15 @@ class Part:
             q[1 + i], q[1 + j] = rotated(q[1 + i], q[1 + j], c, sign * s)
         return [*of_length(q, y[:4]), *L]
 
+    # the other flows: y after the time `span`; g is ∂H/∂y
+
     def _kick(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        """J' = ∂H/∂x × x, x' = 0."""
         torque = cross(g[3:], y[3:])
         return [*(v + span * w for v, w in zip(y[:3], torque, strict=True)), *y[3:]]
 
     def _axis(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
+        """x → R x, J → R (J + span ∂H/∂x × x); R turns by span ∂H/∂J about the axis. Each spin turns with its own R."""
         axis, new = self.key[1], list(y)
         i, j = (axis + 1) % 3, (axis + 2) % 3
         if self.space.affine:
@@ -104,13 +112,13 @@ class Part:
         return new
 
     def _square(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
-        """∂H/∂J = 2 w J: 2 w is the second derivative by any component, here a quotient of sums of squares."""
+        """x' = 2w J × x, J' = 0, with ∂H/∂J = 2w J and so 2w = ∂H/∂J·J/|J|²."""
         J, x = y[:3], y[3:]
         change = rotation_change(J, x, span * (dot(g[:3], J) / (dot(J, J) + TINY)))
         return [*J, *(v + d for v, d in zip(x, change, strict=True))]
 
     def _pair(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
-        """∂H/∂s_j = K s_k."""
+        """s_j' = K (s_j + s_k) × s_j, and the same for s_k; ∂H/∂s_j = K s_k and so K = ∂H/∂s_j·s_k/|s_k|²."""
         new, (j, k) = list(y), self.key[1:]
         s, r = y[3 * j : 3 * j + 3], y[3 * k : 3 * k + 3]
         strength = dot(g[3 * j : 3 * j + 3], r) / (dot(r, r) + TINY)
@@ -121,7 +129,7 @@ class Part:
 
 
 def turned(u: Any, v: Any, angle: Any) -> tuple[Any, Any]:
-    """(u, v) turned by an angle."""
+    """(u, v) turned by an angle, with its length corrected."""
     if isinstance(angle, Term) and angle.tape.known(angle) == 0.0:
         return u, v
     a, b = of_length(rotated(u, v, cos(angle), sin(angle)), (u, v))
@@ -129,20 +137,26 @@ def turned(u: Any, v: Any, angle: Any) -> tuple[Any, Any]:
 
 
 def rotated(u: Any, v: Any, c: Any, s: Any) -> tuple[Any, Any]:
-    """(u, v) turned by the angle with this cosine and sine."""
+    """(u, v) turned by the angle with cosine c and sine s."""
     return c * u - s * v, s * u + c * v
 
 
 def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
-    """`new`, as long as `old` but for round-off, as long as it: sin² + cos² − 1 may be the same at every step."""
+    """new (1 − (|new|² − |old|²)/(2|old|²)): `new` with the length of `old`, from which it differs by round-off.
+
+    Without this, the round-off of sin² + cos² − 1 may be the same at every step, and add up.
+    """
     square = sum((v * v for v in old[1:]), old[0] * old[0])
-    share = 0.5 / (square + TINY)  # of what is known first: a division takes long
+    share = 0.5 / (square + TINY)  # a division takes long, so it divides by what is known first
     lack = share * sum((v * v for v in new[1:]), new[0] * new[0] - square)
     return [v - lack * v for v in new]
 
 
 def rotation_change(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
-    """By how much v changes when it turns about a vector by `rate` times its length."""
+    """The change of v when it turns about the vector a = `axis` by the angle φ = rate |a|.
+
+    sin φ/|a| a × v + 2 sin²(φ/2)/|a|² a × (a × v)
+    """
     square = dot(axis, axis)
     size = sqrt(square)
     half = 0.5 * rate * size
@@ -153,7 +167,10 @@ def rotation_change(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[An
 
 
 def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) -> list[Any]:
-    """The quaternion of a body that turns with a constant angular velocity, in its frame or the world's; see `of_length`."""
+    """The quaternion of a body after `span` of a constant angular velocity ω, up to its length, which `of_length` corrects.
+
+    q (cos θ, sin θ ω/|ω|) if ω is in the body's frame, (cos θ, sin θ ω/|ω|) q if it is in the world's; θ = span |ω|/2
+    """
     speed = sqrt(dot(omega, omega))
     half = 0.5 * span * speed
     c, s = cos(half), sin(half) * (1.0 / (speed + TINY))
@@ -166,14 +183,14 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
 
 
 def parts_of(system: System, numbers: tuple[float, ...], user_parts: Iterable[Program] = ()) -> tuple[Part, ...]:
-    """The parts of H with these parameters, or those of the user; none if an addend has no closed flow."""
+    """The parts of H, or of the user's parts, with the parameters `numbers`; () if an addend has no closed flow."""
     energies = tuple(user_parts) or (system.energy,)
     lists = [find_parts(system, numbers, energy) for energy in energies]
     return tuple(part for parts in lists if parts for part in parts) if None not in lists else ()
 
 
 def find_parts(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
-    """The parts of a function, none of a constant; None if an addend has no closed flow."""
+    """The parts of a function; [] for a constant, None if an addend has no closed flow."""
     tape, space = Tape(), system.space
     inputs = [tape.input() for _ in range(energy.inputs)]
     y = inputs[1 : 1 + space.size]
@@ -181,7 +198,7 @@ def find_parts(system: System, numbers: tuple[float, ...], energy: Program) -> l
     vectors = y[first:]
     (H,) = tape.run(energy, *inputs)
     terms: dict[Key, list[Term]] = defaultdict(list)
-    products: dict[Key, dict[int, Term]] = defaultdict(dict)  # of two components along one axis: axis → weight
+    products: dict[Key, dict[int, Term]] = defaultdict(dict)  # both vectors of a product → axis → weight
     for weight, core in addends(tape, tape.constant(1.0), H, y):
         moved = [i for i, v in enumerate(y) if depends_on(tape, core, {v.place})]
         pair = _product(tape, core, vectors)
@@ -227,7 +244,7 @@ def _value(tape: Tape, weight: Term, numbers: tuple[float, ...]) -> Any:
 
 
 def addends(tape: Tape, weight: Term, term: Term, y: Sequence[Term]) -> Iterator[tuple[Term, Term]]:
-    """weight × term as a sum of weights, which do not depend on y, times terms that are no sums."""
+    """Pairs (weight, core) with weight × term = Σ weight core. Weights do not depend on y, and cores are no sums."""
     operation, *arguments = tape.lines[term.place]
     places = {v.place for v in y}
     if operation in ("add", "sub", "neg"):
@@ -251,7 +268,7 @@ def depends_on(tape: Tape, term: Term, places: set[int]) -> bool:
 
 
 def _product(tape: Tape, core: Term, y: Sequence[Term]) -> tuple[int, int] | None:
-    """The vectors of y_i y_k, two components along one axis."""
+    """The numbers of both vectors, if `core` is a product of two components along one axis; otherwise None."""
     operation, *arguments = tape.lines[core.place]
     component = {v.place: i for i, v in enumerate(y)}
     if operation != "mul" or not all(place in component for place in arguments):
@@ -274,7 +291,7 @@ def is_top(parts: tuple[Part, ...], numbers: tuple[float, ...]) -> bool:
 
 
 def weight_and_rest(parts: Sequence[Part], count: int) -> tuple[Program, Program]:
-    """alpha and V of U = alpha x3 + V, programs of t, y and so many parameters; alpha depends on the parameters alone."""
+    """alpha and V of U = alpha x3 + V, as programs of t, y and `count` parameters; alpha depends on the parameters alone."""
     tape = Tape()
     inputs = [tape.input() for _ in range(7 + count)]
     t, x3, one = inputs[0], inputs[6], tape.constant(1.0)

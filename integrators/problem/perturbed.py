@@ -2,10 +2,9 @@
 
     J' = ∇U(x) × x        x' = J × x        U = alpha x3 + V(x)
 
-on the phase space of `top`, with the same bracket: C1 = |x|² and C2 = x·J stay, whatever V is. J3 stays if V does not
-change when x turns about the vertical. In general there is no closed form and no torus, and here an integrator is needed.
-
-Which methods apply its formula shows (`symmetry`).
+Phase space and bracket are those of `top`: C1 = |x|² and C2 = x·J are constant for any V. J3 is constant if V does not change
+when x turns about the vertical. In general there is no closed form and no torus, so an integrator is needed. The formula of V
+shows which methods apply (`symmetry`).
 """
 
 from __future__ import annotations
@@ -27,9 +26,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
 @dataclass(frozen=True, eq=False)
 class PerturbedTop(Top):
-    """A Lagrange top in a potential, with the numbers of its parameters. Hashable, picklable.
-
-    For `integrate_ensemble` alone, `alpha` of the top and the parameters may be arrays (n,), a number for each of n tops.
+    """A Lagrange top in a potential. Hashable, picklable.
 
     Parameters
     ----------
@@ -38,7 +35,7 @@ class PerturbedTop(Top):
     potential : Potential
         V(x, p), which is added to the energy.
     parameters : tuple of float
-        The numbers p.
+        The numbers p. For `integrate_ensemble` alone, these and `alpha` of the top may be arrays (n,), for n tops.
 
     Raises
     ------
@@ -69,7 +66,7 @@ class PerturbedTop(Top):
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """alpha and the parameters, of many tops arrays."""
+        """alpha and the parameters; for many tops arrays."""
         return self.alpha, *self.parameters
 
     def motion(self, place: int) -> PerturbedTop:
@@ -79,36 +76,36 @@ class PerturbedTop(Top):
 
     @property
     def description(self) -> str:
-        """What messages call it."""
+        """The name of the problem in messages."""
         return f"the potential {self.potential.name}"
 
     @cached_property
     def system(self) -> System:  # type: ignore[override]
-        """H and its bracket as formulas; their parameters are `arguments`. Of many tops each may keep J3 or not."""
+        """H and its bracket as formulas of `arguments`. J3 is constant in them only if one top conserves it."""
         formulas = self.potential.formulas(len(self.parameters))
         many = any(isinstance(value, np.ndarray) for value in self.arguments)
         return top_system(*formulas, frozenset() if many or "J3" not in self.conserved else frozenset({2}))
 
     @cached_property
     def alpha_and_rest(self) -> tuple[float, System]:  # type: ignore[override]
-        """alpha and V, as they were given."""
+        """alpha and the system of V."""
         formulas = self.potential.formulas(len(self.parameters))
         return self.require_single(), potential_system(*formulas, self.system.constant)
 
     @cached_property
     def conserved(self) -> frozenset[str]:  # type: ignore[override]
-        """Of H, J3, C1, C2 those that the exact motion keeps."""
+        """H, C1, C2, and J3 if the formula of V shows that the motion conserves it."""
         rates = top_system(*self.potential.formulas(len(self.parameters))).rhs
         axisymmetric = are_polynomials(rates, -1, generic(self.numbers))[2]
         return frozenset({"H", "C1", "C2", *(("J3",) * axisymmetric)})
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on: "smooth" unless V has corners, as √(w²) has where w changes its sign."""
+        """What methods may rely on. "smooth" is among it unless V has corners, as √(w²) at w = 0."""
         return frozenset({"rhs", "parts", "kinetic", *(("smooth",) * self.system.smooth)})
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
-        """A state as a fresh array (6,). ValueError: it is none, or the force is not finite there."""
+        """A state as a fresh array (6,). ValueError: `y` is no state, or V or the force is not finite there."""
         state = super().check_state(y, name)
         numbers = state.tolist()
         if not all(map(math.isfinite, (self._V(numbers), *self._force_at(numbers)))):
@@ -116,18 +113,18 @@ class PerturbedTop(Top):
         return state
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by, at one state (6,).
+        """Scales of J, x and time for errors, at one state (6,).
 
         (r, |x|, 1/r) with r the larger of |J| + √(|alpha||x|) and √(|∇U||x|); the time is inf for r = 0.
         """
         rate, size, _ = self.top.scales(y)
         force = math.hypot(*self._force_at(np.asarray(y, dtype=float).tolist()))
-        if math.isfinite(force):  # not at a singularity
+        if math.isfinite(force):  # at a singularity it is not
             rate = max(rate, math.sqrt(force) * math.sqrt(size))
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
-        """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
+        """Sizes (4,) of the terms in H, J3, C1, C2 at one state, for relative drift and ulps."""
         H, *others = super().invariant_scales(y)
         return np.array((H + abs(self._V(np.asarray(y, dtype=float).tolist())), *others))
 

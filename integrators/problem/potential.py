@@ -1,7 +1,7 @@
 """A potential V(x) of the axis x, as a user writes it: an ordinary Python function with the names of its parameters.
 
-The function uses + − × ÷, whole and half powers, `sqrt`, `sin`, `cos`, `exp` and `log`. It is recorded once
-(`compiling.expression`), so that the same formula serves floats, mpmath, heyoka and the compiled kernels.
+The function uses + − × ÷, whole and half powers, `sqrt`, `sin`, `cos`, `exp` and `log`. It is recorded once (`compiling.tape`).
+So one formula serves floats, mpmath, heyoka and the compiled kernels.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ class Potential:
     Parameters
     ----------
     name : str
-        What messages and tables call it.
+        Its name in messages and tables.
     value : callable
         (x1, x2, x3, p) → V, in the units of |J|².
     gradient : callable, optional
-        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3); by default it is derived. It is compared with the derived one, see `symmetry`.
+        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3). By default it is derived, and otherwise compared with the derived one.
     parameters : sequence of str, optional
-        Names of the parameters; by default a top may give any number of them.
+        Names of the parameters; by default a top may have any number of them.
     note : str
-        What the potential stands for, in a line.
+        The meaning of the potential, in a line.
 
     Raises
     ------
     ValueError
-        From `formulas` and from `PerturbedTop`, for a function that is no such formula, or a gradient that is not V's.
+        An argument of the wrong type. From `formulas` and `PerturbedTop`: a function that is no such formula, or a gradient that
+        is not the gradient of V.
     """
 
     def __init__(
@@ -64,11 +65,14 @@ class Potential:
         return f"Potential({self.name!r})"
 
     def __getstate__(self) -> dict[str, Any]:
-        # functions typed at a prompt cannot be pickled, what was recorded of them can
+        # a function from a prompt cannot be pickled, but its recorded formula can
         return {**self.__dict__, "value": None, "gradient": None}
 
     def formulas(self, count: int) -> tuple[Program, Program]:
-        """V and ∇V, the user's or derived, of x and `count` parameters. ValueError: the function is no such formula."""
+        """V and ∇V, the user's or derived, as programs of x and `count` parameters.
+
+        ValueError: a function is no such formula, the gradient is not V's, or V has another number of parameters.
+        """
         if self.parameters is not None and count != len(self.parameters):
             names = ", ".join(self.parameters)
             needed = f"{len(self.parameters)} numbers ({names})"
@@ -96,14 +100,14 @@ class Potential:
 
 
 def _gradient(V: Program) -> Program:
-    """∇V, derived."""
+    """∇V, derived from V."""
     tape = Tape()
     inputs = [tape.input() for _ in range(V.inputs)]
     return tape.program(tape.gradient(tape.run(V, *inputs)[0], inputs[:3]))
 
 
 def _difference(first: Program, second: Program) -> float:
-    """By how much the outputs of two programs differ at most, relative to their terms."""
+    """The largest difference of the outputs of two programs at random points, relative to their terms."""
     tape = Tape()
     inputs = [tape.input() for _ in range(first.inputs)]
     pairs = zip(tape.run(first, *inputs), tape.run(second, *inputs), strict=True)

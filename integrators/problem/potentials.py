@@ -1,7 +1,6 @@
 """Potentials that are built in, and named tops in them.
 
-V is energy over the moment of inertia across the axis, in the units of |J|², as alpha x3 is. Directions are unit vectors; x is
-the axis, of any length.
+As alpha x3, V is energy over the moment of inertia across the axis, in the units of |J|². x is the axis, of any length.
 """
 
 from __future__ import annotations
@@ -69,16 +68,16 @@ def _tide_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     return pull * p[1], pull * p[2], pull * p[3]
 
 
-# An uneven field to second order: V = x·Sx/2. Any smooth field near a point is uniform up to this term; also a soft
-# magnetic body in a uniform field, whose induced moment is a linear function of the axis. Source: Landau & Lifshitz,
-# Electrodynamics of Continuous Media (1984), sections 4 and 8.
+# V = x·Sx/2: an uneven field to second order. Near a point any smooth field is uniform up to this term. V is also the energy of
+# a soft magnetic body in a uniform field: its induced moment is a linear function of the axis.
+# Source: Landau & Lifshitz, Electrodynamics of Continuous Media (1984), sections 4 and 8.
 QUADRATIC = Potential(
     "quadratic", _quadratic, _quadratic_gradient, parameters=("S11", "S22", "S33", "S12", "S13", "S23"),
     note="x·Sx/2: an uneven field to second order, or an induced moment; S in units of J²/x²",
 )  # fmt: skip
 
-# V = c2 x3² + c3 x3³ + …: any field that is symmetric about the vertical, as a polynomial in the height. J3 is conserved and
-# the motion integrable: by elliptic functions (`truth.tide`) if c2 is alone, by hyperelliptic ones from the third power on.
+# V = c2 x3² + c3 x3³ + …: any field that is symmetric about the vertical, as a polynomial in the height. J3 is conserved and the
+# motion integrable: by elliptic functions (`truth.tide`) if only c2 is not 0, by hyperelliptic ones from the third power on.
 AXISYMMETRIC = Potential(
     "axisymmetric", _axisymmetric, _axisymmetric_gradient,
     note="c2 x3² + c3 x3³ + …: a field symmetric about the vertical; ck in units of J²/x^k",
@@ -91,16 +90,16 @@ CHARGE = Potential(
     note="−k/|x − a|: a point charge or mass at a pulls the tip of the axis; k in units of J² x",
 )  # fmt: skip
 
-# V = b·x: a dipole along the axis in a uniform field b that is tilted. With the weight it is a Lagrange top about another
-# vertical: for the exact step turn the frame, or give a RigidBody its gravity. Source: Jackson, section 4.2.
+# V = b·x: a dipole along the axis in a tilted uniform field b. With the weight this is a Lagrange top about another vertical: for
+# the exact step turn the frame, or give a RigidBody its gravity. Source: Jackson, section 4.2.
 DIPOLE = Potential(
     "dipole", _dipole, parameters=("b1", "b2", "b3"),
     note="b·x: a dipole in a tilted uniform field; b in units of J²/x",
 )  # fmt: skip
 
-# V = k (n·x)²/2: the tide that a distant mass M in the direction n, at distance r, raises in the motion of a symmetric
-# body: k = 3 (GM/r³)(C − A)/A for |x| = 1, from MacCullagh's formula. Source: Murray & Dermott, Solar System Dynamics
-# (1999), section 5.3; Goldstein, Poole & Safko, Classical Mechanics (2002), section 5.8.
+# V = k (n·x)²/2: the tide of a distant mass M in the direction n (a unit vector), at distance r, on a symmetric body:
+# k = 3 (GM/r³)(C − A)/A for |x| = 1, from MacCullagh's formula. Source: Murray & Dermott, Solar System Dynamics (1999),
+# section 5.3; Goldstein, Poole & Safko, Classical Mechanics (2002), section 5.8.
 TIDE = Potential(
     "tide", _tide, _tide_gradient, parameters=("k", "n1", "n2", "n3"),
     note="k (n·x)²/2: the tide of a distant mass in direction n; k = 3 (GM/r³)(C − A)/A, in units of J²/x²",

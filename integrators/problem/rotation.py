@@ -1,4 +1,4 @@
-"""Rotations and angular velocities as users pass them in, and the product of quaternions."""
+"""Checks rotations and angular velocities that users pass in. Multiplies quaternions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXACT, ROUNDED = (
 
 
 def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
-    """`values` as a fresh array of finite doubles."""
+    """`values` as a fresh array of finite doubles. ValueError if they are not real, or of none of these shapes."""
     try:
         v = np.array(values)
     except ValueError:
@@ -30,14 +30,14 @@ def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
 
 
 def as_rotation(rotation: Any) -> Rotation:
-    """A single SciPy Rotation, from one, a matrix (3, 3) or a unit quaternion (4,), scalar first.
+    """A single SciPy Rotation from a Rotation, a matrix (3, 3) or a unit quaternion (4,), scalar first.
 
-    Warns where the quaternion or matrix is off by more than 1e-12, as printed digits and single precision are.
+    Warns if the quaternion or matrix is off by more than 1e-12, as printed digits and single precision are.
 
     Raises
     ------
     ValueError
-        It is none of these, or off by more than 1e-6.
+        `rotation` is none of these, or off by more than 1e-6.
     """
     from scipy.spatial.transform import Rotation  # not at the start: it takes 0.2 s
 
@@ -59,7 +59,7 @@ def as_rotation(rotation: Any) -> Rotation:
 
 
 def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotation, Array]:
-    """A Rotation and the angular velocity in the body's frame, from that in one of the two frames."""
+    """A Rotation and the angular velocity in the body's frame, which is given there or in the world's frame."""
     turn = as_rotation(rotation)
     if (omega_body is None) == (omega_world is None):
         raise ValueError("give either omega_body or omega_world")

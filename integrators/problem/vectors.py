@@ -1,4 +1,4 @@
-"""Products of two vectors of three numbers of any kind: floats, symbols of formulas, arrays."""
+"""Products of two vectors of three numbers. The numbers may be floats, symbols of formulas, or arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def cross(a: Any, b: Any) -> Vector:
 
 
 def cross_in(body: bool) -> Callable[[Any, Any], Vector]:
-    """a × b; in the frame of the body b × a, for the bracket has the other sign there."""
+    """a × b, in the frame of the body b × a: the bracket has the other sign there."""
     return (lambda a, b: cross(b, a)) if body else cross
 
 

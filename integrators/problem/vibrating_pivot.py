@@ -2,8 +2,8 @@
 
     H = |J|²/2 + alpha(t) x3,   alpha(t) = alpha + strength cos(frequency t)
 
-In the frame of the pivot its acceleration adds to that of gravity. J3, |x|² and x·J are conserved, H is not. Fast enough, the
-vibration holds an upright top that would fall: on the average it acts like (strength/(2 frequency))² (x1² + x2²) in H.
+In the frame of the pivot, its acceleration adds to gravity. J3, |x|² and x·J are conserved, H is not. A fast vibration holds an
+upright top that would fall without it: on average it acts like a term (strength/(2 frequency))² (x1² + x2²) in H.
 
 Source: Kapitza, Zh. Eksp. Teor. Fiz. 21 (1951) 588; Landau & Lifshitz, Mechanics (1976), section 30.
 """
@@ -15,14 +15,14 @@ from lagrange_bench.integrators.problem.problem import Problem
 
 
 def vibrating_pivot(alpha: float, strength: float, frequency: float) -> Problem:
-    """The top whose weight parameter swings.
+    """The top on a vibrating pivot.
 
     Parameters
     ----------
     alpha, strength : float
-        In units of J²/x, the mean and the amplitude.
+        Mean and amplitude of the weight parameter, in units of J²/x.
     frequency : float
-        In units of J.
+        Radians per unit of time, in units of J.
 
     Returns
     -------
