@@ -4,8 +4,8 @@
     body = Problem("body", "so3", lambda t, y, p: (y[0]**2/p[0] + y[1]**2/p[1] + y[2]**2/p[2])/2, (1.0, 2.0, 3.0), frame="body")
     integrate(body, (0.3, -0.4, 1.2), h=0.05, steps=1000, method="gauss6").invariants()
 
-H is recorded once (`compiling.tape`); the right-hand side, its Jacobian and the kernels of methods follow from that. The
-brackets are in `system`, the splitting into parts with closed flows in `parts`.
+H is recorded once (`compiling.tape`). The right-hand side, its Jacobian and the kernels of methods are derived from the record.
+The brackets are in `system`, and `parts` splits H into parts with closed flows.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from lagrange_bench.integrators.problem.system import (
 )  # fmt: skip
 from lagrange_bench.integrators.problem.vectors import cross_in
 
-COLUMNS = frozenset(  # of tables that have a column for each invariant, too
+COLUMNS = frozenset(  # names that no invariant may have: tables with a column for each invariant have these, too
     ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
      "motion")
 )  # fmt: skip
@@ -47,38 +47,38 @@ class Problem:
     Parameters
     ----------
     name : str
-        What messages and tables call it.
+        Its name in messages and tables.
     space : str or int
-        "e3", six numbers (J, x); "so3", three; "so3**n" or n, n spins, 3n numbers; "body", seven, (q, L): a quaternion, scalar
-        first, that takes vectors of the body to the world, and its angular momentum.
+        "e3": six numbers (J, x). "so3": three. "so3**n" or n: n spins, 3n numbers. "body": seven, (q, L), a quaternion, scalar
+        first, that takes vectors of the body to the world, and the angular momentum.
     hamiltonian : callable
-        (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `lagrange_bench`; y is the
-        array of the state's numbers, p of the parameters.
+        (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `lagrange_bench`. y and p are
+        arrays of the numbers of the state and of the parameters.
     parameters : sequence of float
         The numbers p.
     parts : sequence of callable
-        Functions as `hamiltonian` with closed flows, H being their sum; by default H is taken apart where that works: functions
-        of t and x, of components along one axis, multiples of |J|² and of s_j·s_k.
+        Functions as `hamiltonian` with closed flows, whose sum is H. By default H is taken apart, if possible: into functions of
+        t and x, functions of components along one axis, multiples of |J|² and of s_j·s_k.
     invariants : dict, optional
-        Name → function as `hamiltonian`, what is conserved besides H and the Casimir functions, as the formulas show; see
-        `symmetry`.
+        Name → function as `hamiltonian`: conserved quantities besides H and the Casimir functions. The formulas must show that
+        they are conserved; see `symmetry`.
     frame : str
         "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
 
     Raises
     ------
     ValueError
-        A function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no closed flow;
-        the message names the argument.
+        A function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no closed flow.
+        The message names the argument.
     """
 
-    # what is evaluated: H and its bracket as formulas, and the values of their parameters
+    # H and its bracket as formulas, and the values of their parameters
     name: str
     space: Space
     system: System
     numbers: tuple[float, ...]
     start = 0.0  # time at the initial state
-    extra_invariants: tuple[tuple[str, Program], ...] = ()  # besides H and the Casimir functions, by name
+    extra_invariants: tuple[tuple[str, Program], ...] = ()  # (name, formula), besides H and the Casimir functions
     user_parts: tuple[Program, ...] = ()  # the argument `parts`
 
     def __init__(
@@ -113,7 +113,7 @@ class Problem:
             self._check_parts()
 
     def _check_names(self) -> None:
-        """ValueError for a name that another column of a table has. J1, J2, J3 may name these components themselves."""
+        """ValueError if an invariant has a name that is taken. J1, J2, J3 may only name these components themselves."""
         own = {f"J{i}": i for i in (1, 2, 3)} if self.space.name in ("e3", "so3") else {}
         for word, program in self.extra_invariants:
             taken = word in COLUMNS or word in ("H", *self.space.casimirs(range(1, 100)))
@@ -150,13 +150,13 @@ class Problem:
 
     @property
     def identity(self) -> tuple[Any, ...]:
-        """What makes two problems equal: formulas and numbers."""
+        """Formulas and numbers: two problems with equal ones are equal."""
         numbers = tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
         return self.system, numbers, self.start, self.extra_invariants, self.user_parts
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """The parameters of `system`; of many tops arrays."""
+        """The parameters of `system`; for many tops arrays."""
         return self.numbers
 
     @property
@@ -166,11 +166,11 @@ class Problem:
 
     @property
     def description(self) -> str:
-        """What messages call it."""
+        """The name of the problem in messages."""
         return f"the problem {self.name}"
 
     def starting_at(self, t: float) -> Problem:
-        """The same problem with another time at the initial state; times of a trajectory are counted from there."""
+        """The same problem with the time t at the initial state. Times of a trajectory are counted from there."""
         other = object.__new__(type(self))
         other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
         return other
@@ -179,7 +179,7 @@ class Problem:
 
     @cached_property
     def parts(self) -> tuple[Part, ...]:
-        """Parts of H with closed flows; none if it cannot be taken apart."""
+        """Parts of H with closed flows; () if it cannot be taken apart."""
         return parts_of(self.system, self.numbers, self.user_parts)
 
     @property
@@ -189,7 +189,7 @@ class Problem:
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """What methods may rely on, words of `interface.NEEDS`."""
+        """The words of `interface.NEEDS` on which methods may rely."""
         kinds = [part.kind for part in self.parts]
         kinetic = kinds in (["square", "kick"], ["free", "kick"]) and not self.parts[0].timed
         words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
@@ -207,23 +207,23 @@ class Problem:
 
     @cached_property
     def alpha_and_rest(self) -> tuple[float, System]:
-        """Of |J|²/2 + U(t, x): alpha and the system of V, U = alpha x3 + V. alpha is the sum of all constant factors of x3."""
+        """alpha and the system of V, for H = |J|²/2 + alpha x3 + V(t, x). alpha is the sum of all constant factors of x3."""
         weight, rest = weight_and_rest(self.parts, len(self.numbers))
         V = make_system(self.space, rest, constant=self.system.constant)
         return float(weight(*(0.0,) * 7, *self.numbers)[0]), V
 
     def split_state(self, y: Any) -> tuple[Any, Array | None]:
-        """A state, and of a flying body its position and velocity (6,)."""
+        """A state, and for a flying body its position and velocity (6,), otherwise None."""
         return y, None
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
-        """A state as a fresh array (n,), of any shape with so many numbers. ValueError: it is none, or H is not finite."""
+        """A state of any shape with n numbers as a fresh array (n,). ValueError: it is no state, or H or y' is not finite."""
         state = check_numbers(y, name, self.space.size)
         if not np.isfinite((self.energy(state), *self.rhs(state))).all():
             raise ValueError(f"{name}: the problem {self.name} is not finite at {state.tolist()}")
         return state
 
-    # ------------------------------------------------------------------ functions of states (..., n) and times from the start
+    # ------------------------------------------------------------------ functions of states (..., n) and of times since the start
 
     def rhs(self, y: ArrayLike, t: Any = 0.0) -> Array:
         """Time derivative of states (..., n)."""
@@ -255,7 +255,7 @@ class Problem:
         return self._values(self.system.gradient, y, t)[..., 3:]
 
     def require_single(self) -> Any:
-        """ValueError if a parameter is an array with a number for each of many motions."""
+        """ValueError if a parameter is an array, with a number for each of many motions."""
 
     def motion(self, place: int) -> Problem:
         """The problem of one of many motions, with its own numbers."""
@@ -263,7 +263,7 @@ class Problem:
 
     @property
     def vectors(self) -> tuple[int, ...]:
-        """How many numbers each vector of a state has."""
+        """The number of components of each vector of a state."""
         zeros = [0.0] * self.system.size
         return tuple(len(vector) for _, vector in self.space.rotations(zeros, zeros))
 
@@ -287,14 +287,14 @@ class Problem:
         return out
 
     def _values_at(self, program: Program, y: list[float], t: float = 0.0) -> tuple[float, ...]:
-        """The same at one state, by plain numbers: several times as quick as arrays."""
+        """The values at one state (n,), by plain numbers: several times as quick as arrays."""
         try:
             return program(self.start + t, *y, *self.numbers)
-        except ZeroDivisionError:  # arrays have infinities there
+        except ZeroDivisionError:  # arrays have an infinity there
             return tuple(self._values(program, [y], t)[0].tolist())
 
     def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
-        """H of states (..., n), at the time t from the start."""
+        """H of states (..., n), at times t since the start."""
         return self._values(self.system.energy, y, t)[..., 0]
 
     @cached_property
@@ -312,9 +312,9 @@ class Problem:
         return frozenset(self.names)
 
     def sizes(self, y: ArrayLike) -> Array:
-        """The scale that the error of each component of one state (n,) is judged by: the length of its vector.
+        """The scale for errors of each component of one state (n,): the length of its vector.
 
-        The scale of J of e3 includes what the force adds to J within the time scale of the motion.
+        On e3, J has √(|∂H/∂x||x|) more: the force adds as much to J within the time scale of the motion. On "body" so has L.
         """
         vectors = [vector for _, vector in self.space.rotations(np.zeros(self.space.size), np.asarray(y, dtype=float))]
         lengths = np.array([np.linalg.norm(vector[None], axis=1)[0] for vector in vectors])
@@ -327,9 +327,9 @@ class Problem:
         return np.repeat(lengths, [len(vector) for vector in vectors])
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of momenta, of x (1 without) and of time, at one state (n,): the time is inf at a rest that stays one.
+        """Scales of momenta, of x (1 without x) and of time, at one state (n,); the time is inf for a state that stays at rest.
 
-        1/time is the rate at which vectors turn, and the largest one in the linearised motion.
+        1/time is the largest rate at which a vector turns, or the largest rate of the linearised motion if that is larger.
         """
         sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
         omegas = np.array([omega for omega, _ in self.space.rotations(slopes, sizes)])
@@ -339,18 +339,18 @@ class Problem:
         return momenta, x, 1.0 / rate if rate else math.inf
 
     def invariant_scales(self, y: ArrayLike) -> Array:
-        """Sizes of the terms in `names` at one state: what relative drift and ulps refer to."""
+        """Sizes of the terms of the invariants `names` at one state, for relative drift and ulps."""
         return np.maximum(np.abs(self.gradients(y)) @ self.sizes(y), np.abs(self.invariants(y)))
 
     def conserved_by(self, method: Any) -> frozenset[str]:
-        """Those of `names` that a method conserves up to round-off, derived from its claims for tops.
+        """The invariants of `names` that a method conserves up to round-off, derived from its claims for tops.
 
-        A method that conserves C1 and C2 conserves all Casimir functions. One that conserves J3 conserves every component that is
-        constant; a splitting only if all parts conserve it. One that conserves H in quadratic fields conserves all quadratic
-        functions. Other words are names of the problem's own invariants.
+        A method that conserves C1 and C2 conserves all Casimir functions. A method that conserves J3 conserves every constant
+        component, but a splitting does so only if all parts conserve it. A method that conserves H in quadratic fields conserves
+        all quadratic functions. Other words of a claim are names of the problem's own invariants.
         """
         conserves = method.claims.conserves
-        if method.needs in ("body", "uniform"):  # of the latter those that take symmetric bodies
+        if method.needs in ("body", "uniform"):  # "uniform": some of these methods take symmetric bodies
             return frozenset(conserves & self.conserved)
         casimirs = frozenset(self.space.casimirs(range(1, 100)))
         conserved = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
@@ -368,14 +368,14 @@ class Problem:
 
     @cached_property
     def _quadratic(self) -> frozenset[str]:
-        """Those of `names` that are of degree 2 at most, in t and y together."""
+        """The invariants of `names` that are of degree 2 at most, in t and y together."""
         degrees = are_polynomials(invariants_of(self.system, self.names, self.extra_invariants), 2, self.numbers)
         return frozenset(name for name, low in zip(self.names, degrees, strict=True) if low)
 
-    # ------------------------------------------------------------------ whether it is what it is said to be
+    # ------------------------------------------------------------------ checks of the arguments
 
     def _change_of(self, word: str, program: Program) -> float:
-        """{I, H} + ∂I/∂t, relative to its terms: 0 if the formulas show that. ValueError if it is more than round-off."""
+        """{I, H} + ∂I/∂t, relative to its terms: 0 if the formulas show that. ValueError: it is more than round-off."""
 
         def change(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
             slopes = tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
@@ -388,7 +388,7 @@ class Problem:
         return left
 
     def _check_parts(self) -> None:
-        """The gradients must add up, and each part must have a closed flow."""
+        """ValueError unless the gradients of the user's parts add up, and each part has a closed flow."""
         for i, program in enumerate(self.user_parts):
             parts = find_parts(self.system, self.numbers, program)
             if parts is None or len(parts) > 1:

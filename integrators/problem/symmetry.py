@@ -1,12 +1,12 @@
-"""What the formulas of programs show: whether outputs vanish, or are polynomials, whatever the inputs are.
+"""Reads formulas for properties of a problem: do outputs of a program vanish, or are they polynomials, for all inputs?
 
-A formula is a rational function of its inputs and of the roots, sines, … in it. Here each of these is a random number of its
-own, one for each argument; of their laws sin² + cos² = 1, parity, and the values at 0 or 1 are kept. Whether such a function
-vanishes shows at one random point modulo a large prime P. Nothing is rounded there, and nothing is small, narrow or far
-away. What follows from other laws, such as exp(a) exp(b) = exp(a + b), is not seen, and the answer is no.
+A formula is a rational function of its inputs and of the roots, sines, … in it. Each root or sine is replaced by a random number,
+one for each argument, that keeps sin² + cos² = 1, parity, and the values at 0 or 1. One random point modulo a large prime P then
+shows whether the function vanishes. Nothing is rounded there, and no value is small but not zero. Other laws, such as
+exp(a) exp(b) = exp(a + b), are not seen: the answer is no.
 
-A constant in a formula stands for the fraction with a denominator of up to a million that is rounded to it, if there is one
-(0.1 is a tenth), and otherwise for the double that it is, as a parameter always does.
+A constant in a formula stands for the fraction with a denominator of up to a million that rounds to it, if there is one
+(0.1 is a tenth). Otherwise it stands for the double itself, as a parameter always does.
 
 Source: Schwartz, J. ACM 27 (1980) 701; Zippel, EUROSAM '79, Lecture Notes in Computer Science 72 (1979) 216.
 """
@@ -25,15 +25,16 @@ from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.unroll import Number
 
 P = 2**127 - 1  # prime; −1 is no square modulo P; a double is a multiple of P only if it is 0
-SIMPLE = 10**6  # largest denominator that a constant is taken to have
-POINTS = 8  # where `remainder` looks
-SAME = 1e-12  # a smaller remainder may come from rounded numbers, or from laws unknown here
+SIMPLE = 10**6  # largest denominator of a constant
+POINTS = 8  # of `remainder`
+SAME = 1e-12  # a smaller remainder may come from rounded numbers, or from laws that are unknown here
 
 
 class Sample(Number):
-    """A number of a formula at a random point: modulo P, roughly, as a complex number, and the size of the terms that make it.
+    """A number of a formula at a random point.
 
-    The rough one has the true roots. Its exponential is exp(iw), which is never small and keeps the law of exponents.
+    residue : the number modulo P. rough : a complex number, with the true roots and sines, but with exp(iw) for exp(w), which is
+    never small and keeps the law of exponents. size : of the terms that add up to it.
     """
 
     __slots__ = ("residue", "rough", "size")
@@ -42,7 +43,7 @@ class Sample(Number):
         self.residue, self.rough, self.size = residue % P, rough, _length(rough) if size is None else size
 
     def make(self, operation: str, *operands: Any) -> Sample:
-        """What an operation gives. ValueError : division by 0, or a constant that is not finite."""
+        """The result of an operation. ValueError : division by 0, or a constant that is not finite."""
         a, b = (x if isinstance(x, Sample) else _constant(x) for x in (operands[0], operands[-1]))
         if operation == "add":
             return Sample(a.residue + b.residue, a.rough + b.rough, a.size + b.size)
@@ -60,12 +61,15 @@ class Sample(Number):
 
 @lru_cache(maxsize=4096)
 def _drawn(*words: Any) -> int:
-    """A random number modulo P that belongs to these words."""
+    """A random number modulo P, always the same for the same words."""
     return int.from_bytes(hashlib.sha256(repr(words).encode()).digest(), "big") % P
 
 
 def _function(name: str, w: int) -> int:
-    """f(w): an independent number, as far as f(0), f(1), f(−w) and sin² + cos² = 1 let it be."""
+    """f(w) modulo P: a random number that keeps f(0), f(1), parity and sin² + cos² = 1.
+
+    exp w = (1 + u)/(1 − u),   sin w = 2u/(1 + u²),   cos w = (1 − u²)/(1 + u²),   u odd in w
+    """
     if (name, w) in (("sqrt", 0), ("sqrt", 1), ("log", 1)):
         return w if name == "sqrt" else 0
     if name in ("sqrt", "log"):
@@ -101,7 +105,7 @@ def _constant(value: float) -> Sample:
 
 
 def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> list[Sample] | None:
-    """The outputs at a point, with these numbers as the last inputs; None where one is not finite."""
+    """The outputs at a point, with `numbers` as the last inputs; None if one is not finite."""
     inputs = (Sample(v, 8.0 * (v % P) / P - 4.0) for v in point)
     try:
         outputs = program(*inputs, *(_sample(Fraction(v)) for v in numbers))
@@ -111,9 +115,9 @@ def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> lis
 
 
 def generic(numbers: Sequence[float]) -> tuple[float, ...]:
-    """Random parameters that are 0, ±1, or equal but for the sign, where these numbers are.
+    """Random parameters that are 0, ±1, or equal but for the sign if these numbers are.
 
-    What a formula shows with them it shows with these numbers, too, and with all others like them.
+    A property that a formula shows with them holds for these numbers, and for all numbers with the same equalities.
     """
     drawn = {0.0: 0.0, 1.0: 1.0}
     return tuple(math.copysign(drawn.setdefault(abs(v), 0.5 + _drawn(len(drawn)) / P), v) for v in numbers)
@@ -121,10 +125,10 @@ def generic(numbers: Sequence[float]) -> tuple[float, ...]:
 
 @lru_cache(maxsize=4096)
 def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -> tuple[bool, ...]:
-    """Of each output whether its formula shows that it is a polynomial of this degree at most; −1: that it vanishes.
+    """Whether the formula of each output shows that it is a polynomial of this degree at most; degree −1: that it vanishes.
 
-    degree : in all inputs before the parameters together, whose values are `numbers`. The difference of the next order along a
-    random line vanishes.
+    degree : in all inputs together except the parameters, which have the values `numbers`. The test: the difference of order
+    degree + 1 along a random line vanishes, Σ_k (−1)^k C(degree + 1, k) f(a + k b) = 0 modulo P.
     """
     count, order = program.inputs - len(numbers), degree + 1
     start, step = ([_drawn(word, i) for i in range(count)] for word in ("start", "step"))
@@ -139,9 +143,9 @@ def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -
 
 
 def remainder(program: Program, numbers: Sequence[float] = ()) -> float:
-    """What is left of outputs that should vanish: the largest at random points, relative to the terms that they are sums of.
+    """The largest value, at random points, of outputs that should vanish, relative to their terms.
 
-    It is 0 only if the formulas show that all vanish, and NaN if none is finite anywhere.
+    It is 0 only if the formulas show that all outputs vanish, and NaN if none is finite anywhere.
     """
     points = [[_drawn(k, i) for i in range(program.inputs - len(numbers))] for k in range(POINTS)]
     outputs = [value for point in points for value in _at(program, numbers, point) or ()]

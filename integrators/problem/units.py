@@ -1,4 +1,4 @@
-"""Units in which a top is of order one: powers of two, so that nothing is rounded on the way in or out."""
+"""Units in which a top is of order one. They are powers of two, so a change of units rounds nothing."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
-LARGEST_SPAN = 1e15  # of |h|, in time scales of the top: beyond it the phase has no digits left
-USUAL = 1e-200  # squares above it and below its inverse: nothing under- or overflows
-MODERATE = 1000  # of the powers of two of the units: then they are doubles themselves
+LARGEST_SPAN = 1e15  # |h| in time scales of the top: the phase of a longer step has no digits left
+USUAL = 1e-200  # if squares are between this and its inverse, nothing under- or overflows
+MODERATE = 1000  # powers of two up to this one are doubles themselves
 
 
 @jit
 def exponents(alpha, y, h):
-    """Powers of two that bring |x|, and |J| + √(|alpha||x|) or, where that is 0, 1/|h| to between 1/2 and 1."""
+    """Exponents (rate, length): |J| + √(|alpha||x|), or 1/|h| if this is 0, is about 2^rate, and |x| about 2^length."""
     jj, xx, a = y[0] * y[0] + y[1] * y[1] + y[2] * y[2], y[3] * y[3] + y[4] * y[4] + y[5] * y[5], abs(alpha)
     if USUAL < jj < 1.0 / USUAL and USUAL < xx < 1.0 / USUAL and USUAL < a * a < 1.0 / USUAL:
         x = math.sqrt(xx)
@@ -43,7 +43,7 @@ def exponents(alpha, y, h):
 
 @jit
 def own_units(alpha, y, h):
-    """`exponents`, and alpha and h in those units; h infinite where one of these is extreme, or |h| too long."""
+    """`exponents`, then alpha and h in these units; h is infinite if an exponent is extreme or |h| too long."""
     rate, length = exponents(alpha, y, h)
     span = math.ldexp(h, rate)
     if max(abs(rate), abs(length)) >= MODERATE or not abs(span) < LARGEST_SPAN:
@@ -53,7 +53,7 @@ def own_units(alpha, y, h):
 
 @jit
 def scaled_norm(a, b, c):
-    """|(a, b, c)| as a number from 1/2 to 1 and a power of two; 0, 0 of nothing."""
+    """|(a, b, c)| as a number from 1/2 to 1 and the exponent of a power of two; (0, 0) if it vanishes."""
     power = math.frexp(max(abs(a), abs(b), abs(c)))[1]
     a, b, c = math.ldexp(a, -power), math.ldexp(b, -power), math.ldexp(c, -power)
     norm, more = math.frexp(math.sqrt(a * a + b * b + c * c))
@@ -62,7 +62,7 @@ def scaled_norm(a, b, c):
 
 @jit
 def shift(y, rate, length):
-    """States (..., 6), in place: J times 2^rate, x times 2^length. What is too large becomes infinite."""
+    """Multiply J of states (..., 6) by 2^rate and x by 2^length, in place. A number that is too large becomes infinite."""
     moderate = max(abs(rate), abs(length)) < MODERATE
     J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
     for first in range(0, y.size, 6):
@@ -75,7 +75,7 @@ def shift(y, rate, length):
 
 
 def ldexp(number: float, exponent: int) -> float:
-    """number · 2^exponent; beyond the largest double ±inf, which the checks of what follows refuse."""
+    """number · 2^exponent; beyond the largest double ±inf, which later checks refuse."""
     try:
         return math.ldexp(number, exponent)
     except OverflowError:
@@ -86,7 +86,7 @@ first_exponents, first_shift = at_first_interpreted(exponents), at_first_interpr
 
 
 class Units:
-    """Powers of two that bring |x| and |J| + √(|alpha||x|) to order one: changing units is exact."""
+    """The units of a top: powers of two that bring |x| and |J| + √(|alpha||x|) to order one."""
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.rate, self.length = first_exponents(top.alpha, tuple(y0.tolist()), h)
@@ -98,7 +98,7 @@ class Units:
         return scaled
 
     def leave(self, y: Array) -> Array:
-        """Works in `y`."""
+        """The state in the user's units, in place."""
         first_shift(y, self.rate, self.length)
         return y
 
@@ -106,7 +106,7 @@ class Units:
         return ldexp(t, self.rate)
 
     def span(self, method: str, h: float) -> float:
-        """`time(h)`, where the exact flow over h has a phase. StepError: |h| is too long."""
+        """`time(h)`. StepError: |h| is so long that the exact flow over h has no phase in doubles."""
         span = self.time(h)
         if not abs(span) < LARGEST_SPAN:
             raise StepError(method, "|h| is over 1e15 times the time scale of the top: its phase is beyond double", h=h)
@@ -121,20 +121,20 @@ class Units:
         return spans
 
     def parameter(self, lam: complex) -> complex:
-        """λ has the units of x/J."""
+        """λ in these units; it has the dimension of x/J."""
         shift = self.rate - self.length
         return complex(ldexp(lam.real, shift), ldexp(lam.imag, shift))
 
 
 def units_of(method: str, problem: Any, y0: Array, h: float) -> Units:
-    """The units of a top in a uniform field or in any."""
+    """The units of a top in any field."""
     return Units(problem, y0, h) if kinds.uniform(problem) else units_in_field(method, problem, y0, h)
 
 
 def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
-    """The same for a top in any field: its force at y0 counts where it is larger than the weight.
+    """The units of a top in a field that is not uniform: in place of alpha they take the force at y0 if that is larger.
 
-    `alpha` of these units is of no use: a potential is evaluated in the user's.
+    `alpha` of these units is of no use: a potential is evaluated in the user's units.
     """
     force = float(np.max(np.abs((problem.alpha_and_rest[0], *problem.force(y0)))))
     if not math.isfinite(force):
@@ -143,9 +143,9 @@ def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
 
 
 def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
-    """The largest |vector|/scale of differences of states (..., n), the scales being those of y0; shape (...,).
+    """The largest |vector|/scale of differences of states (..., n), with the scales of y0; shape (...,).
 
-    A vector without a scale counts as infinite, unless it vanishes.
+    A vector whose scale is 0 counts as infinite, unless it vanishes.
     """
     sizes, start, ratios = problem.sizes(y0), 0, []
     for count in problem.vectors:
@@ -157,7 +157,7 @@ def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
 
 
 def scaled_distance(problem: Any, y0: ArrayLike, y: Array, other: Array) -> Array:
-    """`scaled_size` of the differences of states (..., n). Of a body q and −q are the same: the nearer one counts."""
+    """`scaled_size` of the differences of states (..., n). q and −q are the same rotation of a body: the nearer one counts."""
     difference = y - other
     if kinds.rigid_body(problem):
         opposite = np.sum(y[..., :4] * other[..., :4], axis=-1, keepdims=True) < 0
