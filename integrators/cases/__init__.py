@@ -1,8 +1,8 @@
-"""Named motions of rigid bodies with their exact solution: what any program that follows a rigid body can be compared with.
+"""Named motions of rigid bodies with their exact solution, for comparison with any program that follows a rigid body.
 
-Their numbers are decimals in a TOML file each, for the digits are part of a case; a case of one's own is such a file, too.
-`Case.solution` gives doubles: from a closed form, a microsecond a time, where the body is free or symmetric, else from Taylor
-series. `Case.digits` gives as many digits as are wanted from Taylor series in integers, which share nothing with that.
+Each case is a TOML file with decimals, because the digits are part of the case. A case of your own is such a file, too.
+`Case.solution` gives doubles: for a free or symmetric body from a closed form, which takes a microsecond a time, otherwise from
+Taylor series. `Case.digits` gives up to 40 digits from Taylor series in integers, an independent computation.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from lagrange_bench.support.words import suggestion
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-MOST_DIGITS = 40  # that the decimals of the named cases are good for
+MOST_DIGITS = 40  # of `Case.digits`
 COLUMNS = "t,x,y,z,qw,qx,qy,qz,r11,r12,r13,r21,r22,r23,r31,r32,r33,wx,wy,wz"
 CONVENTIONS = """\
 t: s. x y z: centre of mass in the world, m, from the fixed point. qw qx qy qz: unit quaternion, scalar first, qw >= 0.
@@ -48,21 +48,21 @@ class Case:
     Parameters
     ----------
     name : str
-        What tables call it.
+        Its name in tables.
     body : RigidBody
-        What moves.
+        The body that moves.
     rotation : Rotation, (3, 3) or (4,)
         At t = 0, from body to world; a quaternion has its scalar first.
     omega_body : (3,)
         In rad/s, at t = 0.
     position, velocity : (3,)
-        Of a body that flies, its centre of mass at t = 0, in m and m/s.
+        Of the centre of mass of a flying body at t = 0, in m and m/s.
     until, every : float
-        In s, how long it is meant to run, and the time between rows of a reference.
+        In s, the length of the motion, and the time between rows of a reference.
     title, source, remarks : str
-        What it is, where it comes from, and what to know.
+        A title, the source of the numbers, and what to know.
     exact : dict
-        The numbers of a named case, as decimals.
+        The numbers of a case from a file, as decimals.
     """
 
     name: str
@@ -80,15 +80,16 @@ class Case:
 
     @property
     def state(self) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """What `integrate(case.body, case.state, …)` takes."""
+        """The state (7,) or (13,) that `integrate(case.body, case.state, …)` takes."""
         flight = {} if self.body.fixed else {"position": self.position, "velocity": self.velocity}
         return self.body.state(rotation=self.rotation, omega_body=self.omega_body, **flight)
 
     def solution(self, t: ArrayLike) -> Trajectory:
         """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
 
-        Doubles, from the closed form of a free or a symmetric body: errors are of the size of round-off, 1e-15 for each radian
-        that the body turns. Of other bodies from Taylor series, whose errors are as small, but grow with the motion's own.
+        Numbers are doubles. For a free or symmetric body they come from the closed form: errors are round-off, 1e-15 for each
+        radian of the turn. For other bodies they come from Taylor series: errors begin as small, and grow as errors of the
+        initial state do.
         """
         closed = kinds.free_body(self.body) or kinds.symmetric_body(self.body)
         method, times = find_method("theta_functions" if closed else "taylor"), check_times(t)
@@ -99,9 +100,14 @@ class Case:
         return Trajectory(self.body, method.name, times, y, work, start=RunInputs(state, method, None, {}, flight))
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
-        """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to so many digits.
+        """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to `digits` digits.
 
-        From `truth.rigid_body`: integers throughout. Of a case of one's own the doubles are taken as exact.
+        `truth.rigid_body` computes them in integers. A double in a case is taken as exact.
+
+        Raises
+        ------
+        ValueError
+            `digits` is no whole number from 1 to 40.
         """
         digits = check_count(digits, "digits", least=1)
         if digits > MOST_DIGITS:
@@ -123,7 +129,7 @@ class Case:
             yield [rounded(v, digits) for v in numbers]
 
     def _facts(self) -> dict[str, Any]:
-        """The numbers of a case of one's own: the doubles themselves."""
+        """The numbers of a case that comes from no file: the doubles themselves."""
         facts = {name: getattr(self.body, name) for name in ("mass", "com", "inertia_com", "gravity")}
         start = as_rotation(self.rotation).as_quat(scalar_first=True)
         flight = {"position": self.position, "velocity": self.velocity}
@@ -131,14 +137,14 @@ class Case:
         return {**facts, "quaternion": start, "omega_body": self.omega_body, **flight}
 
     def doubles(self, times: ArrayLike) -> np.ndarray[Any, np.dtype[np.float64]]:
-        """The same rows as doubles, (N, 20), from `solution`."""
+        """Rows of COLUMNS as doubles, (N, 20), from `solution`."""
         run = self.solution(times)
         q = run.rotation.as_quat(canonical=True, scalar_first=True)
         return np.column_stack((run.t, run.position, q, run.rotation.as_matrix().reshape(-1, 9), run.omega_body))
 
 
 def matrix(q: Sequence[Any]) -> list[list[Fraction]]:
-    """The rotation of a quaternion of any length, scalar first: orthogonal without rounding."""
+    """The rotation matrix of a quaternion of any length, scalar first, without rounding."""
     w, x, y, z = (Fraction(v) for v in q)
     n = w * w + x * x + y * y + z * z
     return [
@@ -149,7 +155,7 @@ def matrix(q: Sequence[Any]) -> list[list[Fraction]]:
 
 
 def quaternion(R: list[list[Fraction]]) -> list[Fraction]:
-    """The unit quaternion of a matrix, scalar first and not negative, from its largest component."""
+    """The unit quaternion of a matrix, scalar first and ≥ 0: row k of 4 q qᵀ over 4 |q_k|, with q_k the largest component."""
     (a, b, c), (d, e, f), (g, h, i) = R
     # rows of 4 q qᵀ
     rows = [
@@ -169,14 +175,14 @@ def decimal(v: Fraction) -> Decimal:
 
 
 def rounded(v: Fraction, digits: int) -> Decimal:
-    """To so many significant digits, or decimals below 1."""
+    """v to `digits` significant digits; below 1 to `digits` decimals."""
     with localcontext(prec=digits + 20):
         number = decimal(v)
         places = digits - max(0, number.adjusted() + 1)
         return (round(number, places) + 0).normalize()
 
 
-NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; those with a default may be left out
+NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; numbers with a default may be left out
     "mass": [()],
     "com": [(3,)],
     "inertia_com": [(3,), (3, 3)],
@@ -190,21 +196,21 @@ NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; tho
 }
 DEFAULTS: dict[str, Any] = {"com": ["0", "0", "0"], "gravity": ["0", "0", "-9.81"], "quaternion": ["1", "0", "0", "0"]}
 DEFAULTS |= {"until": "1", "every": "0.1"}
-STILL = {"omega_body": ["0", "0", "0"]}  # of a body without a start
+STILL = {"omega_body": ["0", "0", "0"]}  # for a body without a start
 TEXTS = ("title", "source", "remarks")
 
 
 def read_case(path: Path, start: bool = True) -> Case:
-    """The case in a TOML file, in the form of the named ones: numbers may be decimals in quotes, whose digits count.
+    """The case in a TOML file, in the form of the named ones. Numbers may be decimals in quotes, whose digits count.
 
-    start : whether it must have one; else a body is enough.
+    start : whether it must have a start; otherwise a body is enough.
 
     Raises
     ------
     ValueError
-        It is no such file; the message says what is wrong.
+        The file has a mistake; the message says which.
     OSError
-        There is no such file.
+        The file cannot be read.
     """
     return _case(path.stem, {**({} if start else STILL), **read_toml(path)}, str(path))
 
@@ -246,7 +252,7 @@ FREE = ("box", "t_body", "brick", "toutatis", "middle_axis", "flying_box")
 
 
 class Cases(Mapping[str, Case]):
-    """The named cases, each made when it is first asked for: that takes some milliseconds."""
+    """The named cases. Each is made at its first use, which takes some milliseconds."""
 
     def __init__(self, names: tuple[str, ...]):
         self._cases: dict[str, Case | None] = dict.fromkeys(names)
@@ -260,7 +266,7 @@ class Cases(Mapping[str, Case]):
         if (case := self._cases[name]) is None:
             text = files("lagrange_bench.integrators.cases").joinpath(f"{name}.toml").read_text("utf-8")
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no matter has: the remarks say so
+                warnings.simplefilter("ignore", RuntimeWarning)  # about moments that no body has: the remarks say so
                 case = self._cases[name] = _case(name, tomllib.loads(text), name)
         return case
 

@@ -1,12 +1,12 @@
-"""A case as one file of C or Python without dependencies, for tests of other programs; the templates are in `code`.
+"""Writes a case as one file of C or Python without dependencies, for tests of other programs. The templates are in `code`.
 
-Of a free body the file has the closed form of `methods.free_body`, in principal axes i, ±j, k ordered so that one formula serves
-all bodies. Of a symmetric heavy one it has the exact step, with which it goes from the start to the time in a few equal steps.
-Their λ, m and χ are power series of the step h: with C1 = 1, λ = ih/2 + …, m = 1 + …,
+For a free body the file has the closed form of `methods.free_body`, in principal axes i, ±j, k: in this order one formula serves
+all bodies. For a symmetric heavy body it has the exact step, which goes from the start to the time in a few equal steps. Their
+λ = R + iη, m and χ are power series of the step h. With C1 = 1, λ = ih/2 + …, m = 1 + …,
 
     2η dλ/dh = −m λ̄        m² = Q(λ)        dχ/dh = −2R/|λ|²,  χ(0) = π
 
-Whole periods are taken off the time first. Their length, and the turns that belong to them, have over 30 digits.
+Whole periods are taken off the time first. Their length, and the turns in a period, have over 30 digits.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from lagrange_bench.support.precision import workdps
 
 LANGUAGES = {"c": ("exact.c.j2", "//"), "python": ("exact.py.j2", "#")}  # template, mark of a comment
 TERMS = 10  # of each power series
-LEFT_OUT = 2.0**-55  # size of the first term left out, at the longest step
+LEFT_OUT = 2.0**-55  # size of the first term that is left out, at the longest step
 
 
 def standalone(case: Case, language: str, facts: list[str]) -> str:
-    """The text of the file. `facts` are lines about the body, for its head.
+    """The text of the file. facts : lines about the body, for the head of the file.
 
     Raises
     ------
@@ -76,19 +76,19 @@ def templates() -> Any:
         trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
     )  # fmt: skip
     filters = environment.filters
-    filters["number"] = lambda v: repr(float(v) + 0.0)  # the shortest decimal that makes the double again
+    filters["number"] = lambda v: repr(float(v) + 0.0)  # the shortest decimal that gives the same double
     filters["numbers"] = lambda values: ", ".join(map(filters["number"], values))
     filters["decimal"] = lambda v: mp.nstr(v, DIGITS - 5)
     return environment
 
 
 def parts(word: str, v: Any) -> dict[str, Any]:
-    """A number of mpmath, and what rounding it to a double leaves out."""
+    """A number of mpmath as `word`, and the part that its double lacks as `word`_lo."""
     return {word: v, f"{word}_lo": v - mpf(float(v))}
 
 
 def free_constants(body: Any, y: Any) -> dict[str, Any]:
-    """What the templates take of a free body."""
+    """The numbers for the templates of a free body."""
     motion, start = free_motion(body.inertia, y[4:]), body.rotations(y)
     if motion is None:
         rate = body.angular_velocity(y)
@@ -120,7 +120,7 @@ def free_constants(body: Any, y: Any) -> dict[str, Any]:
 
 
 def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
-    """What the templates take of a symmetric heavy body."""
+    """The numbers for the templates of a symmetric heavy body."""
     start, alpha, world = body.reduced(y), body.top.alpha, Rotation.from_matrix(body.world)
     J, x = start[:3], start[3:]
     motion, period, _ = symmetric_body.find_motion(symmetric_body.facts_of(body, y), DIGITS)
@@ -129,7 +129,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
         period = mpf(1) if steady else mp.ldexp(period, -motion.rate)
         if mp.isfinite(period):
             whole = parts("period", period)
-            # where the motion is steady, that of the top is about the other end of the axis
+            # if the motion is steady, the turn of the top is about the other end of the axis
             side = np.sign(body.axis @ body.axes[body.symmetry]) if steady else 1
             for word, rate in ("up", motion.turn), ("spin", -2 * side * motion.spin):
                 whole |= parts(word, mp.ldexp(rate, motion.rate) * period / (2 * mp.pi))
@@ -141,7 +141,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
         (alpha * unit**2) ** 2,
     )
     rows = series(Q)
-    last = np.max(np.abs(rows[TERMS:]), axis=1)  # some series have every other term
+    last = np.max(np.abs(rows[TERMS:]), axis=1)  # the first two terms left out: some series lack every other term
     reach = 1.0 / np.max((last / LEFT_OUT) ** (0.5 / np.array((TERMS, TERMS + 1))))  # the longest step, in units
     scales = np.array((unit * reach**2, unit * reach, 1.0, reach, reach)) * reach ** (2.0 * np.arange(TERMS)[:, None])
     own = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)

@@ -2,14 +2,14 @@
 
     H = Σ L_i²/(2 I_i) + w·Γ,   w = m |g| X,   Γ = Rᵀ(up)
 
-y = (q, L) are seven numbers: the unit quaternion of R, scalar first, and the angular momentum about the fixed point (of a flying
-body about the centre of mass) along the principal axes of inertia. H depends on q by the quadratic form q̄ up q. So |q| and the
-momentum about the vertical are conserved for any |q|, and H is quadratic: what conserves quadratic functions conserves energy.
-The invariants have the names of the top's: C1 is |q|², J3 the momentum about the vertical, and C2, of a symmetric body only, the
-momentum about its axis. A body that flies turns as a free one, and its centre of mass is at x + v t + g t²/2.
+y = (q, L) are seven numbers: the unit quaternion of R, scalar first, and the angular momentum about the fixed point, for a flying
+body about the centre of mass, along the principal axes of inertia. H depends on q by the quadratic form q̄ up q. So |q| and the
+momentum about the vertical are conserved for any |q|, and H is quadratic: a method that conserves quadratic functions conserves
+energy. The invariants have the names of the top: C1 is |q|², J3 the momentum about the vertical, and C2, for a symmetric body
+only, the momentum about its axis. A body that flies turns like a free one, and its centre of mass is at x + v t + g t²/2.
 
-A multiple of |L|² turns no L, so L' is computed from D_i = 1/I_i − 1/I_r alone, r one of the two nearest moments, and
-D_i = (I_r − I_i)/(I_i I_r) has no cancellation: nearly equal moments keep the digits of their difference.
+A multiple of |L|² in H does not change L. So L' is computed from D_i = 1/I_i − 1/I_r alone, with I_r one of the two nearest
+moments. D_i = (I_r − I_i)/(I_i I_r) has no cancellation: nearly equal moments keep the digits of their difference.
 
 **The Lagrange top inside.** With the moments A across and C along the axis of a symmetric body, J = R L/A and the direction x of
 the axis in the world are the state of a Lagrange top with alpha = |w|/A, in a frame whose third axis points up.
@@ -45,7 +45,7 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-UNIT = 1e-6  # largest difference of |q| from 1: what poor methods lose in a long run may be continued
+UNIT = 1e-6  # largest difference of |q| from 1: a poor method loses as much in a long run, which may be continued
 
 
 class RigidBody(Problem):
@@ -56,25 +56,25 @@ class RigidBody(Problem):
     mass : float
         In kg.
     com : (3,)
-        In m, the centre of mass in the body's frame, from the fixed point; of a flying body from where its frame is.
+        In m, the centre of mass in the body's frame. Its origin is the fixed point, for a flying body any point of the body.
     inertia_com : (3,) or (3, 3)
-        In kg m², about the centre of mass: moments along the axes of the body's frame, or a matrix. A warning says if no body
-        has such moments, as in some books and papers.
+        In kg m², about the centre of mass: moments along the axes of the body's frame, or a matrix. Some books and papers have
+        moments that no body has; a warning says so.
     gravity : (3,)
         In m/s², in the world's frame.
     fixed : bool
-        Whether the origin of the body's frame stays where it is. A body that flies is followed by its centre of mass.
+        Whether the origin of the body's frame is fixed. Otherwise the body flies, and its centre of mass is followed.
 
     Attributes
     ----------
     inertia : (3,)
-        In kg m², principal moments about the fixed point, of a flying body about the centre of mass.
+        In kg m², principal moments about the fixed point, for a flying body about the centre of mass.
     axes : (3, 3)
         Their axes as rows, in the body's frame.
     symmetry : int or None
-        The number of the axis about which a turn changes nothing; None if there is none.
+        The number of the axis of symmetry, about which a turn changes nothing, or None.
     weight, up : (3,)
-        w in the principal frame, and the direction against gravity in the world's.
+        w in the principal frame, and the direction against gravity in the world's frame.
 
     Raises
     ------
@@ -124,7 +124,7 @@ class RigidBody(Problem):
         return f"{type(self).__name__} with moments {', '.join(f'{value:.6g}' for value in self.inertia)} kg m²"
 
     def _vertical_axis(self, y: Any, p: Any) -> list[Any]:
-        """|q|² Rᵀ(up), components of `up` that are 0 or 1 as constants."""
+        """|q|² Rᵀ(up) = (q0² − |v|²) up + 2 (v·up) v − 2 q0 v × up, with q = (q0, v); 0 and 1 in `up` are constants."""
         up = [float(v) if v in (0.0, 1.0) else p[7 + i] for i, v in enumerate(self.up.tolist())]
         q0, q = y[0], y[1:4]
         scalar, along = q0 * q0 - sum(v * v for v in q), 2.0 * sum(v * u for v, u in zip(q, up, strict=True))
@@ -145,7 +145,7 @@ class RigidBody(Problem):
 
     @cached_property
     def offers(self) -> frozenset[str]:
-        """As any problem's, and "body"."""
+        """The words of any problem, and "body"."""
         return super().offers | {"body"}
 
     @property
@@ -154,9 +154,9 @@ class RigidBody(Problem):
         return not np.any(self.weight)
 
     def period(self, y: ArrayLike) -> float:
-        """Of a free body: the time after which ω comes back in the body's frame, s.
+        """The time in s after which ω of a free body comes back in the body's frame. The rotation does not come back.
 
-        0 where ω is constant there, inf on the separatrix. The rotation does not come back.
+        It is 0 if ω is constant there, and inf on the separatrix.
 
         Raises
         ------
@@ -187,17 +187,17 @@ class RigidBody(Problem):
         omega_body, omega_world : (3,)
             Angular velocity in rad/s, in the frame of the body or of the world: one of the two.
         position, velocity : (3,)
-            Of a flying body its centre of mass in the world, m and m/s; 0 by default.
+            Of the centre of mass of a flying body, in the world, m and m/s; 0 by default.
 
         Returns
         -------
         (7,) or (13,)
-            (q, L), of a flying body with position and velocity.
+            (q, L), for a flying body with position and velocity.
 
         Raises
         ------
         ValueError
-            A malformed number, or a position of a body with a fixed point.
+            A malformed number, no or two angular velocities, or a position of a body with a fixed point.
         """
         from scipy.spatial.transform import Rotation
 
@@ -215,7 +215,7 @@ class RigidBody(Problem):
         return np.concatenate((y, *flight))
 
     def split_state(self, y: Any) -> tuple[Any, Array | None]:
-        """A state in two: (q, L), and of a flying body position and velocity (6,), 0 where y has (q, L) only."""
+        """(q, L), and for a flying body position and velocity (6,), which are 0 if y has (q, L) only; otherwise None."""
         if self.fixed:
             return y, None
         if np.size(y) == 7:
@@ -223,22 +223,22 @@ class RigidBody(Problem):
         return tuple(np.split(check_numbers(y, "y0", 13), [7]))  # type: ignore[return-value]
 
     def flight_at(self, flight: Array, t: Array) -> Array:
-        """Position and velocity (N, 6) of the centre of mass at times (N,), from those at t = 0."""
+        """Position and velocity (N, 6) of the centre of mass at times (N,), from `flight` (6,) at t = 0: x + v t + g t²/2."""
         t, g = t[:, None], self.gravity
         return np.hstack((flight[:3] + t * (flight[3:] + (0.5 * t) * g), flight[3:] + t * g))
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
-        """As of any problem; ValueError also for a quaternion that is no unit one."""
+        """A state as a fresh array (7,). ValueError: it is no state, or its quaternion is not of length 1."""
         state = super().check_state(y, name)
         length = float(np.linalg.norm(state[:4]))
         if abs(length - 1.0) > UNIT:
             raise ValueError(f"{name}: the quaternion must be a unit one; its length is {length:.9g}")
         return state
 
-    # ------------------------------------------------------------------ what is seen of states (N, 7)
+    # ------------------------------------------------------------------ observables of states (N, 7)
 
     def rotations(self, y: ArrayLike) -> Rotation:
-        """From the body's frame to the world's."""
+        """Rotations from the body's frame to the world's."""
         from scipy.spatial.transform import Rotation
 
         quaternions = np.asarray(y, dtype=float)[..., :4]
@@ -249,7 +249,7 @@ class RigidBody(Problem):
         return (np.asarray(y, dtype=float)[..., 4:7] / self.inertia) @ self.axes
 
     def energy_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
-        """Kinetic energy of the turn plus potential energy of the weight, J, shape (...,).
+        """Rotational energy plus potential energy of the weight, J, shape (...,).
 
         rotation : a Rotation or matrices (..., 3, 3), body to world. omega_body : (..., 3) rad/s.
         """
@@ -258,15 +258,15 @@ class RigidBody(Problem):
         return kinetic + (_matrices(rotation) @ (self.weight @ self.axes)) @ self.up
 
     def momentum_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
-        """Angular momentum in the world's frame, kg m²/s, shape (..., 3); arguments as of `energy_of`."""
+        """Angular momentum in the world's frame, kg m²/s, shape (..., 3); arguments as for `energy_of`."""
         omega = np.asarray(omega_body, dtype=float) @ self.axes.T
         return (_matrices(rotation) @ ((self.inertia * omega) @ self.axes)[..., None])[..., 0]
 
     def errors(self, y: ArrayLike, rotation: ArrayLike) -> dict[str, Array]:
-        """How far states (N, 7) are from the rotations (N, 3, 3) of another solution, body to world.
+        """How far states (N, 7) are from the rotations (N, 3, 3), body to world, of another solution; each error (N,).
 
-        position : m, of the centre of mass. rotation : rad, the angle between the two. spin : rad, of a symmetric body,
-        the part of it about the axis.
+        position : of the centre of mass, m. rotation : the angle between the two, rad. spin : its part about the axis of a
+        symmetric body, rad.
         """
         from scipy.spatial.transform import Rotation
 
@@ -286,12 +286,12 @@ class RigidBody(Problem):
 
     @cached_property
     def axis(self) -> Array | None:
-        """A unit vector in the body along the axis of symmetry, towards the centre of mass; None if there is none."""
+        """The unit vector (3,) in the body's frame along the axis of symmetry, towards the centre of mass, or None."""
         return None if self.symmetry is None else self._towards * self.axes[self.symmetry]
 
     @property
     def _towards(self) -> float:
-        """1 if the centre of mass is on the positive side of the axis of symmetry, else -1."""
+        """-1 if the centre of mass is on the negative side of the axis of symmetry, otherwise 1."""
         return -1.0 if self.weight[self.symmetry] < 0.0 else 1.0
 
     @property
@@ -302,7 +302,7 @@ class RigidBody(Problem):
 
     @property
     def top(self) -> LagrangeTop:
-        """The Lagrange top of a symmetric body, alpha = |w|/A in 1/s²; its J is angular momentum over A (1/s), its |x| is 1.
+        """The Lagrange top of a symmetric body, alpha = |w|/A in 1/s². Its J is angular momentum over A (1/s), and |x| = 1.
 
         Raises
         ------
@@ -315,16 +315,16 @@ class RigidBody(Problem):
 
     @cached_property
     def world(self) -> Array:
-        """(3, 3): rows are the frame of `top` in the world; the third points up."""
+        """The frame of `top` in the world, as rows (3, 3); the third points up."""
         return upright(self.up)
 
     def reduced(self, y: Array) -> Array:
-        """(J, x) of `top`, shape (6,), for one state (7,)."""
+        """(J, x) of `top`, shape (6,), for one state (7,): J = R L/A, x = R axis, both in the frame `world`."""
         to_frame = self.world @ self.rotations(y).as_matrix() @ self.axes.T
         assert self.symmetry is not None
         return np.concatenate((to_frame @ (y[4:7] / self.across), self._towards * to_frame[:, self.symmetry]))
 
 
 def _matrices(rotation: Any) -> Array:
-    """Of a Rotation, or the matrices themselves."""
+    """The matrices of a Rotation, or the matrices themselves."""
     return rotation.as_matrix() if hasattr(rotation, "as_matrix") else np.asarray(rotation, dtype=float)

@@ -1,16 +1,17 @@
-"""Phase spaces and Hamiltonians as formulas: what kernels are made from.
+"""Phase spaces and Hamiltonians as formulas, from which kernels are made.
 
-A `Space` consists of vectors in three dimensions, with a Lie-Poisson bracket. In the rest frame, where the bracket is that of
-the top (`top`),
+A `Space` consists of vectors in three dimensions, with a Lie-Poisson bracket. In the rest frame this is the bracket of the top
+(`top`):
 
     e3      J' = ∂H/∂J × J + ∂H/∂x × x,   x' = ∂H/∂J × x         Casimirs |x|² and x·J
     so3     J' = ∂H/∂J × J                                        |J|²
     so3**n  the same for each of n spins                          |s_j|²
     body    q' = ω q/2,   L' = ω × L + (g0 q − q0 g + g × q)/2,   ω = ∂H/∂L, (g0, g) = ∂H/∂q      |q|²
 
-The whole body, seven numbers, is the quaternion q that turns its frame to that of the world, and its angular momentum L.
-In the frame of the body the bracket has the other sign; there q' = q ω/2, and L has components along the body's axes. A
-`System` is a space with H(t, y, p): its right-hand side, Jacobian and the formulas of kernels are recorded on a `Tape`.
+The state of a whole body has seven numbers: the quaternion q that turns its frame to the world's, and its angular momentum L. In
+the frame of the body the bracket has the other sign: q' = q ω/2, and L has components along the body's axes.
+
+A `System` is a space with H(t, y, p). Its right-hand side, its Jacobian and the formulas of kernels are recorded on a `Tape`.
 
 Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), chapters 13 and 14.
 """
@@ -33,7 +34,7 @@ from lagrange_bench.integrators.problem.vectors import Vector, cross, cross_in, 
 
 @dataclass(frozen=True)
 class Space:
-    """So many momenta in three dimensions; of e3 the second vector is x, on which the first acts."""
+    """`vectors` momenta in three dimensions. If `affine` (e3), the second vector is x, on which the first acts."""
 
     name: str
     vectors: int
@@ -41,22 +42,22 @@ class Space:
 
     @property
     def size(self) -> int:
-        """How many numbers a state has."""
+        """The number of numbers in a state."""
         return 3 * self.vectors
 
     @property
     def momenta(self) -> slice:
-        """Where the momenta are, of several spins the first."""
+        """The places of the momenta in a state; of several spins only the first."""
         return slice(0, 3)
 
     def rotations(self, g: Any, y: Any) -> list[tuple[Any, Any]]:
-        """The vectors of y, each with the angular velocity at which it turns if g is ∇H."""
+        """Pairs of angular velocity and vector: how each vector of y turns if g is ∇H."""
         return [(g[:3] if self.affine else g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
 
     def flow(self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0) -> tuple[Any, ...]:
-        """P(y) g, by which y changes if g is ∇H; with a product `turn` of vectors of g and y other than g × y.
+        """P(y) g, the rate of y if g is ∇H.
 
-        scale : a factor of all other products of g and y.
+        turn : the product of vectors of g and y, if it is not g × y. scale : a factor of all other products of g and y.
         """
         if self.affine:
             own, other = turn(g[:3], y[:3]), turn(g[3:], y[3:])
@@ -65,7 +66,7 @@ class Space:
         return tuple(rate for part in parts for rate in part)
 
     def casimirs(self, y: Sequence[Any]) -> dict[str, Any]:
-        """What every Hamiltonian keeps."""
+        """Name → Casimir function: every Hamiltonian conserves it."""
         if self.affine:
             return {"C1": dot(y[3:], y[3:]), "C2": dot(y[3:], y[:3])}
         squares = [dot(y[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
@@ -90,11 +91,11 @@ class BodySpace(Space):
     def flow(
         self, g: Any, y: Any, turn: Callable[..., Any] = cross, scale: Any = 1.0, relative: Any = None
     ) -> tuple[Any, ...]:
-        """See `Space.flow`; `relative`: ∂H/∂L but for a multiple of L, which turns no L."""
+        """See `Space.flow`. relative : replaces ∂H/∂L in L', from which it differs by a multiple of L: this changes no L."""
         scalar, q = 0.5 * y[0], [0.5 * v for v in y[1:4]]
         (g0, *gq), omega = (scale * v for v in g[:4]), [scale * v for v in g[4:]]
         along = [scalar * w + v for w, v in zip(omega, turn(g[4:], q), strict=True)]
-        own, pull = turn(relative or g[4:], y[4:]), turn(g[1:4], q)  # of which the second is −q × g/2
+        own, pull = turn(relative or g[4:], y[4:]), turn(g[1:4], q)  # pull = −q × g/2
         torque = [g0 * v - scalar * w + u for v, w, u in zip(q, gq, pull, strict=True)]
         return -dot(omega, q), *along, *(a + b for a, b in zip(own, torque, strict=True))
 
@@ -106,7 +107,7 @@ E3, SO3, BODY = Space("e3", 2, affine=True), Space("so3", 1), BodySpace("body", 
 
 
 def find_space(space: Any) -> Space:
-    """A space by its name: "e3", "so3", "so3**n", "body"; n alone stands for n spins. ValueError for anything else."""
+    """The space of a name: "e3", "so3", "so3**n", "body", or n for n spins. ValueError for anything else."""
     spins = re.fullmatch(r"so3\*\*([1-9]\d?)", space) if isinstance(space, str) else None
     if spins or (type(space) is int and 0 < space < 100):
         n = int(spins[1]) if spins else int(space)
@@ -119,11 +120,11 @@ def find_space(space: Any) -> Space:
 
 @dataclass(frozen=True)
 class System:
-    """H(t, y, p) on a space, recorded; inputs of all programs are t, the numbers of y, those of p.
+    """H(t, y, p) on a space, recorded. The inputs of all programs are t, the numbers of y and the numbers of p.
 
-    gradient : ∂H/∂y, if it is not to be derived. constant : components of y that the motion keeps, as `symmetry` shows: their
-    rates are 0, not round-off. body : the bracket is that of the body's frame. relative_omega : of a whole body ∂H/∂L minus a
-    multiple of L, from (t, y, p): it alone turns L.
+    gradient : ∂H/∂y. body : whether the bracket is that of the body's frame. constant : components of y that the motion keeps, as
+    `symmetry` shows: their rates are 0, not round-off. relative_omega : for a whole body, ∂H/∂L minus a multiple of L, from which
+    L' is computed.
     """
 
     space: Space
@@ -154,12 +155,12 @@ class System:
 
     @property
     def size(self) -> int:
-        """How many numbers a state has."""
+        """The number of numbers in a state."""
         return self.space.size
 
     @property
     def parameters(self) -> int:
-        """How many parameters H has."""
+        """The number of parameters of H."""
         return self.energy.inputs - 1 - self.size
 
     def slopes(self, tape: Tape, t: Any, y: Sequence[Any], p: Sequence[Any]) -> tuple[Term, ...]:
@@ -167,11 +168,11 @@ class System:
         return tape.run(self.gradient, t, *y, *p)
 
     def rates(self, tape: Tape, t: Any, y: Sequence[Any], p: Sequence[Any], h: Any = 1.0) -> tuple[Term, ...]:
-        """h times the right-hand side on a tape, products of h and parameters first; 0 where the motion keeps y."""
+        """h y' on a tape, with products of h and parameters first; 0 for components that the motion keeps."""
         product = cross_in(self.body)
 
         def turn(a: Sequence[Any], b: Sequence[Any]) -> list[Term]:
-            """h a × b, nothing where a × b vanishes: (h J) × J would not show it."""
+            """h a × b, and 0 if a × b vanishes on the tape: (h J) × J does not show that."""
             scaled = product([h * v for v in a], b)
             plain = map(tape.constant, product(a, b))
             return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
@@ -186,7 +187,7 @@ class System:
         return tape.program(formula(tape, t, y, p))
 
     def split(self, formula: Callable[..., Iterable[Any]]) -> Split:
-        """`formula(tape, t, y, h, p)` with all products of h and p taken out: fixed inputs are h and p."""
+        """`formula(tape, t, y, h, p)`, with all that depends only on the fixed inputs h and p computed apart."""
         tape, t, y, p = self._inputs(fixed=True)
         return tape.split(formula(tape, t, y, p[0], p[1:]))
 
@@ -215,7 +216,7 @@ class System:
         """The components that change."""
         return tuple(i for i, rate in enumerate(self.rhs.known) if rate != 0.0)
 
-    # ------------------------------------------------------------------ of |J|²/2 + U(t, x), g = ∂U/∂x: inputs are x, t and p
+    # ------------------------------------------------------------------ for |J|²/2 + U(t, x), g = ∂U/∂x: inputs are x, t and p
 
     def _of_force(self, formula: Callable[[Tape, Any, Any], Iterable[Any]]) -> Program:
         """The program of `formula(tape, x, g)`."""
@@ -238,17 +239,17 @@ class System:
 
     @cached_property
     def torque(self) -> Program:
-        """g × x, by which J changes."""
+        """g × x, the rate of J."""
         return self._of_force(lambda tape, x, g: cross(g, x))
 
     @cached_property
     def commutator_torque(self) -> Program:
-        """The torque of W = |x × g|², which the commutator [B,[A,B]] of kick and rotation amounts to."""
+        """∇W × x, the torque of W = |x × g|², the commutator [B,[A,B]] of kick and rotation."""
         return self._of_force(lambda tape, x, g: cross(_gradient_of_W(tape, x, g)[1], x))
 
     @cached_property
     def second_commutator_torque(self) -> Program:
-        """The torque of ∇W·(N × x), N = x × g, which [B,[B,[A,[A,B]]]] amounts to."""
+        """The torque of ∇W·(N × x), N = x × g, the commutator [B,[B,[A,[A,B]]]]."""
 
         def torque(tape: Tape, x: Vector, g: Vector) -> Vector:
             N, slope = _gradient_of_W(tape, x, g)
@@ -263,12 +264,12 @@ class System:
 
     @cached_property
     def smooth(self) -> bool:
-        """Whether H has a Taylor series everywhere, except where it is infinite: no roots of squares that change sign."""
+        """Whether H has a Taylor series wherever it is finite: it has no √(w²) with w of either sign."""
         return not self.energy.corners(1 + self.size)
 
 
 def _gradient_of_W(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
-    """N = x × g and ∇|N|² = 2 (g × N + U'' (N × x))."""
+    """N = x × g and ∇W = ∇|N|² = 2 (g × N + U'' (N × x))."""
     N = cross(x, g)
     change = tape.along(g, x, cross(N, x))
     return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), change, strict=True))  # type: ignore[return-value]
@@ -276,7 +277,7 @@ def _gradient_of_W(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
 
 @lru_cache(maxsize=256)
 def invariants_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str, Program], ...]) -> Program:
-    """Values of invariants: H, Casimir functions, J3 of a top, and those of `extra`."""
+    """The values of invariants, each H, a Casimir function, J3 of a top, or one of `extra`."""
 
     def values(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
         known = {"H": tape.run(system.energy, t, *y, *p)[0], "J3": y[2], **system.space.casimirs(y)}
@@ -288,7 +289,7 @@ def invariants_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str
 
 @lru_cache(maxsize=256)
 def slopes_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str, Program], ...]) -> Program:
-    """Their gradients, one after the other."""
+    """The gradients of `invariants_of`, one after the other."""
 
     def gradients(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
         values = tape.run(invariants_of(system, names, extra), t, *y, *p)
@@ -307,7 +308,7 @@ def depends(program: Program, inputs: Iterable[int]) -> bool:
 
 
 def make_system(space: Space, energy: Program, *, body: bool = False, constant: Iterable[int] = ()) -> System:
-    """The system of H(t, y, p), with its derived gradient."""
+    """The system of H(t, y, p) = `energy`, with a derived gradient."""
     tape = Tape()
     inputs = [tape.input() for _ in range(energy.inputs)]
     gradient = tape.gradient(tape.run(energy, *inputs)[0], inputs[1 : 1 + space.size])
@@ -316,7 +317,7 @@ def make_system(space: Space, energy: Program, *, body: bool = False, constant: 
 
 @lru_cache(maxsize=256)
 def top_system(V: Program, slopes: Program, constant: frozenset[int] = frozenset()) -> System:
-    """|J|²/2 + alpha x3 + V(x) on e3, of programs V and ∇V of (x, *p); the parameters are alpha and p."""
+    """|J|²/2 + alpha x3 + V(x) on e3, from programs V and ∇V of (x, *p); the parameters are alpha and p."""
     tape = Tape()
     _, *J = (tape.input() for _ in range(4))
     x, alpha = [tape.input() for _ in range(3)], tape.input()

@@ -1,13 +1,13 @@
 """The symmetric Lagrange top: equations, Poisson structure, invariants, named initial states.
 
-State y = (J1, J2, J3, x1, x2, x3): angular momentum and axis in the rest frame, units as the user likes
-(alpha has the units of J²/x). With e3 pointing up and alpha > 0 the top's weight acts along -e3:
+The state y = (J1, J2, J3, x1, x2, x3) holds angular momentum and axis in the rest frame, in units of the user's choice. alpha has
+the units of J²/x. If e3 points up and alpha > 0, the weight of the top acts along −e3:
 
     J' = alpha e3 × x        x' = J × x                                        (paper, equation 1.1)
     H = |J|²/2 + alpha x3,   J3,   C1 = |x|²,   C2 = x·J
 
 This is f' = {f, H} with the Lie-Poisson bracket of e(3): {J1,J2} = J3, {J1,x2} = x3, {x,x} = 0 (cyclic).
-`alpha` is any real number, |x| any positive one: nothing here assumes |x| = 1.
+`alpha` is any real number and |x| any positive one: |x| need not be 1.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Top(Problem):
     space = E3
     timed = False
     is_top = True
-    names = INVARIANTS  # J3 need not be conserved
+    names = INVARIANTS  # J3 among them, conserved or not
     alpha: Any
 
     def require_single(self) -> float:
@@ -53,16 +53,16 @@ class Top(Problem):
         return [float(value[place] if np.ndim(value) else value) for value in self.arguments]
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
-        """A state as a fresh array (6,). ValueError: it is none."""
+        """A state as a fresh array (6,). ValueError: `y` is no state."""
         return check_state(y, name)
 
     def conserved_by(self, method: Any) -> frozenset[str]:
-        """Those of `conserved` that a method keeps at round-off, by its claims for a top in any field."""
+        """The invariants of `conserved` that a method conserves up to round-off, by its claims."""
         quadratic = method.claims.conserves_if_quadratic if self.quadratic else frozenset()
         return frozenset((method.claims.conserves | quadratic) & self.conserved)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, of x and of time that errors are judged by, at one state (6,).
+        """Scales of J, x and time for errors, at one state (6,).
 
         (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
         """
@@ -72,11 +72,11 @@ class Top(Problem):
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def sizes(self, y: ArrayLike) -> Array:
-        """The scale that the error of each component of one state (6,) is judged by."""
+        """The scale for errors of each component, (6,), at one state (6,)."""
         return np.repeat(self.scales(y)[:2], 3)
 
     def invariant_scales(self, y: ArrayLike) -> Array:
-        """Sizes of the terms in H, J3, C1, C2 at one state: what relative drift and ulps refer to; shape (4,)."""
+        """Sizes (4,) of the terms in H, J3, C1, C2 at one state, for relative drift and ulps."""
         rate, size, _ = self.scales(y)
         J = math.hypot(*np.asarray(y, dtype=float)[:3])
         return np.array((J * J / 2 + abs(self.alpha) * size, rate, size * size, size * rate))
@@ -91,8 +91,8 @@ class LagrangeTop(Top):
     Parameters
     ----------
     alpha : float
-        Any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops: `rhs`
-        and `invariants` then take states (..., n, 6), and all else raises a ValueError.
+        Any finite number, in units of J²/x. For `integrate_ensemble` alone an array (n,), one number for each of n tops. Then
+        `rhs` and `invariants` take states (..., n, 6), and everything else raises a ValueError.
 
     Raises
     ------
@@ -117,7 +117,7 @@ class LagrangeTop(Top):
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """The parameters of `system`, of many tops an array."""
+        """The parameters of `system`; for many tops an array."""
         return (self.alpha,)
 
     def motion(self, place: int) -> LagrangeTop:
@@ -132,15 +132,15 @@ class NamedTop:
     Parameters
     ----------
     name : str
-        Lower case, in every table.
+        Its name in tables, lower case.
     label : str
-        In legends.
+        Its name in legends.
     alpha : float
         In units of J²/x.
     y0 : tuple of 6 floats
         (J1, J2, J3, x1, x2, x3).
     note : str
-        Why it is there.
+        What is special about it.
     """
 
     name: str
@@ -161,14 +161,14 @@ class NamedTop:
 
 
 class Named(dict[str, Any]):
-    """A dict that knows what was meant."""
+    """A dict that suggests a name if a name is unknown."""
 
     def __missing__(self, name: str) -> Any:
         raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
 
 
-# Where a state must lie exactly on a special orbit, every number is a short binary fraction, chosen so that the
-# defining identity holds without any rounding; |x| = 5/4 then takes the place of 1.
+# A state on a special orbit consists of short binary fractions: so the identity that defines the orbit holds without rounding.
+# There |x| is 5/4 or 1.
 TOPS: dict[str, NamedTop] = Named(
     (t.name, t)
     for t in (
