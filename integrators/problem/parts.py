@@ -96,12 +96,12 @@ class Part:
     # the other flows: y after the time `span`; g is ∂H/∂y
 
     def _kick(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
-        """J' = ∂H/∂x × x, x' = 0."""
+        # J' = ∂H/∂x × x, x' = 0
         torque = cross(g[3:], y[3:])
         return [*(v + span * w for v, w in zip(y[:3], torque, strict=True)), *y[3:]]
 
     def _axis(self, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
-        """x → R x, J → R (J + span ∂H/∂x × x); R turns by span ∂H/∂J about the axis. Each spin turns with its own R."""
+        # x → R x, J → R (J + span ∂H/∂x × x); R turns by span ∂H/∂J about the axis. Each spin has its own R
         axis, new = self.key[1], list(y)
         i, j = (axis + 1) % 3, (axis + 2) % 3
         if self.space.affine:
