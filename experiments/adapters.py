@@ -1,11 +1,11 @@
-"""Adapters: how each program is made to follow a rigid body, by its own public interface.
+"""Adapters: each makes one program follow a rigid body, by the program's own public interface.
 
-An adapter takes the module of the program, what moves, the name of an integrator or of settings, and the step h in s. It
-gives a function of a number of steps, and of how many lie between two rows: the rows are the centre of mass in the world, the
-rotation from body to world, and the angular velocity in the world. Rotations are matrices or quaternions with the scalar last,
-with the numbers that the program has, so that one sees their precision.
+An adapter takes the module of the program, the body, the name of an integrator or of settings, and the step h in s. It returns a
+`Run`. The rows of a run have the centre of mass in the world, the rotation from body to world, and the angular velocity in the
+world. Rotations are matrices or quaternions, scalar last. All numbers are the program's own, so their precision can be seen.
 
-Bodies are free, or turn about a fixed point. Programs with reduced coordinates have a ball joint there, others a constraint.
+Bodies are free, or turn about a fixed point. Programs with reduced coordinates have a ball joint there, others a constraint. With
+`rail` the body is a mass that slides on a rail instead: its run shows the time that has little to do with the top.
 """
 
 import importlib
@@ -23,12 +23,12 @@ from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.interface import Array, StepError
 
 State = tuple[Any, Any, Any]  # centre of mass, rotation, angular velocity
-Run = Callable[[int, int], Iterable[State]]  # of how many steps, a row after so many
+Run = Callable[[int, int], Iterable[State]]  # (number of steps, steps between two rows) → rows
 WEB = Path(__file__).parent / "web"
 
 
 class Body(NamedTuple):
-    """What moves, from the rotation 0: lists of numbers, as programs want them; SI units.
+    """The body of a case and its start, with the rotation 0, as lists of numbers in SI units.
 
     free : no weight, and no fixed point. moments : about the centre of mass, com. velocity : of the centre of mass.
     """
@@ -55,7 +55,7 @@ def words(values: Any) -> str:
 
 
 def stepping(advance: Callable[[int], Any], read: Callable[[], State]) -> Run:
-    """The run of a program that takes n steps in one call, and of which a row can be read then."""
+    """The run of a program: `advance` takes n steps in one call, and `read` returns the row there."""
 
     def run(steps: int, every: int) -> Iterable[State]:
         for _ in range(steps // every):
@@ -66,7 +66,7 @@ def stepping(advance: Callable[[int], Any], read: Callable[[], State]) -> Run:
 
 
 def loop(step: Callable[[], Any]) -> Callable[[int], None]:
-    """n steps, one after the other, in Python."""
+    """A function of n that calls `step` n times, in Python."""
 
     def advance(n: int) -> None:
         for _ in range(n):
@@ -96,7 +96,7 @@ def bench(_: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
 
 
 def mjcf(top: Body, kind: str, h: float, rail: bool = False) -> str:
-    """The model of MuJoCo, and of what reads its files."""
+    """The model as a file of MuJoCo, which other programs read, too."""
     joint = "slide" if rail else "free" if top.free else "ball"
     return f"""
         <mujoco><option timestep="{h!r}" integrator="{kind}" gravity="{words(top.gravity)}"/>
@@ -116,7 +116,7 @@ def at_start(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> tup
 
 def mujoco(mj: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
     model, data = at_start(mj, top, kind, h, rail)
-    mj.set_mju_user_warning(lambda text: None)  # it would write a file; the counters are read below
+    mj.set_mju_user_warning(lambda text: None)  # a warning would write a file; its counter is read below
 
     def read() -> State:
         if any(warning.number for warning in data.warning):
@@ -150,7 +150,7 @@ DOUBLES = ", doubles"
 def mjx(mjx: Any, top: Body, kind: str, h: float) -> Run:
     mj, jax = importlib.import_module("mujoco"), importlib.import_module("jax")
     jax.config.update("jax_enable_x64", kind.endswith(DOUBLES))
-    jax.clear_caches()  # of what was compiled in the other precision
+    jax.clear_caches()  # they hold code of the other precision
     model, data = at_start(mj, top, kind.removesuffix(DOUBLES), h)
     device_model, state, once = mjx.put_model(model), [mjx.put_data(model, data)], jax.jit(mjx.step)
 
@@ -165,8 +165,8 @@ EXPLICIT = ("RK44", f"DOPRI5{CONTROLLED}", "RK67")  # no step size is fixed for 
 
 
 def exudyn(exu: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
-    """A ball joint is a constraint. What needs an ordinary differential equation has a free body with the moments about the
-    fixed point, and the torque of the weight: its rotation is that of the top."""
+    """A ball joint is a constraint, which only `generalized-alpha` has here. The other integrators have a free body with the
+    moments about the fixed point and the torque of the weight: it turns as the top does."""
     importlib.import_module("exudyn.utilities")
     tools, mbs = exu.utilities, exu.SystemContainer().AddSystem()
     com, weight = np.array(top.com), top.mass * np.array(top.gravity)
@@ -215,8 +215,8 @@ def exudyn(exu: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
 
 
 def drake(pydrake: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
-    """The turned frames make the spin the roll. The joint is singular along z of its frame: where the axis comes least near.
-    A free body has a quaternion."""
+    """A free body has a quaternion, a top a joint with three angles. The joint's frames are turned: the spin is the roll, and the
+    joint is singular along z, so z points where the axis comes least near."""
     every = importlib.import_module("pydrake.all")
     plant, com = every.MultibodyPlant(h if kind == DISCRETE else 0.0), np.array(top.com)
     inertia = every.SpatialInertia.MakeFromCentralInertia(top.mass, com, every.RotationalInertia(*top.moments))
@@ -254,7 +254,7 @@ def drake(pydrake: Any, top: Body, kind: str, h: float, rail: bool = False) -> R
 
 
 def pinocchio(pin: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
-    """It has the dynamics (`aba`) and the exponential map (`integrate`), but no integrator: the loops are written here.
+    """Pinocchio has the dynamics (`aba`) and the exponential map (`integrate`), but no integrator: the steps are written here.
     A free body turns in a ball joint at its centre of mass, which feels no force."""
     model, com = pin.Model(), np.array(top.com)
     number = model.addJoint(0, pin.JointModelPX() if rail else pin.JointModelSpherical(), pin.SE3.Identity(), "joint")
@@ -268,7 +268,7 @@ def pinocchio(pin: Any, top: Body, kind: str, h: float, rail: bool = False) -> R
         return [pin.integrate(model, q, h * v), v]
 
     def rkmk4(q: Array, v: Array) -> list[Any]:
-        def slope(u: Array, v: Array) -> Array:  # of the logarithm, with the first terms of dexp⁻¹, and of v
+        def slope(u: Array, v: Array) -> Array:  # u' = v + u × v/2 + u × (u × v)/12, the first terms of dexp⁻¹; and v'
             rate = v
             if not rail:
                 turn = pin.skew(u)
@@ -317,7 +317,7 @@ def pybullet(pb: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run
         pb.changeDynamics(body, link, linearDamping=0, angularDamping=0, jointDamping=0, maxJointVelocity=1e9)
     if top.free:
         pb.resetBaseVelocity(body, angularVelocity=top.omega)
-    elif not rail:  # a motor holds every joint unless it is told not to
+    elif not rail:  # a motor holds every joint until it is switched off
         still = {"targetPosition": [0, 0, 0, 1], "positionGain": 0, "velocityGain": 0, "force": [0, 0, 0]}
         pb.setJointMotorControlMultiDof(body, 0, pb.POSITION_CONTROL, **still)
         pb.resetJointStateMultiDof(body, 0, [0, 0, 0, 1], top.omega)
@@ -349,7 +349,7 @@ def dart(dartpy: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run
 
 
 def simbody(osim: Any, top: Body, kind: str, h: float) -> Run:
-    """Simbody inside OpenSim, whose ball and free joints have three angles. It takes steps of its own, at most h."""
+    """Simbody inside OpenSim, whose ball and free joints have three angles. It chooses its steps, of at most h."""
     osim.Logger.setLevelString("error")
     model = osim.Model()
     model.setGravity(osim.Vec3(*top.gravity))
@@ -387,7 +387,7 @@ def rapier(rapier3d: Any, top: Body, kind: str, h: float) -> Run:
         world.integration_parameters.num_solver_iterations = 32  # default: 4
     mass = rapier3d.MassProperties(tuple(top.com), top.mass, tuple(top.moments), (0, 0, 0, 1))
     description = rapier3d.RigidBody.dynamic().additional_mass_properties(mass).can_sleep(False)
-    description = description.allow_fast_rotation(kind != "default")  # or at most 45° a substep
+    description = description.allow_fast_rotation(kind != "default")  # without it, at most 45° a substep
     handle = world.add_body(description.linvel(tuple(top.velocity)).angvel(tuple(top.omega)))
     world.rigid_bodies[handle].recompute_mass_properties_from_colliders(world.colliders)
     if not top.free:
@@ -444,7 +444,7 @@ def ode(panda: Any, top: Body, kind: str, h: float) -> Run:
         joint.setAnchor(0, 0, 0)
 
     def read() -> State:
-        assert joint or top.free  # kept while the body is
+        assert joint or top.free  # keeps the joint alive
         q = body.getQuaternion()
         return body.getPosition(), (q[1], q[2], q[3], q[0]), body.getAngularVel()
 
@@ -483,14 +483,14 @@ def sapien(sapien: Any, top: Body, kind: str, h: float) -> Run:
         entity.add_component(drive)
 
     def read() -> State:
-        assert scene  # kept while the body is
+        assert scene  # keeps the scene alive
         pose = body.entity_pose
         return (pose * sapien.Pose(top.com)).p.copy(), np.roll(pose.q, -1), body.angular_velocity.copy()
 
     return stepping(loop(system.step), read)
 
 
-EQUAL = "equal relaxation"  # else a ball joint gives 4/7 of the torque of its force
+EQUAL = "equal relaxation"  # without it, a ball joint gives 4/7 of the torque of its force
 
 
 def newton(newton: Any, top: Body, kind: str, h: float) -> Run:
@@ -522,7 +522,7 @@ def newton(newton: Any, top: Body, kind: str, h: float) -> Run:
 
 
 def node(name: str, _: Any, top: Body, kind: str, h: float) -> Run:
-    """A program of `experiments/web`: a process of node follows the body and prints the rows."""
+    """A program of `experiments/web`: a process of node follows the body and prints the rows. name : of the program there."""
 
     def run(steps: int, every: int) -> Iterable[State]:
         facts = {key: value for key, value in top._asdict().items() if key != "case"}

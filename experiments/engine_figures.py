@@ -1,4 +1,4 @@
-"""Tables and figures of the experiment `engines`, in a file of their own: an edit here makes none of its rows old."""
+"""Tables and figures of the experiment `engines`. They have a file of their own, so an edit here makes no row old."""
 
 from collections.abc import Iterable
 
@@ -10,16 +10,16 @@ from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, t
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.programs import AXIS, BEST, DEFAULT, ENGINES, METHODS, OURS, POWERS, RACKET, UNTIL
 
-SHOWN = 1 / 1024  # s, a step at which errors are told beside those with the smallest
+SHOWN = 1 / 1024  # s, the step whose errors tables show beside the smallest step
 FOLLOWED = ("position", "rotation", "spin", "energy", "energy_growth", "until", "precision", "turns_over")  # untimed
-ORDERS_APART = 1e3  # engines at the same step: worth a headline
+ORDERS_APART = 1e3  # errors of engines at the same step that differ by more are worth a headline
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
-# one of each family of results, and two that run on graphics cards
+# one engine of each family of results, and two that run on graphics cards
 KNOWN = ("MuJoCo", "MJX", "Newton", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)")
 
 
 def runs(rows: pd.DataFrame, sweep: bool = True) -> pd.DataFrame:
-    """The rows of the sweep, or the others, with the name of each integrator, or method, and the seconds of a run."""
+    """The rows of the sweep, or the other rows, with the name of the integrator or method, and the seconds of a run."""
     wanted = ("timing", "integrator", "method", "setting", "ns_per_step", "overhead_ns_per_step", *FOLLOWED)
     rows = rows.reindex(columns=list(dict.fromkeys((*rows.columns, *wanted))))
     rows = rows[rows.timing.eq(True) == sweep]
@@ -36,15 +36,15 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
     rows : DataFrame
         As stored, of the experiment `engines`.
     engines : iterable of str
-        Which, of ENGINES.
+        Names in ENGINES.
 
     Returns
     -------
     DataFrame
-        A line for each engine and setting. `engine` with its version; `setting`, with the integrator; "1/60 s", "1/1024 s":
-        the error of the centre of mass after 2 s with these steps, m (NaN: it gave up, or was not measured); `until`: how long
-        it is within 10 cm with steps of 1/60 s, s; `limit`: what motion it tends to as the steps get smaller, or why an
-        engine that is measured in part has no numbers.
+        A line for each engine and setting. `engine`: with its version. `setting`: with the integrator. "1/60 s", "1/1024 s":
+        the error of the centre of mass after 2 s with these steps, m (NaN: it gave up, or was not measured). `until`: how long
+        it is within 10 cm with steps of 1/60 s, s. `limit`: the motion that smaller steps lead to, or why an engine that is
+        measured in part has no numbers.
     """
     good = runs(rows[rows.status == "done"], sweep=False)
     lines = []
@@ -67,17 +67,17 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
-LOST_SPIN = 0.05  # rad/s, of `slow`: damping takes more
-FALLS = 1.5  # errors fall if the smallest step makes them so many times smaller than the next one
+LOST_SPIN = 0.05  # rad/s: damping takes more of the spin of `slow`
+FALLS = 1.5  # errors fall if the smallest step makes them at least this many times smaller than the next step
 TINY = 1e-6  # m: smaller errors need not fall
-TURN = 10.0  # rad, half of what `slow` turns: a relative error of ω that grows evenly to e turns the body by TURN · e
+TURN = 10.0  # rad, half the turn of `slow`: a relative error of ω that grows evenly to e turns the body by TURN · e
 
 
 def limit(group: pd.DataFrame) -> str:
-    """What motion the runs of one integrator tend to, as the steps get smaller.
+    """The motion to which the runs of one integrator tend as the steps get smaller, in words.
 
-    Without gyroscopic torque `racket` never turns over. Damping and caps take a spin that smaller steps do not give back.
-    Else the error of `slow` gets smaller to the end, or stays where round-off is: an ulp of ω a step, all one way.
+    Without gyroscopic torque `racket` never turns over. Damping and caps take spin, and smaller steps do not give it back.
+    Otherwise the error of `slow` falls to the end, or stays below the round-off of one ulp of ω a step, all one way.
     """
     finest = {case: runs.sort_values("h").iloc[:2] for case, runs in group.groupby("case")}
     slow, racket = finest["slow"], finest.get("racket", group[:0])
@@ -144,14 +144,14 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     return named
 
 
-# of engines; the exact step is blue
+# colours of engines; the exact step is blue
 COLOURS = ("#D55E00", "#8A3A00", "#C78900", "#009E73", "#CC79A7", "#7A5BB8", "#4D3500")
-NEUTRAL = "#8F8F8F"  # of an engine that has rows, and is no longer listed
+NEUTRAL = "#8F8F8F"  # an engine that has rows but is no longer listed
 MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
-    """The look of each integrator: blue the exact step, black other methods of the bench, a colour for each engine."""
+    """The look of each integrator: the exact step blue, other methods of the bench black, each engine in its own colour."""
     timed = [name for name, engine in ENGINES.items() if engine.timed and name != OURS]
     looks, colours = {}, {OURS: style.INK} | dict(zip(timed, COLOURS, strict=False))
     for name, kind in dict.fromkeys(zip(rows.engine, rows.integrator, strict=True)):
@@ -167,7 +167,7 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
 
 @of_part(failed=True)
 def _draw_steps(rows: pd.DataFrame, style):
-    """The bench and the best of each engine."""
+    """Draw errors of the methods of the bench, and of each engine with its best settings."""
     rows = runs(rows)
     rows = rows[rows.engine.eq(OURS) | rows.setting.eq(BEST)]
     if rows.empty:
@@ -199,11 +199,11 @@ def _draw_steps(rows: pd.DataFrame, style):
     return fig
 
 
-EQUAL = 0.05  # relative: errors that differ by less with all steps are of one family
+EQUAL = 0.05  # relative: integrators whose errors differ by less at all steps are one family
 
 
 def families(rows: pd.DataFrame) -> list[list[tuple[str, str, pd.Series]]]:
-    """Engines and integrators whose errors on `slow` are equal, with these errors by step; the largest families first."""
+    """Families of (engine, integrator, errors by step) with equal errors on `slow`; the largest families first."""
     found: list[list[tuple[str, str, pd.Series]]] = []
     good = runs(rows[rows.status == "done"], sweep=False)
     good = good[(good.case == "slow") & (good.engine != OURS)].dropna(subset=["position"])
@@ -221,7 +221,7 @@ def families(rows: pd.DataFrame) -> list[list[tuple[str, str, pd.Series]]]:
 
 @of_part(failed=True)
 def _draw_families(rows: pd.DataFrame, style):
-    """Error against step, a colour for each family."""
+    """Draw errors against the step, with a colour for each family."""
     found = [family for family in families(rows) if len(family[0][2]) > 1]
     if not found:
         return None
@@ -248,7 +248,7 @@ def _draw_families(rows: pd.DataFrame, style):
 
 @of_part()
 def _draw_racket(rows: pd.DataFrame, style):
-    """When the racket turns over, by engine."""
+    """Draw the time at which the racket turns over, by engine."""
     good = runs(rows, sweep=False)
     good = good[(good.case == RACKET.name) & good.setting.isin((DEFAULT, BEST)) & good.h.isin(OVERVIEW.values())]
     names = list(dict.fromkeys(zip(good.engine, good.integrator, strict=True)))

@@ -274,7 +274,7 @@ def _measure_many(cell: dict) -> dict:
         "threads": usable_cores(),
         "seconds": rounded(seconds),
         "us_per_top": rounded(seconds / cell["tops"] * 1e6),
-        "memory": rounded(1 + peak / Y.nbytes),  # Y0 and what is new
+        "memory": rounded(1 + peak / Y.nbytes),  # Y0 and all new arrays
     }
 
 

@@ -49,7 +49,7 @@ def miss(a: Any, b: Any, *terms: Any) -> float:
 
 
 def parameter(top: LagrangeTop, y: Array, share: float = 0.4) -> complex:
-    """A λ well above the real axis, with |λ| below that of any root of Q."""
+    """A λ well above the real axis, nearer to 0 than any root of Q."""
     roots = np.roots([complex(c) for c in lax.spectral_polynomial(top, y)][::-1])
     return share * min(abs(roots)) * complex(math.cos(1.2), math.sin(1.2))
 

@@ -1,7 +1,7 @@
 """The programs of the experiment `engines`, and the bodies that they follow.
 
-None of the programs is part of the bench: in the clone `pip install '.[engines]'` brings MuJoCo and Exudyn, the others install by
-the names in ENGINES. `make web` installs those that run in JavaScript.
+No program is part of the bench. In the clone `pip install '.[engines]'` brings MuJoCo and Exudyn; the others install by the names
+in ENGINES. `make web` installs the programs that run in JavaScript.
 """
 
 import importlib
@@ -23,22 +23,22 @@ UNTIL = 2.0  # s, of the tops
 POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # of 2, steps of the sweep: so many times h is 2 s exactly
 DEFAULT, RECOMMENDED, BEST, OTHER = "default", "recommended", "best", ""  # settings: see `engines`
 
-# The tennis racket theorem in 5 s, with moments that matter can have: MuJoCo refuses those of the case `middle_axis`, and of a
-# start as close as its own, single precision keeps a digit or two.
+# The tennis racket theorem in 5 s, with moments that matter can have: MuJoCo refuses the moments of the case `middle_axis`. If
+# the start were as close to the axis as there, single precision would keep a digit or two of the result.
 _PLATE = RigidBody(mass=1.0, com=(0.0, 0.0, 0.0), inertia_com=(1.0, 2.0, 3.0), gravity=(0.0, 0.0, 0.0))
 RACKET = Case("racket", _PLATE, np.eye(3), (0.01, 5.0, 0.0), until=5.0)
 BODIES = {**{name: CASES[name] for name in ("slow", "bruels", "box")}, RACKET.name: RACKET}
-AXIS = 1  # in the body: of symmetry, or the middle one
+AXIS = 1  # the axis of symmetry of a top, the middle axis of a free body
 
 
 @dataclass(frozen=True)
 class Engine:
-    """A program, and how its integrators are made to follow a body.
+    """A program and its integrators.
 
-    start : the adapter. package : its distribution on PyPI. integrators : name → setting. module : the name to import, where it
-    is not that of the package. release : the beginning of the only version that is meant, or "". timed : whether it is in the
-    sweep. least : the smallest step, s, of a program that would take an hour with a smaller one. missing : why it has fewer
-    rows than the others.
+    start : the adapter. package : its distribution on PyPI. integrators : name → setting. module : the name to import, if it is
+    not the package's. release : the beginning of the only version that counts, or "". timed : whether it is in the sweep.
+    least : the smallest step, s, of a program that would take an hour with a smaller one. missing : why it has fewer rows than
+    the others.
     """
 
     start: Callable[..., adapters.Run]
@@ -62,13 +62,13 @@ class Engine:
 
     @property
     def version(self) -> str | None:
-        """The version that is installed here; None if another release is meant."""
+        """The version that is installed here; None if it is of another release."""
         found = self.installed()
         return found if found and found.startswith(self.release) else None
 
     @property
     def needs(self) -> str:
-        """What is to be installed."""
+        """The requirement, as messages name it."""
         return self.package + f"=={self.release}*" * bool(self.release)
 
 
@@ -98,11 +98,13 @@ _EXUDYN = {"generalized-alpha": DEFAULT, "generalized-alpha, Lie group": OTHER, 
 _DRAKE = {DISCRETE: DEFAULT, f"runge_kutta3{CONTROLLED}": DEFAULT, "runge_kutta2": OTHER, "runge_kutta3": OTHER}
 _MERSON = "Runge-Kutta-Merson"
 _ON_A_CPU = "not measured: on a processor a run takes minutes"
-# Why a setting is called best. Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard joint), PhysX (flag, TGS
-# and more iterations), Jolt (flag), cannon-es (iterations). The highest order or accuracy on offer, or more iterations: RK4 of
-# MuJoCo and Newton, RK67 of Exudyn, Simbody, Rapier. “undamped” takes away what is not in the equations. The better one of two
-# that were measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX, equal relaxation in Newton's
-# XPBD (only with it do errors go on falling with the step).
+# Why a setting is called best:
+# - Documented: Drake (highest order), ODE (ERP up to 0.8, CFM 0 is a hard joint), PhysX (flag, TGS and more iterations), Jolt
+#   (flag), cannon-es (iterations).
+# - The highest order or accuracy on offer, or more iterations: RK4 of MuJoCo and Newton, RK67 of Exudyn, Simbody, Rapier.
+# - “undamped” removes damping and caps, which are not in the equations.
+# - The better one of two that were measured: RKMK4 with Pinocchio's dynamics, the explicit flag of Bullet, doubles in MJX, equal
+#   relaxation in Newton's XPBD (without it errors stop falling with the step).
 ENGINES = {
     OURS: Engine(adapters.bench, OURS, dict.fromkeys(METHODS, OTHER), timed=True),
     "MuJoCo": Engine(

@@ -46,7 +46,7 @@ class Timing:
         return len(self.samples) > 1 and stdev(self.samples) > UNSTABLE * mean(self.samples)
 
     def ratios(self, reference: Timing) -> NDArray[np.float64]:
-        """The samples divided by those of `reference`, round by round, (repeats,). Both must come from one `interleave`."""
+        """The samples over the samples of `reference`, round by round, (repeats,). Both must come from one `interleave`."""
         return np.array(self.samples) / np.array(reference.samples)
 
 

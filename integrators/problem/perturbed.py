@@ -2,7 +2,7 @@
 
     J' = ∇U(x) × x        x' = J × x        U = alpha x3 + V(x)
 
-Phase space and bracket are those of `top`: C1 = |x|² and C2 = x·J are constant for any V. J3 is constant if V does not change
+Phase space and bracket are as in `top`: C1 = |x|² and C2 = x·J are constant for any V. J3 is constant if V does not change
 when x turns about the vertical. In general there is no closed form and no torus, so an integrator is needed. The formula of V
 shows which methods apply (`symmetry`).
 """

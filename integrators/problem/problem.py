@@ -299,7 +299,7 @@ class Problem:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """The invariants: H, unless it depends on t, Casimir functions, and those of the argument `invariants`."""
+        """The invariants: H, unless it depends on t, Casimir functions, and the names in the argument `invariants`."""
         return (
             *(("H",) * (not self.timed)),
             *self.space.casimirs(range(1, 100)),

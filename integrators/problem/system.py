@@ -42,7 +42,7 @@ class Space:
 
     @property
     def size(self) -> int:
-        """The number of numbers in a state."""
+        """The length n of a state."""
         return 3 * self.vectors
 
     @property
@@ -155,7 +155,7 @@ class System:
 
     @property
     def size(self) -> int:
-        """The number of numbers in a state."""
+        """The length n of a state."""
         return self.space.size
 
     @property

@@ -42,7 +42,7 @@ class Top(Problem):
 
     @cached_property
     def numbers(self) -> tuple[float, ...]:  # type: ignore[override]
-        """The parameters of `system`: alpha and those of a potential. ValueError if there are many tops."""
+        """The parameters of `system`: alpha, then the parameters of a potential. ValueError if there are many tops."""
         for value in self.arguments:
             if isinstance(value, np.ndarray):
                 raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
