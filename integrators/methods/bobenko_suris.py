@@ -15,8 +15,8 @@ symmetric, and conserves H + (h/2) J·(alpha e3×x).
 
 In any field the kicks are (h/2) ∇U(x)×x. The map is Poisson and symmetric, and no energy of its own is known.
 
-The rotation is written as in `lie_group`: a relative error of 1 + (h/2)²|K|² does not change |x| to first order. (h/2) J3 has
-the same rounding error in every step. So C1 drifts in proportion to time if h|J| is about 1, by some 0.01 ulps a step.
+The rotation is written as in `lie_group`: a relative error of 1 + (h/2)²|K|² does not change |x| to first order. Still C1 drifts
+in proportion to time: in the top `figure1`, with h|J| about 1, by at most 0.01 ulps a step.
 
 Source: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, the discrete Lagrange top in the rest frame; symmetric form
 and its energy: this project.

@@ -102,7 +102,7 @@ def exponential(a, counters):
 
 @jit
 def move(k, s, counters):
-    """exp(a, b) acting on a state of e3, k = (a, b) in six numbers."""
+    """exp(a, b) acts on a state of e3, k = (a, b) in six numbers; V b = b + (1 − cos θ)/θ² a×b + (θ − sin θ)/θ³ a×(a×b)."""
     w, q, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
     b = times(1.0 / parts, (k[3], k[4], k[5])) if parts > 1 else (k[3], k[4], k[5])
     u = cross(a, b)

@@ -30,7 +30,11 @@ SCRATCH = 8 * (MAX_ORDER + 1)
 
 @jit
 def step(s, c, counters):
-    """The Taylor polynomial of one step in a uniform field, in powers of t/h. z[8k … 8k+4] : coefficients k of h J1, h J2, x."""
+    """The Taylor polynomial of one step in a uniform field, in powers of t/h.
+
+    p = h J1, q = h J2 and x, with coefficients k in z[8k … 8k+4], obey p' = −h² alpha x2, q' = h² alpha x1, x1' = q x3 − h J3 x2,
+    x2' = h J3 x1 − p x3 and x3' = p x2 − q x1.
+    """
     J1, J2, J3, x1, x2, x3 = s
     h, alpha_h, order = c[0], c[1], int(c[2])
     spin, kick = h * J3, h * alpha_h
@@ -111,7 +115,14 @@ def recurrences(system: System) -> Recurrences:
 
 @jit
 def coefficient(z, code, a, b, here, k):
-    """Coefficient k of an operation, from the coefficients of its operands and its own earlier ones."""
+    """Coefficient c_k of an operation, from the coefficients of its operands a and b and its own earlier ones.
+
+    The sums go over j = 1 … k in the first line, and over j = 1 … k − 1 in the second. In the third c is a cosine and s its sine.
+
+        a/b: (a_k − Σ b_j c_{k−j})/b_0        exp a: Σ j a_j c_{k−j}/k
+        √a: (a_k − Σ c_j c_{k−j})/(2 c_0)     log a: (a_k − Σ j c_j a_{k−j}/k)/a_0
+        s_k = Σ j a_j c_{k−j}/k               c_k = −Σ j a_j s_{k−j}/k, j = 1 … k
+    """
     if code == ADD:
         return z[a + k] + z[b + k]
     if code == SUB:

@@ -226,7 +226,10 @@ ALPHA_M, ALPHA_F, GAMMA, BETA = range(OPTIONS, OPTIONS + 4)
 
 @jit
 def newmark(b, a, c):
-    """The next acceleration, the angular velocity and the turn, if b is the next v'. a : q, v, v' and the acceleration."""
+    """Newmark's formulas: the next a, v and the turn Θ, if b is the next v'. The argument `a` holds q, v, v' and a.
+
+    (1 − α_m) ã = (1 − α_f) b + α_f v' − α_m a,    ṽ = v + h ((1 − γ) a + γ ã),    Θ = h v + h² ((1/2 − β) a + β ã)
+    """
     h, m, f = c[STEP], c[ALPHA_M], c[ALPHA_F]
     v, old = (a[4], a[5], a[6]), (a[10], a[11], a[12])
     new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, (a[7], a[8], a[9])), -m, old))
