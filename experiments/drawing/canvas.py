@@ -109,8 +109,7 @@ def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool
     """Use this style inside the block, to draw and to save, whatever the user's matplotlibrc says.
 
     width : "column" or "page", for every figure drawn inside; None: each has its own. highlight : methods that stand out, as
-    methods of plug-ins do. archive : whether figures of many methods show the methods of the archive, too. ValueError : another
-    width.
+    methods of plug-ins do. archive : whether figures of many methods show the archive, too. ValueError : another width.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")

@@ -72,10 +72,7 @@ TAKES_A_STEP = "takes a step"  # the only verdict on a method that takes none
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on one claim.
-
-    passed : None if the claim is not judged; `how` says why. at : the state and the step with the largest value.
-    """
+    """The verdict on one claim. passed : None if it is not judged; `how` says why. at : state and step of the largest value."""
 
     claim: str
     passed: bool | None
@@ -127,10 +124,8 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
         A record, its name, or package.module:METHOD.
     quick : bool
         Take a tenth of the steps.
-    problem : Problem, optional
-        Test the claims on this problem instead.
-    y0 : (n,), optional
-        A state of the problem: the claims are tested there and near it.
+    problem, y0 : Problem and its state, optional
+        Test the claims on this problem instead, at this state and near it.
 
     Returns
     -------
@@ -139,10 +134,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
 
     Raises
     ------
-    ValueError
-        The method is unknown, or the method, the problem and the state do not fit.
-    NotInstalled
-        The method needs a package that is not installed.
+    ValueError : the method is unknown, or the method, the problem and the state do not fit. NotInstalled : a package is missing.
     """
     record, word = find_method(method), method if isinstance(method, str) else None
     if (fault := first_step.problem(record, word)) is not None:
@@ -567,10 +559,7 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
 def _claims(
     method: Method, quick: bool, where: str, ordered: Starts, solved: Starts, names: Starts
 ) -> Iterator[Verdict]:
-    """All claims, on problems other than a top in a uniform field.
-
-    ordered, solved, names : the states for the order, for the accuracy, and for the other claims.
-    """
+    """All claims in other fields or on other problems. ordered, solved, names : states for order, accuracy, and other claims."""
     for verdict in (
         *order(method, quick, ordered),
         *solution(method, quick, solved),

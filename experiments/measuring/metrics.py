@@ -102,16 +102,13 @@ def growth_exponent(
     the rounding of the first steps hide a drift, and would pull p down.
 
     The interval is a bootstrap over states (expanded percentiles; seeded), and NaN for fewer than 4 states. At least 16 states
-    are needed to make the interval shorter than the gap between ½ and 1.
+    are needed to make the interval shorter than the gap between ½ and 1. All is NaN if an error is not finite, or if fewer than
+    3 blocks are above the floor.
 
     Parameters
     ----------
     t : (N,), growing. E : (n_states, N), relative errors, signed or not.
     floor : blocks with an RMS up to this are left out. blocks : their number. resamples : of the bootstrap.
-
-    Returns
-    -------
-    Growth. All NaN if an error is not finite or fewer than 3 blocks are above the floor.
     """
     t, E = _floats(t), np.atleast_2d(_floats(E))
     nothing = Growth(np.nan, np.nan, np.nan)

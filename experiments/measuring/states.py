@@ -77,12 +77,7 @@ def find(name: str) -> tuple[Any, Array]:
     Drawn tops have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]. Python's own generator draws them; its `random()`
     never changes. "wide", "released" and "spinning" tops have either sign of alpha. For "wide" tops |J|²/(|alpha||x|) is from
     1e-3 to 1e3. "released" and "spinning" tops have J parallel or antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and
-    from 100 to 1e3. For "close" tops, J misses the separatrix by a part of 1e-1 to 1e-8.
-
-    Raises
-    ------
-    ValueError
-        The name is unknown.
+    from 100 to 1e3. For "close" tops, J misses the separatrix by a part of 1e-1 to 1e-8. ValueError : the name is unknown.
     """
     if name in TOPS:
         return TOPS[name].top, TOPS[name].state
@@ -131,10 +126,7 @@ def label(state: str) -> str:
 
 
 def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
-    """A J close to the separatrix, where J·x = J3 |x| and H = J3²/2 + alpha |x|.
-
-    share : J3 in units of its maximum. off : relative distance of J1 and J2 from the separatrix.
-    """
+    """A J near the separatrix J·x = J3 |x|, H = J3²/2 + alpha |x|. share : J3 over its maximum. off : relative, of J1 and J2."""
     size, flat = math.hypot(*x), math.hypot(x[0], x[1])
     J3 = share * math.sqrt(2 * alpha * (size + x[2]))
     along = J3 * (size - x[2]) / flat

@@ -64,22 +64,8 @@ def interleave(
 
     Parameters
     ----------
-    functions : mapping
-        Name → function without arguments.
-    min_time : float
-        In s, the least length of a sample: calls are repeated until it is reached.
-    repeats : int
-        Number of samples, at least 1.
-
-    Returns
-    -------
-    dict
-        Name → Timing.
-
-    Raises
-    ------
-    ValueError
-        `repeats` is below 1.
+    functions : name → function without arguments. min_time : s, the least length of a sample: calls are repeated until it is
+    reached. repeats : number of samples, ≥ 1.
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")

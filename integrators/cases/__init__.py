@@ -102,12 +102,7 @@ class Case:
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to `digits` digits.
 
-        `truth.rigid_body` computes them in integers. A double in a case is taken as exact.
-
-        Raises
-        ------
-        ValueError
-            `digits` is no whole number from 1 to 40.
+        `truth.rigid_body` computes them in integers. A double in a case is taken as exact. ValueError : over 40 digits.
         """
         digits = check_count(digits, "digits", least=1)
         if digits > MOST_DIGITS:
