@@ -161,7 +161,7 @@ def mjx(mjx: Any, top: Body, kind: str, h: float) -> Run:
 
 
 DISCRETE, CONTROLLED = "discrete", ", error control"
-EXPLICIT = ("RK44", f"DOPRI5{CONTROLLED}", "RK67")  # no step size is fixed for the second: h is the largest
+EXPLICIT = ("RK44", f"DOPRI5{CONTROLLED}", "RK67")  # the second chooses its steps, of at most h
 
 
 def exudyn(exu: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
@@ -197,7 +197,7 @@ def exudyn(exu: Any, top: Body, kind: str, h: float, rail: bool = False) -> Run:
     mbs.Assemble()
     settings = exu.SimulationSettings()
     settings.solution.file.write = settings.timeIntegration.automaticStepSize = False
-    settings.timeIntegration.generalizedAlpha.lieGroupAddTangentOperator = joint  # not with a vector of rotation
+    settings.timeIntegration.generalizedAlpha.lieGroupAddTangentOperator = joint  # not with rotation vectors
     name = kind.removesuffix(CONTROLLED) if kind in EXPLICIT else "GeneralizedAlpha"
     solver = getattr(exu.DynamicSolverType, name)
 

@@ -134,6 +134,7 @@ def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.nd
         return times, y, {"error": whole}
     split = metrics.phase_split(top, truth, y - truth)
     rate, size, _ = top.scales(truth[0])
+    # off the torus: √Σ (c_I |∇I|)², for the error Σ c_I ∇I
     gradients = np.array([top.gradients(right) for right in truth]) / np.repeat((rate, size), 3)
     lengths = dict(zip(INVARIANTS, np.linalg.norm(gradients, axis=-1).T, strict=True))
     off = np.sqrt(sum(np.square(split[name] * lengths[name]) for name in INVARIANTS))

@@ -20,7 +20,7 @@ from lagrange_bench.integrators import CASES, RigidBody
 from lagrange_bench.integrators.cases import Case
 
 UNTIL = 2.0  # s, of the tops
-POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # of 2, steps of the sweep: so many times h is 2 s exactly
+POWERS = {"bruels": range(10, 17), "slow": range(6, 14)}  # the sweep takes 2^k steps, which add up to 2 s exactly
 DEFAULT, RECOMMENDED, BEST, OTHER = "default", "recommended", "best", ""  # settings: see `engines`
 
 # The tennis racket theorem in 5 s, with moments that matter can have: MuJoCo refuses the moments of the case `middle_axis`. If

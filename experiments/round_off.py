@@ -96,7 +96,7 @@ def cells(profile: str) -> list[dict]:
         {"part": "drift", "form": form, "state": state, "fraction": fraction, "steps": FRACTION_STEPS[profile]}
         for fraction in FRACTIONS
         for form in FORMS
-        if form != "paper's program"  # which has no turn about e3
+        if form != "paper's program"  # it has no turn about e3, which long steps need
         for state in RANDOM
     ]
     listed += [{"part": "cost", "timing": True, "h": h} for h in sizes]

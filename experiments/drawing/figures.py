@@ -91,7 +91,7 @@ def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[
 def inline(document: str, prefix: str, label: str) -> str:
     """The `<svg>` element of a document for a page with others. prefix : of its ids. label : for screen readers."""
     element = document[document.index("<svg") :]
-    element = re.sub(r"<style.*?</style>", "", element, flags=re.DOTALL)  # would style the page; page.css has it
+    element = re.sub(r"<style.*?</style>", "", element, flags=re.DOTALL)  # would style the page; page.css has its rules
     element = re.sub(r'(\bid="|href="#|url\(#)', lambda match: f"{match[1]}{prefix}-", element)
     element = element.replace("xlink:href=", "href=")
     head, rest = element.split(">", 1)

@@ -134,6 +134,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
             for word, rate in ("up", motion.turn), ("spin", -2 * side * motion.spin):
                 whole |= parts(word, mp.ldexp(rate, motion.rate) * period / (2 * mp.pi))
     unit = 1.0 / (float(np.linalg.norm(J)) + math.sqrt(alpha))
+    # Q(λ) = 1 + 2 C2 λ + 2 H λ² + 2 alpha J3 λ³ + alpha² λ⁴
     Q = (
         2.0 * (J @ x) * unit,
         (J @ J + 2.0 * alpha * x[2]) * unit**2,
@@ -142,7 +143,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     )
     rows = series(Q)
     last = np.max(np.abs(rows[TERMS:]), axis=1)  # the first two terms left out: some series lack every other term
-    reach = 1.0 / np.max((last / LEFT_OUT) ** (0.5 / np.array((TERMS, TERMS + 1))))  # the longest step, in units
+    reach = 1.0 / np.max((last / LEFT_OUT) ** (0.5 / np.array((TERMS, TERMS + 1))))  # longest step, in units
     scales = np.array((unit * reach**2, unit * reach, 1.0, reach, reach)) * reach ** (2.0 * np.arange(TERMS)[:, None])
     own = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)
     return {

@@ -249,7 +249,7 @@ class RigidBody(Problem):
         return (np.asarray(y, dtype=float)[..., 4:7] / self.inertia) @ self.axes
 
     def energy_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
-        """Rotational energy plus potential energy of the weight, J, shape (...,).
+        """ω·I ω/2 + R w·up in J, the rotational energy and the potential energy of the weight, shape (...,).
 
         rotation : a Rotation or matrices (..., 3, 3), body to world. omega_body : (..., 3) rad/s.
         """
@@ -258,7 +258,7 @@ class RigidBody(Problem):
         return kinetic + (_matrices(rotation) @ (self.weight @ self.axes)) @ self.up
 
     def momentum_of(self, rotation: Rotation | ArrayLike, omega_body: ArrayLike) -> Array:
-        """Angular momentum in the world's frame, kg m²/s, shape (..., 3); arguments as for `energy_of`."""
+        """R I ω, the angular momentum in the world's frame, kg m²/s, shape (..., 3); arguments as for `energy_of`."""
         omega = np.asarray(omega_body, dtype=float) @ self.axes.T
         return (_matrices(rotation) @ ((self.inertia * omega) @ self.axes)[..., None])[..., 0]
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 EXACT, ROUNDED = (
     1e-12,
     1e-6,
-)  # distance from a rotation: taken as it is; scaled with a warning, as 7 printed digits need
+)  # distance from a rotation: up to EXACT it is taken as it is, up to ROUNDED (7 printed digits) scaled with a warning
 
 
 def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
