@@ -28,11 +28,9 @@ SWAPPED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
         ({"position": 0 * X}, "those of the fixed point"),
         ({"position": X + np.arange(1, 4)}, "off by (1, 2, 3) m: another origin"),
         ({"position": 1e3 * X}, "position is in mm"),
-        ({"position": X / 0.0254}, "position is in inches"),
         ({"omega": -OMEGA}, "omega is of the other sign"),
         ({"t": T + 2, "position": 3 * X}, ""),
         ({"rotation": 0 * M + np.eye(3)}, ""),
-        ({"position": X[:1] + 0 * X}, ""),
         ({"position": X * (T[2] != T)[:, None]}, ""),
         ({"position": np.where((T[-9] == T)[:, None], np.nan, X @ INTO)}, "--up=y"),
         ({"rotation": SWAPPED @ M, "position": X}, "turn the world of the rows"),
@@ -45,10 +43,8 @@ SWAPPED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
         ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "turn the body of the rows by"),
         ({"omega": np.rad2deg(OMEGA)}, "omega is in degrees per second"),
         ({"omega": np.rad2deg(R.apply(OMEGA))}, "--units omega=deg/s. It is in the world frame, too: --omega world"),
-        ({"omega": OMEGA * 30 / np.pi}, "omega is in revolutions per minute"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
         ({"rotation": np.roll(M, 2, 0)}, "2 rows earlier"),
-        ({"position": np.roll(X, -1, 0)}, "1 row later"),
         ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
     ],
 )
@@ -129,13 +125,12 @@ def poor(case, h, until=2.0, damping=0.0, cap=np.inf, gyroscopic=True):
     return [np.array(column) for column in zip(*rows, strict=True)]
 
 
-@pytest.mark.parametrize(("name", "h"), [("slow", 1 / 60), ("slow", 1 / 240), ("bruels", 1 / 240)])
+@pytest.mark.parametrize(("name", "h"), [("slow", 1 / 60), ("bruels", 1 / 240)])
 def test_conventions_of_poor_runs_are_named(name, h):
     """Runs that are lost within a second: their first rows, or the rows themselves, tell."""
     t, x, M, omega = poor(CASES[name], h)
     right = judge(t, x, M, omega, case=name, omega_frame="world")
-    assert right.position.max > 0.01
-    assert right.hints == []
+    assert (right.position.max > 0.01, right.hints) == (True, [])
     q = Rotation.from_matrix(M).as_quat()
     for given, hint in (
         ({"rotation": M, "omega": omega}, "--omega world"),
@@ -148,22 +143,17 @@ def test_conventions_of_poor_runs_are_named(name, h):
 
 
 def test_the_first_row_or_the_rows_themselves_tell_what_a_run_that_is_lost_hides():
-    """At 2.5 rad a step: by a start that is right in one convention only, and by q' = q ω/2."""
-    t, x, M, omega = poor(CASES["bruels"], 1 / 60, until=0.1)
-    q = Rotation.from_matrix(M).as_quat(scalar_first=True)
-    rows = {"t": t, "omega": omega, "omega_frame": "world", "case": "bruels"}
-    assert judge(rotation=q, **rows).hints == []
-    for given, hint in (
-        ({"rotation": q[:, [1, 2, 3, 0]]}, "--quat xyzw"),
-        ({"position": x @ INTO, "rotation": INTO.T @ M, "omega": omega @ INTO}, "--up=y"),
-    ):
-        assert hint in judge(**{**rows, **given}).hints[0]
-    for omega_frame in ("body", "world"):  # the first step alone, where three rows are lost
-        t, _, M, omega = poor(CASES["bruels"], 1 / 64, until=0.1)
-        turned = omega if omega_frame == "world" else np.einsum("nji,nj->ni", M, omega)
-        rows = {"t": t, "omega": turned, "omega_frame": omega_frame, "case": "bruels"}
-        assert judge(rotation=M, **rows).hints == []
-        assert "transposed" in judge(rotation=M.transpose(0, 2, 1), **rows).hints[0]
+    """At 2.4 rad a step: by a start that is right in one convention only, and by q' = q ω/2."""
+    t, x, M, omega = poor(CASES["bruels"], 1 / 64, until=0.1)
+    for frame, turned in (("world", omega), ("body", np.einsum("nji,nj->ni", M, omega))):
+        rows = {"t": t, "rotation": M, "omega": turned, "omega_frame": frame, "case": "bruels"}
+        assert judge(**rows).hints == []
+        for given, hint in (
+            ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
+            ({"rotation": Rotation.from_matrix(M).as_quat()}, "--quat xyzw"),
+            ({"position": x @ INTO, "rotation": INTO.T @ M, "omega": omega @ INTO, "omega_frame": "world"}, "--up=y"),
+        ):
+            assert hint in judge(**{**rows, **given}).hints[0]
     box = CASES["box"]
     other = type(box)("other", box.body, box.rotation, (3, 0.5, 2)).solution(BOX.t)
     assert "transposed" in judge(BOX.t, rotation=other.rotation.inv(), omega=other.omega_body, case="box").hints[0]
