@@ -42,8 +42,6 @@ def test_a_claim_names_its_runs_and_the_full_profile_has_them_all():
         for bound in claim.bounds:
             assert bound.where, claim.id
             assert bound.missing(planned) == "", claim.id
-    quick = {claim.id for claim in promises.CLAIMS if claim.profile == "quick"}
-    assert quick == {"set-up", "orders", "form-of-the-map"}
 
 
 def fields(journal):
@@ -155,7 +153,6 @@ CHANGES = [  # of the lines of one method in a table of stored rows, and what be
     ("claims-of-methods", {}, "confirmed"),
     ("claims-of-methods", {"exponent": 0.8}, "refuted"),
     ("claims-of-methods", {"exponent": 0.8, "claimed": False}, "confirmed"),
-    ("claims-of-methods", {"exponent": np.nan, "verdict": "failed"}, "refuted"),
     ("claims-of-methods", {"exponent": np.nan, "verdict": "undecided"}, "refuted"),
     ("claims-of-methods", {"exponent": 0.9, "verdict": "round-off"}, "confirmed"),
 ]
@@ -204,12 +201,11 @@ def test_with_a_state_every_unit_longer_steps_do_not_count():
         promises.lead(rows[~(ours & (rows.h == 1.0))], errors, every=1.0)
 
 
-@pytest.mark.parametrize("slower", [1.0, 2.0])
-def test_times_are_judged_as_ratios(slower):
-    cost = pd.DataFrame({"setup_us": [10.0, 20.0], "ns_per_step": [16.0, 20.0]}) * slower
+def test_times_are_judged_as_ratios():
+    cost = pd.DataFrame({"setup_us": [10.0, 20.0], "ns_per_step": [16.0, 20.0]})
     cost = cost.assign(status="done", part="step", method="backlund")
     assert max(promises.setup_in_steps(cost)) == pytest.approx(20e3 / 16)
-    runs = pd.DataFrame({"ns_per_time": [1.0, 2.0, 300.0, 90.0]}) * slower
+    runs = pd.DataFrame({"ns_per_time": [1.0, 2.0, 300.0, 90.0]})
     runs = runs.assign(error=[1e-9, 1e-12, 1e-10, 1e-6], method=["backlund"] * 2 + ["taylor"] * 2)
     runs = runs.assign(part="rival", status="done")
     assert promises.batch_ratios(runs, ["taylor"]) == pytest.approx([150.0, 90.0])
@@ -307,15 +303,14 @@ def frame(**columns):
     return pd.DataFrame({"status": "done", **columns})
 
 
-@pytest.fixture
-def rows(monkeypatch):
+def test_curves_of_a_plug_in_in_any_field(monkeypatch):
     order = {"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}
     verdict = {"method": "mine", "invariant": "H", "claimed": False, "verdict": "biased"}
     verdict |= {"largest relative error": 0.0123}
     tables = {"orders": pd.DataFrame([order]), "verdicts": pd.DataFrame([verdict])}
     monkeypatch.setattr(panels, "table", lambda stored, experiment, name: tables[name])
     inf, nan = np.inf, np.nan
-    return {
+    rows = {
         "phase": frame(part="h", state="generic", method=["mine", "mine", "rk4"], h=[0.1, 1.0, 1.0], error=[1e-3, 0.0, inf]),
         "drift": frame(
             part="time", state="generic", method="mine", t=[1.0, 10.0, 100.0], H=[1e-9, -1e-3, 1e-5], J3=0.0, C1=0.0, C2=0.0
@@ -326,9 +321,6 @@ def rows(monkeypatch):
             t=[nan, nan, 1.0, 10.0], H=[nan, nan, 1e-6, 1e-7], J3=[nan, nan, 0.5, 0.5], C1=1e-16, C2=0.0,
         ),
     }  # fmt: skip
-
-
-def test_curves_of_a_plug_in_in_any_field(rows):
     generic, tide = json.loads(panels.script(rows))["tops"]
     assert (generic["name"], generic["h"]) == ("generic", {"mine": [-20, -60, 0, -340], "rk4": []})
     assert generic["drift"] == {"mine": [40, -60]}  # the largest so far
@@ -363,33 +355,24 @@ def test_the_profile_of_a_folder(tmp_path, monkeypatch):
         assert origin.find(tmp_path / folder, profiles) == Origin(folder, profile)
 
 
-@pytest.fixture(scope="module")
-def found():
-    return errata.measure()
-
-
-def test_the_table_of_equations_counts_them(found):
+def test_the_equations_that_are_misprinted_are_counted_and_listed(run, monkeypatch):
+    found, measure = errata.measure(), errata.measure
     assert all(e.printed > 1e-6 and e.corrected <= 1e-12 for e in found)
     assert errata.count(found) in (readme.ROOT / "docs" / "equations.md").read_text("utf-8")
-
-
-def test_the_command_lists_them(run, found, monkeypatch):
-    measure = errata.measure
     monkeypatch.setattr(errata, "measure", lambda points, seed: found if points == 8 else measure(points, seed))
     code, out, err = run("errata")
     assert (code, err) == (0, "")
-    assert out.splitlines()[-1].startswith(f"{errata.count(found)}; at {errata.POINTS} random points each:")
-    assert all(text in out for e in found for text in (e.equation, e.printed_text, e.corrected_text))
+    assert all(
+        text in out for e in found for text in (e.equation, e.printed_text, e.corrected_text, errata.count(found))
+    )
     first, other = (run("errata", "--points", "1", "--seed", seed, "--json")[1] for seed in (5, 6))
-    assert first != other
-    assert len(json.loads(first)) == len(found)
+    assert (first != other, len(json.loads(first))) == (True, len(found))
 
 
 def test_headlines_say_what_the_rows_show(stored):
-    names = {figure: next(name for name in stored if figure.startswith(f"{name}_")) for figure in HEADLINES}
-    made = {name: load(name).tables(stored[name]) for name in set(names.values())}
-    for figure, name in names.items():
-        frames = {key: tables.flat(table) for key, table in made[name].items()}
+    for figure in HEADLINES:
+        name = next(name for name in stored if figure.startswith(f"{name}_"))
+        frames = {key: tables.flat(table) for key, table in load(name).tables(stored[name]).items()}
         assert re.search(r"\d", headline(figure, stored[name], frames)), figure
         for none in ({key: frame.iloc[:0] for key, frame in frames.items()}, {}):
             assert headline(figure, stored[name].iloc[:0], none) == "", figure

@@ -13,13 +13,9 @@ pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
 TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
 
 
-@pytest.fixture(scope="module")
-def documents(judged):
-    return readme.documents(judged)
-
-
-def test_claims_in_the_documents_are_those_of_the_reference_run(documents):
+def test_claims_in_the_documents_are_those_of_the_reference_run(judged):
     """If this fails: `python -m lagrange_bench.report.readme`, and read what changed."""
+    documents = readme.documents(judged)
     assert len(documents) == 2
     for path, text in documents.items():
         assert text == path.read_text(encoding="utf-8"), path
@@ -48,7 +44,6 @@ def test_answers_are_rounded_outwards_and_left_out_where_something_was_not_measu
 def test_the_readme_has_an_answer_to_each_question_and_is_short(judged):
     asked = {answer.question for each in judged if each.verdict.word == "confirmed" for answer in each.claim.answers}
     assert asked <= {question for question, *_ in page.in_brief(judged)}
-    assert {"long-and-short-runs", "exact-in-time"} <= {each.claim.id for each in judged if each.claim.answers}
     assert len(TEXT.split()) <= 900
 
 
@@ -67,6 +62,5 @@ def test_the_example_runs_and_is_as_accurate_as_the_text_says(capsys):
     exec(code, scope)
     assert len(capsys.readouterr().out.splitlines()) == 2
     run = scope["run"]
-    assert run.t[-1] == 1e6
-    assert run.error()[-1] < 1e-9
+    assert (run.t[-1], run.error()[-1] < 1e-9) == (1e6, True)
     assert np.max(np.abs(run.invariants()[-1] - run.invariants()[0])) < 1e-14

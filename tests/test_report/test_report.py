@@ -144,7 +144,6 @@ def test_page_is_one_offline_file_with_every_figure_and_table(text, output, resu
     found = Elements(text)
     assert str(results.parent) not in text, "not where it is on this machine"
     assert found.tags.count("svg") == 1, "the other is packed"
-    assert {p.name for p in (output / "figures").iterdir()} == {"toy.good_first.svg", "toy.good_second.svg"}
     for name, value in found.attributes:
         if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
             beside = re.fullmatch(r"(figures|tables)/[\w.-]+", value) and (output / value).is_file()
@@ -162,8 +161,7 @@ def test_ids_are_unique_and_text_from_results_is_escaped(text):
     assert targets <= set(ids)
     assert any(target.startswith("toy.good_first-") for target in targets), "the figures use no ids: a vacuous test"
     assert "&lt;script&gt;alert(1)&lt;/script&gt;" in text
-    scripts = 1 + 2 + 1  # the page's own, rows of two, a figure
-    assert Elements(text).tags.count("script") == text.count("<script") == scripts
+    assert Elements(text).tags.count("script") == 1 + 2 + 1, "the page's own, rows of two, a figure"
 
 
 def test_rows_are_in_the_page_and_tables_beside_it(report, text, output):
@@ -242,14 +240,12 @@ def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path
     page.write(fewer, tmp_path)
     tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
     assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
-    assert mine.read_text() == "mine"
 
 
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
     (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
     code, out, err = run("report", "--results", results, "--output", tmp_path)
     assert (code, out, "is not a page of lagrange-bench" in err) == (2, "", True)
-    assert [path.name for path in tmp_path.iterdir()] == ["index.html"]
     assert "My home page" in (tmp_path / "index.html").read_text()
 
 
@@ -354,6 +350,5 @@ def test_fairness_says_what_the_rows_say_and_needs_none(report):
     assert found["interpreted"] == {"us": 36.0, "ns": 40.0}
     assert found["setup"] == {"least": 3.0, "most": 60.0, "ours": 60.0}
     assert found["curves"] == {"all": 2, "floor": 0, "long": 1, "tight": 1}
-    assert (found["limits"], found["call"]) == ([(100.0, 1.0)], pytest.approx(10.0))
-    assert found["parameters"] == (2.0, 7.0)
+    assert (found["limits"], found["call"], found["parameters"]) == ([(100.0, 1.0)], pytest.approx(10.0), (2.0, 7.0))
     assert "a factor of 900," in words(replace(report, fairness=found))
