@@ -16,6 +16,7 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
 from tests.installed import in_uniform_fields
+from tests.mutants import ROOT
 from tests.reference import free_body
 
 ALL = {"H", "J3", "C1", "C2"}
@@ -294,25 +295,7 @@ def test_false_claims_fail_on_a_problem():
     assert wrong(check.check(liar, quick=True, problem=BODY, y0=START)) == caught
 
 
-MINE = """\
-from dataclasses import replace
-import numpy as np
-from lagrange_bench import METHODS, Claims, FixedStepper, compiled
-
-@compiled
-def turned(s, push):
-    return s[0] - push * s[4], s[1] + push * s[3], s[2], s[3], s[4], s[5]
-
-@compiled
-def step(s, c, counters):
-    alpha, h = c[0], c[1]
-    return turned(s, alpha * h)
-
-def prepare(top, y0, h):
-    return FixedStepper("mine", h, np.array((top.alpha, h)), step)
-
-METHOD = replace(METHODS["rk4"], name="mine", order=1, claims=Claims(conserves={"J3"}), prepare=prepare, needs="uniform")
-"""
+MINE = (ROOT / "docs" / "example_plugin" / "suzuki_top.py").read_text(encoding="utf-8")
 
 
 @pytest.fixture
@@ -328,11 +311,11 @@ def mine(folder):
 
 
 FAULTS = [  # a change of the file, and what is said
-    ("alpha * h)", "aplha * h)", "the kernel step cannot be compiled: NameError: name 'aplha' is not defined"),
-    ("return turned(s, alpha * h)", "return s[0], s[1], s[2]", "the kernel step returns 3 numbers, 6 are needed"),
-    ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:14)"),
+    ("c[MIDDLE]", "c[MIDLE]", "the kernel step cannot be compiled: NameError: name 'MIDLE' is not defined"),
+    ("    return s\n", "    return s[0], s[1], s[2]\n", "the kernel step returns 3 numbers, 6 are needed"),
+    ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:56)"),
     ("prepare(top, y0, h):", "prepare(top, y0):\n    h = 1", "TypeError: prepare() takes 2 positional arguments"),
-    ("    return Fixed", "    raise SystemExit(3)\n    return Fixed", "SystemExit: 3 ({file}:15)"),
+    ("    return Fixed", "    raise SystemExit(3)\n    return Fixed", "SystemExit: 3 ({file}:57)"),
 ]
 
 
@@ -348,15 +331,15 @@ def test_a_fault_is_told_once_with_its_line(mine, run, tmp_path, old, new, messa
 
 
 def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
-    told = first_step.problem(find_method(mine("c[0], c[1]", "c[0], c[7]")), "my_first:METHOD")
-    assert told == f"IndexError: index 7 is out of bounds for axis 0 with size 2 ({tmp_path / 'my_first.py'}:11)"
+    told = first_step.problem(find_method(mine("c[MIDDLE]", "c[7]")), "my_first:METHOD")
+    assert told == f"IndexError: index 7 is out of bounds for axis 0 with size 3 ({tmp_path / 'my_first.py'}:48)"
 
 
 RECORDS = [
-    ('conserves={"J3"}', 'conserves={"J 4"}', "conserves names invariants by words, such as 'J3'; got ['J 4']"),
-    ("claims=Claims(conserves", "conserves=dict(j", "write it as claims=Claims(conserves=…)"),
-    ('needs="uniform"', 'needs="force"', "needs must be one of uniform, rhs, "),
-    ("order=1", "oder=1", "unexpected keyword argument 'oder'; did you mean 'order'?"),
+    ('{"J3", "C1", "C2"}', '{"J 4"}', "conserves names invariants by words, such as 'J3'; got ['J 4']"),
+    ("claims=Claims(symmetric", "conserves=dict(s", "write it as claims=Claims(conserves=…)"),
+    ("order=4", 'order=4, needs="force"', "needs must be one of uniform, rhs, "),
+    ("order=4", "oder=4", "unexpected keyword argument 'oder'; did you mean 'order'?"),
 ]
 
 
@@ -367,7 +350,7 @@ def test_a_record_of_wrong_types_is_refused_by_the_field(mine, old, new, message
 
 
 def test_a_name_that_is_taken_or_nearly_right(mine, run):
-    assert "the bench has a method named kahan" in run("check", mine('"mine", order', '"kahan", order'), "--quick")[1]
+    assert "the bench has a method named kahan" in run("check", mine('name="suzuki4"', 'name="kahan"'), "--quick")[1]
     mine()
     for name in ("my_first.py:METHOD", "far/my_first.py", "my_frist:METHOD"):
         with pytest.raises(ValueError, match="my_first"):
