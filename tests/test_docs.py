@@ -58,8 +58,6 @@ def test_a_page_that_lies_is_found_out(folder):
     page = folder / "page.md"
     text = "```python\nx = 1\nprint(x + 1)\n```\n\n```text\n3\n```\n\n```python\nx / 0\n```\n"
     page.write_text(text, encoding="utf-8")
-    (first, second) = outputs.blocks(text)
-    assert (first.shown, second.shown, second.line) == ("3\n", None, 10)
     with pytest.raises(ZeroDivisionError) as caught:
         outputs.execute(page)
     assert caught.traceback[-1].lineno + 1 == 11
@@ -156,8 +154,6 @@ def test_the_notebook_shows_what_its_cells_do():
     build = script(NOTEBOOK.with_name("build.py"))
     stored = json.loads(NOTEBOOK.read_text(encoding="utf-8"))
     assert NOTEBOOK.stat().st_size < 300_000
-    assert (stored["nbformat"], stored["nbformat_minor"]) == (4, 5)
-    assert len({cell["id"] for cell in stored["cells"]}) == len(stored["cells"])
     plt.close("all")  # of tests before this one
     fresh = build.notebook()
     plt.close("all")

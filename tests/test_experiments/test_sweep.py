@@ -70,8 +70,6 @@ def test_what_a_file_asks_for(write):
     assert cells[0] == {"part": "h", "method": "strang", "state": "heavy", **heavy, "span": 50, "h": 0.5}, "its key"
     generic = {"part": "h", "method": "strang", "state": "generic", "span": 50, "h": 0.5}
     assert generic in cells
-    template = next(cell for cell in load("drift").cells("quick") if cell["part"] == "h")
-    assert template.keys() == generic.keys()
     row, *_ = load("drift").measure(cells[0])
     top, y0 = states.of_cell(cells[0])
     run = integrate(top, y0, 0.5 * top.scales(y0)[2], 100, every=1, method="strang")
@@ -105,13 +103,8 @@ def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process,
     code, out, err = run("run", write(text), "--results", tmp_path / "out", "--jobs", "1", "--quiet")
     assert code == 0, err
     rows = Store(tmp_path / "out").rows("drift")
-    assert set(rows.state) == {"heavy"}
-    assert set(rows.status) == {"done"}
-    drawn = sorted((tmp_path / "out" / "page" / "figures").glob("*.svg"))
-    assert drawn, out
-    assert any(">strang<" in text or "Strang" in text for text in (path.read_text() for path in drawn))
+    assert set(zip(rows.state, rows.status, strict=True)) == {("heavy", "done")}
+    assert any("Strang" in path.read_text() for path in (tmp_path / "out" / "page" / "figures").glob("*.svg")), out
     assert run("report", "--results", tmp_path / "out", "--quiet")[0] == 0
     page = (tmp_path / "out" / "page" / "index.html").read_text("utf-8")
-    assert "redraw: " in page
-    assert "recompute: " not in page, "it would add the cells of a profile"
-    assert "<h2>In short</h2>" not in page, "no claim is tested"
+    assert ("redraw: " in page, "recompute: " in page) == (True, False), "it would add the cells of a profile"

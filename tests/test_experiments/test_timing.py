@@ -50,7 +50,7 @@ def test_a_slowing_machine_does_not_favour_anyone(work):
 
 
 def test_unstable_timings_are_marked_and_bad_calls_refused():
-    for samples, unstable in (((1.0, 1.05, 0.95, 1.0), False), ((1.0, 1.0, 1.0, 1.4), True), ((1.0,), False)):
+    for samples, unstable in (((1.0, 1.05, 0.95, 1.0), False), ((1.0, 1.0, 1.0, 1.4), True)):
         assert timing.Timing(1, samples).unstable is unstable
     assert timing.Timing(1, (3.0, 1.0, 2.0)).min == 1.0
     with pytest.raises(ValueError, match="repeats"):

@@ -54,7 +54,7 @@ def test_killed_at_random_moments_and_resumed(toy, tmp_path):
     """SIGKILL: no handler, no clean-up. The moments are spread over the whole run, its start included."""
     cells = [*squares(*range(40), seconds=0.05), *squares(*range(40, 46), timing=True)]
     path, draw = tmp_path / "killed" / f"{TOY}.jsonl", random.Random(7)
-    died, most = 0, 0
+    died = 0
     for kill in range(KILLS):
         run = start(cells, path.parent)
         if kill % 4:  # after some cell of this run; else at any time after its start
@@ -66,12 +66,10 @@ def test_killed_at_random_moments_and_resumed(toy, tmp_path):
         run.communicate()
         died += run.returncode == -signal.SIGKILL
         assert nobody_left(run.pid)  # workers notice that they are alone
-        most = max(most, stored := len(comparable(path.parent)))
-        if stored > 0.8 * len(cells):  # start afresh; what was lost would be seen here
+        if len(comparable(path.parent)) > 0.8 * len(cells):  # start afresh; what was lost would be seen here
             check_complete(toy, cells, path.parent)
             path.unlink()
     assert died > KILLS / 2
-    assert most > 0
     check_complete(toy, cells, path.parent)
 
 

@@ -1,6 +1,8 @@
-"""The command line: it teaches, says in one line what is wrong, prints data alone on stdout; what `run` and `figure` do."""
+"""The command line: it teaches, says in one line what is wrong, prints data alone on stdout; what the commands do."""
 
+import hashlib
 import json
+import math
 import os
 import re
 import shlex
@@ -8,16 +10,24 @@ import sys
 import warnings
 from html import unescape
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 from faults import python
 
+from lagrange_bench import LagrangeTop, PerturbedTop, integrate, integrators
 from lagrange_bench import __main__ as cli
-from lagrange_bench import integrators
+from lagrange_bench.commands import integrate as command
 from lagrange_bench.experiments import EXPERIMENTS, phase
-from lagrange_bench.integrators import registry
+from lagrange_bench.experiments.measuring import check
+from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.integrators.truth import truths
 from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.runner import engine
+from tests.mutants import ROOT
+from tests.reference import free_body
 
 COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
 SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
@@ -208,3 +218,197 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, on
     assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
     assert replaced in run(*words)[2].splitlines()
     assert run(*words, "--quiet")[2] == ""
+
+
+@pytest.mark.parametrize(
+    ("command", "known"),
+    [("methods", METHODS), ("tops", TOPS), ("tops", PERTURBED_TOPS), ("potentials", POTENTIALS), ("case", CASES)],
+)
+def test_all_there_is_is_listed(run, answer, command, known):
+    code, out, err = run(command, *["--archive"] * (command == "methods"))
+    assert (code, err) == (0, "")
+    tables = [[line.split()[0] for line in table.splitlines()[1:]] for table in out.split("\n\nin a potential:\n")]
+    assert any(table[: len(known)] == list(known) for table in tables)
+    assert [listed["name"] for listed in answer(command) if listed["name"] in known] == list(known)
+
+
+def test_the_archive_is_left_out_of_lists_and_quick_runs_of_many_methods(run):
+    last = run("methods")[1].splitlines()[-1]
+    assert last.startswith(f"{len(registry.ARCHIVE)} more are in the archive")
+    assert registry.without_archive(METHODS) == [name for name in METHODS if name not in registry.ARCHIVE]
+    assert 20 <= len(registry.without_archive(registry.BUILT_IN)) <= 25
+    few = [*registry.ARCHIVE][: registry.MANY]
+    assert registry.without_archive(few) == few
+    cells = [{"part": part, "method": name} for part in ("order", "time") for name in METHODS]
+    left = engine._without_archive([*cells, {"part": "tolerance"}])
+    assert {cell["method"] for cell in left if cell["part"] == "time"} == set(METHODS) - registry.ARCHIVE
+    assert {cell["method"] for cell in left if cell["part"] == "order"} == set(METHODS)
+    assert left[-1] == {"part": "tolerance"}
+
+
+@pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
+def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypatch, known):
+    (folder / "leaves.py").write_text("raise SystemExit('no')\n")
+    broken = registry.EntryPoint("broken", "leaves:IT", known.group)
+    monkeypatch.setitem(vars(known), "_entries", {**known._entries, "broken": broken})
+    assert "broken: cannot be loaded: ImportError: it calls sys.exit('no')" in run(f"{known.word}s")[1]
+    listed = answer(f"{known.word}s")
+    assert (len(listed), listed[-1]["error"]) == (len(known), "ImportError: it calls sys.exit('no')")
+
+
+def test_methods_of_a_top(run, answer):
+    table, left_out = run("methods", "--top", "magnet")[1].split("\nleft out: ", 1)
+    data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
+    taken = [name for name, method in data.items() if method["refuses"] is None]
+    assert taken == [line.split()[0] for line in table.splitlines()[1:]]
+    refused = METHODS["theta_functions"].takes(PERTURBED_TOPS["magnet"].top)
+    assert data["theta_functions"]["refuses"] == refused
+    assert refused.replace(" ", ": ", 1) in left_out
+    assert data["strang"]["conserves"] == ["C1", "C2"]
+    words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
+    assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
+
+
+def test_a_file_of_doubles(run, tmp_path):
+    path = tmp_path / "ref.csv"
+    assert run("case", "bruels", "--until", "2", "--every", "0.1", "--output", str(path))[0] == 0
+    table = np.loadtxt(path, delimiter=",", skiprows=6)
+    assert table[:, 0].tolist() == [k / 10 for k in range(21)]
+    assert np.array_equal(table, CASES["bruels"].doubles(table[:, 0]))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_reference_files(name, run):
+    text, sums = ((ROOT / "docs" / "cases" / file).read_bytes() for file in (f"{name}.csv", "SHA256SUMS"))
+    assert f"{hashlib.sha256(text).hexdigest()}  {name}.csv" in sums.decode().splitlines()
+    lines = text.decode().splitlines()
+    code, out, _ = run("case", name, "--until", lines[8].split(",")[0], "--digits", "25")
+    assert code == 0
+    assert out.splitlines() == lines[:9]
+    assert len(lines) == 27
+
+
+def test_check_a_method_that_does_not(run, monkeypatch):
+    words = ("check", "toys.lies:METHOD", "--quick")
+    code, out, err = run(*words, "--json")
+    assert (code, err) == (1, "")
+    data = json.loads(out)
+    assert (data["method"], data["passed"]) == ("lies", False)
+    passed = {verdict["claim"]: verdict["passed"] for verdict in data["verdicts"]}
+    false = {"symmetric", "conserves H", "conserves C1", "conserves in long steps", "StepErrors name the method"}
+    assert {claim for claim, kept in passed.items() if kept is False} == false
+    # what is true of it is not refuted, and what it does not claim is not judged
+    assert (passed["order 5"], passed["conserves J3"], passed["conserves C2"]) == (True, True, None)
+    monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
+    assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", run(*words)[1], re.MULTILINE)  # in the table
+
+
+IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
+GENERIC = TOPS["generic"]
+
+
+@pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
+def test_the_examples_of_integrate_run(run, words, folder, monkeypatch):
+    monkeypatch.setitem(sys.modules, "mine", SimpleNamespace(PROBLEM=free_body(1.0, 2.0, 3.0)))
+    code, out, err = run(*words)
+    assert code == 0, err
+    assert re.search("against the (exact|reference) solution", out)
+    for flag in {"--output", "--draw"} & set(words):
+        assert Path(words[words.index(flag) + 1]).stat().st_size > 0
+
+
+def test_summary(run, answer):
+    code, out, err = run(*SHORT)
+    assert (code, err) == (0, "")
+    expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20)
+    shown = next(line for line in out.splitlines() if line.startswith("end")).split()[1:]
+    assert [float(word) for word in shown] == expected.y[-1].tolist()
+    unit = GENERIC.top.scales(GENERIC.state)[2]
+    scaled = run("integrate", "--h-scaled", repr(0.1 / unit), "--steps", "20")[1]
+    assert f"h = 0.1 (own unit), h_scaled = {0.1 / unit:g}, 20 steps, up to t = 2," in scaled
+    data = answer(*SHORT)
+    assert (data["h_scaled"], data["t"], data["work"]["steps"]) == (0.1 / unit, [0.0, 2.0], 20)
+    assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
+
+
+def test_a_problem_of_ones_own(answer, run, folder):
+    (folder / "posed.py").write_text(
+        "from lagrange_bench import Problem\nP = Problem('own', 'so3', lambda t, y, p: y[0] ** 2 + y[2])\n"
+    )
+    words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--method", "rk4")
+    data = answer(*words, "--h", "0.01", "--steps", "10")
+    assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
+    assert "J1  " in run(*words, "--h", "0.01", "--steps", "10")[1]
+    for more, said in (
+        ("--draw x.svg", "no axis on a sphere"),
+        ("--top slow", "not allowed with argument --state"),
+        ("--method backlund", "(those that take it: taylor, "),
+    ):
+        code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
+        assert (code, said in err) == (2, True)
+    code, _, err = run("integrate", "--problem", "posed:Q", "--state", "1,2,3", "--h", "1", "--steps", "1")
+    assert (code, "--problem posed:Q cannot be loaded" in err) == (2, True)
+
+
+def test_where_and_when_a_trajectory_is(answer):
+    state = "-0.3,0.4,-1.2,-0.48,.6,64e-2"
+    data = answer("integrate", "--state", state, "--alpha", "-2", "--h", "-1e-1", "--steps", "5", "--every", "1")
+    assert (data["alpha"], data["y0"]) == (-2.0, [-0.3, 0.4, -1.2, -0.48, 0.6, 0.64])
+    assert data["t"] == [-0.1 * n for n in range(6)]
+    words = "mass=0.5,distance=0.04,gravity=1.62,A=1.2e-3,C=4e-4,theta=0.5,phi=0.1,psi=0.2,dtheta=0.3,dphi=0.4,dpsi=200"
+    data = answer("integrate", "--physical", words, "--times", "0,1e-3")
+    assert data["alpha"] == pytest.approx(0.5 * 1.62 * 0.04 / 1.2e-3)
+    axis = np.array(data["y0"][3:])
+    assert axis @ data["y0"][:3] == pytest.approx((200.0 + 0.4 * math.cos(0.5)) / 3)  # C/A of the spin
+    data = answer("integrate", "--times", "-1:0.1:12")
+    assert np.allclose(data["t"], np.linspace(-1, 0.1, 12), rtol=1e-14)
+    assert data["y"] == integrate(GENERIC.top, GENERIC.state, t=data["t"]).y.tolist()
+    expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)
+    assert answer(*SHORT, "--option", "lam=0.1+0.5j", "--option", "pin=0")["y_final"] == expected.y[-1].tolist()
+
+
+NOT_JUDGED = {  # and why
+    "--h 1 --steps 1000 --option lam=0.02j": "lam given: one step is the flow over another time than h, and a turn",
+    "--top weightless --method backlund_paper --h 1e13 --steps 10000": "periods",  # 1e16 and more: beyond doubles
+    "--h 1 --steps 3000 --top axisymmetric --method strang": "longer than 2000 time scales",
+    "--method strang --h 0.1 --steps 5 --top magnet": "chaotic",
+}
+
+
+@pytest.mark.parametrize("words", NOT_JUDGED)
+def test_a_run_without_a_truth_is_not_judged(run, answer, monkeypatch, words):
+    if NOT_JUDGED[words] == "chaotic":
+        monkeypatch.setattr(truths, "LOST", 0.0)
+    error = answer("integrate", *words.split())["error"]
+    assert (error["final"], error["largest"], NOT_JUDGED[words] in error["note"]) == (None, None, True)
+    out = run("integrate", *words.split())[1]
+    assert not re.search("against the (exact|reference) solution", out)
+
+
+def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):
+    path, link = tmp_path / "run.csv", tmp_path / "link.csv"
+    link.symlink_to(path)
+    assert run(*SHORT, "--output", path, "--top", "figure2", "--option", "lam=0.1+0.5j")[2] == f"written: {path}\n"
+    assert re.search('^# top: "figure2"\n(.*\n)*# options: .*0.1\\+0.5j', path.read_text("utf-8"), re.MULTILINE)
+    assert run(*SHORT, "--output", link, "--every", "20")[2] == f"replaced: {link}\n"
+    before = path.read_bytes()
+    monkeypatch.setattr(os, "fsync", lambda file: os.close(-1))
+    code, _, err = run(*SHORT, "--output", path)
+    assert (code, err.count("\n"), path.read_bytes() == before) == (2, 1, True), err
+    assert (link.is_symlink(), sorted(tmp_path.iterdir())) == (True, [link, path]), "no pieces are left"
+
+
+def test_a_potential_on_any_top(answer, tmp_path):
+    words, path = ("--potential", "charge", "--parameters", "-0.1,0,0,2", "--steps", "5"), tmp_path / "run.csv"
+    data = answer(*IN_A_FIELD, *words, "--state", "0,1,2,0.6,0,0.8", "--alpha", "2", "--output", path)
+    top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["charge"], (-0.1, 0.0, 0.0, 2.0))
+    assert data["y_final"] == integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
+    assert all(v["conserved"] for v in data["invariants"].values())
+    lines = (line[2:].partition(": ") for line in path.read_text("utf-8").splitlines() if line[0] == "#")
+    header = {key: json.loads(value) for key, _, value in lines}
+    for facts in (data, header):
+        assert (facts["potential"], facts["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
+    made = {"alpha": 2.0, "y0": data["y0"], "method": "strang", "h": 0.1, "steps": 5, "every": 1}
+    assert header.items() >= {**made, "numpy": np.__version__}.items()
+    named = answer(*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
+    assert [name for name, v in named["invariants"].items() if not v["conserved"]] == ["J3"]

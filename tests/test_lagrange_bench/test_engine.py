@@ -10,7 +10,6 @@ import time
 import pytest
 from faults import TOY, nobody_left, squares, start
 
-from lagrange_bench.experiments import PROFILES
 from lagrange_bench.integrators import registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store
@@ -33,8 +32,7 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     toy.store.append(*({**record, "sources": "0" * 24} for record in toy.store.open(TOY).latest))
     assert f"old: {TOY}: 2 stored cells were computed with other source code" in str(toy(squares(1, 3)))
     table = toy.store.rows(TOY)
-    assert table["square"].tolist() == [i * i for i in table["i"]]
-    assert sorted(table["i"]) == [1, 2, 3, 4]
+    assert sorted(zip(table["i"], table["square"], strict=True)) == [(i, i * i) for i in (1, 2, 3, 4)]
     summary = toy(squares(5, 6, timing=True), timings=False)
     assert (tally(summary), summary.experiments[TOY].unavailable, summary.exit_code) == ((0, 0, 0), 2, 0)
     assert summary.notes == ["skipped: the timing cells of toys.behaviour, as asked"]
@@ -43,57 +41,41 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     assert toy.store.rows(TOY)["i"].tolist() == [1]
 
 
-@pytest.fixture(scope="module")
-def hard(tmp_path_factory):
-    """A run of two workers: cells that wait, die, hang, ask for memory, warn, chatter. (summary, stderr, store)"""
-    folder, facts = tmp_path_factory.mktemp("hard"), {"facts": True, "seconds": 0.05}
-    waiting = {"do": "wait for lines", "i": 5, "file": str(folder / f"{TOY}.jsonl"), "lines": 4}  # finishes late
+def test_cells_that_die_hang_chatter_or_take_too_much_memory_fail_alone_and_timing_cells_come_last(tmp_path):
+    """Two workers; the timing cells come alone, in order, in a fresh process with one thread."""
+    facts = {"facts": True, "seconds": 0.05}
+    waiting = {"do": "wait for lines", "i": 5, "file": str(tmp_path / f"{TOY}.jsonl"), "lines": 4}  # finishes late
     odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("segfault", "compiled loop", "wrong clock", "warn"))]
     odd += [{"do": "memory", "GB": size, "i": i} for size, i in ((0.1, 110), (0.6, 111))]
     timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
     variables = {"OMP_NUM_THREADS": "7", memory.VARIABLE: "0.5"}
     cells = [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing]
-    run = start(cells, folder, "--json", "--time-limit", "6", **variables)
+    run = start(cells, tmp_path, "--json", "--time-limit", "6", **variables)
     before = time.monotonic()
     out, err = run.communicate(timeout=120)
     assert time.monotonic() - before < 40  # the loop would have taken a minute
     assert nobody_left(run.pid)
-    return json.loads(out), err, Store(folder)
-
-
-def test_timing_cells_come_last_alone_in_order_and_with_one_thread(hard):
-    table = hard[2].rows(TOY)
-    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 110, 111, 120, 9, 8]
-    assert len(hard[2].read(TOY)[0]) == len(table), "none is computed twice and stored twice"
-    table = table[table["facts"].eq(True)]
-    timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
-    assert timing["started"].min() >= accuracy["started"].max()  # "started" is read when the work is done
-    assert timing["started"].is_monotonic_increasing
-    assert timing["process"].nunique() == 1
-    assert not set(timing["process"]) & set(accuracy["process"])  # fresh
-    assert set(table["threads"]) == {"1"}
-
-
-def test_warnings_and_chatter_are_kept_out_of_the_way(hard):
-    _, err, store = hard
-    assert "chatter" in err
-    assert "toy warning" not in err
-    (warned,) = (record for record in store.open(TOY).latest if record["cell"]["do"] == "warn")
-    assert warned["warnings"] == ["RuntimeWarning: toy warning"]
-
-
-def test_cells_that_die_hang_or_ask_for_too_much_memory_fail_alone(hard):
-    summary, err, store = hard
-    assert (summary["exit_code"], "Traceback" in err) == (1, False)
+    assert ("chatter" in err, "toy warning" in err, "Traceback" in err) == (True, False, False)
+    summary, store = json.loads(out), Store(tmp_path)
+    assert (summary["exit_code"], summary["experiments"][TOY]["computed"]) == (1, 10)
     assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
         "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
         "die": "WorkerDied: the worker process ended itself with exit code 3",
         "compiled loop": "TimeLimit: not done after 6 s, so its process was ended; --time-limit SECONDS allows more",
         "memory": "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more",
     }
-    assert summary["experiments"][TOY]["computed"] == 10
-    assert all(0 <= record["seconds"] < 30 for record in store.open(TOY).latest)
-    assert engine.TIME_LIMITS.keys() == set(PROFILES)
+    latest = store.open(TOY).latest
+    assert [r["warnings"] for r in latest if r["cell"]["do"] == "warn"] == [["RuntimeWarning: toy warning"]]
+    assert all(0 <= record["seconds"] < 30 for record in latest)
+    table = store.rows(TOY)
+    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 110, 111, 120, 9, 8]
+    assert len(store.read(TOY)[0]) == len(table), "none is computed twice and stored twice"
+    table = table[table["facts"].eq(True)]
+    timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
+    assert timing["started"].min() >= accuracy["started"].max()  # "started" is read when the work is done
+    assert timing["started"].is_monotonic_increasing
+    assert (timing["process"].nunique(), timing["process"].isin(accuracy["process"]).any()) == (1, False)
+    assert set(table["threads"]) == {"1"}
 
 
 ERRORS = {

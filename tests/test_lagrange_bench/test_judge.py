@@ -132,12 +132,13 @@ FILES = {  # what is in it → exit code, what is said
         "The times go to 200, the case to 2 s: perhaps they are no seconds: --units",
     ),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
+    gzip.compress(b"t,x,y,z\n0,0,1,0\n", mtime=0)[:-9]: (2, "run.csv: Compressed file ended before"),
 }
 
 
 @pytest.mark.parametrize("text", FILES, ids=lambda text: repr(text[:30]))
 def test_whatever_a_file_holds_gets_a_clear_line(text, tmp_path, run):
-    (tmp_path / "run.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "run.csv").write_bytes(text.encode() if isinstance(text, str) else text)
     code, out, err = run("judge", tmp_path / "run.csv", "--case", "bruels")
     expected, said = FILES[text]
     assert (code, said in (out if code == 0 else err)) == (expected, True), out + err
@@ -253,12 +254,6 @@ def test_rows_of_one_body_are_chosen_from_a_long_file(monkeypatch, tmp_path, ans
         monkeypatch.setattr(reading_rows, name, value)
     (found,) = answer("judge", tmp_path / "run.csv", "--case", "bruels", "--where", "body=top")["files"]
     assert (found["rows"], found["position"]["max"] < 1e-14) == (401, True)
-
-
-def test_a_packed_file_that_is_not_whole(tmp_path, run):
-    (tmp_path / "run.csv.gz").write_bytes(gzip.compress(b"t,x,y,z\n0,0,1,0\n")[:-9])
-    code, _, err = run("judge", tmp_path / "run.csv.gz", "--case", "bruels")
-    assert (code, "run.csv.gz: Compressed file ended before" in err, err.count("\n")) == (2, True, 1)
 
 
 def test_times_of_few_digits_hide_errors(tmp_path, answer, run):

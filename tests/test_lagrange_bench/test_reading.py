@@ -53,7 +53,6 @@ FORMS = """
 Rapier | t translation.~xyz rotation.~xyzw angvel.~xyz | t x xyzw w |
 cannon | time position.~xyz quaternion.~xyzw angularVelocity.~xyz | t x xyzw w |
 Babylon | time position._~xyz rotationQuaternion._~xyzw | t x xyzw |
-Unity | Time transform.position.~xyz transform.rotation.~xyzw | t x xyzw |
 Unity, angles | Time eulerAngles.~yxz | t dYXZ | angles=YXZ units=angles:deg
 Godot | t origin.~xyz quaternion.~xyzw linear_velocity.~xyz angular_velocity.~xyz | t x xyzw - w |
 MuJoCo, free joint | time qpos[*]~0123456 qvel[*]~012345 | t x wxyz - w |
@@ -75,7 +74,6 @@ Chrono | time pos_~xyz rot_e~0123 w_~xyz | t x wxyz w |
 Adams | Time .top.CM_Position.~XYZ .top.CM_Angular_Velocity.~XYZ | t x w |
 Modelica | "time" "body.w_a[*]"~123 "body.Q[*]"~1234 | t w xyzw |
 MATLAB | t pos_~123 omega_~123 | t x w |
-PX4 | timestamp q[*]~0123 | ns wxyz | units=t:ns
 Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
 pandas | ,t x y z | k t x |
 axis and angle | t axis_~xyz angle[deg] | t v dangle |
@@ -97,7 +95,7 @@ Chrono, local axes | t ~x,y,z e~0123 w*_loc~xyz | t x wxyz w |
 omega of one run of two | t w*_sim~xyz w*_ref~xyz | t w - |
 speeds | t AVel~XYZ Vel~XYZ | t w - |
 NASA 42 | tout qbn~1234 RotSpeed~XYZ | t xyzw w |
-two stamps | timestamp timestamp_sample q[*]~0123 | ns ns wxyz | units=t:ns
+PX4 | timestamp timestamp_sample q[*]~0123 | ns ns wxyz | units=t:ns
 Maya | t translate~XYZ rotate~XYZ | t x dxyz | angles=xyz units=angles:deg
 angles by axes | t theta_~xyz | t dxyz | angles=xyz units=angles:deg
 angles beside a quaternion | t q~wxyz roll pitch yaw | t wxyz - |
@@ -286,18 +284,15 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
             survey(file, Options(**{name: value}))
 
 
-def test_digits_of_the_times(tmp_path):
+def test_digits_of_times_and_positions(tmp_path):
     file = tmp_path / "run.csv"
     ways = (np.arange(20) / 7.5, "{:.6f}", 5e-7), (np.arange(20) / 10, "{:.6f}", 0), (1.7e9 + T, "{:.17g}", 1.2e-7)
     for times, number, floor in ways:
         file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=number), encoding="utf-8")
         assert survey(file).floor["time"] == pytest.approx(floor, rel=0.01)
-
-
-def test_columns_of_short_numbers_hide_nothing(tmp_path):
-    """x moves by 0.1 a row: the digits of y and z tell how all are printed."""
-    (tmp_path / "run.csv").write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
-    assert survey(tmp_path / "run.csv").floor["position"] == pytest.approx(5e-10)
+    # x moves by 0.1 a row: the digits of y and z tell how all are printed
+    file.write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
+    assert survey(file).floor["position"] == pytest.approx(5e-10)
 
 
 def test_units():

@@ -8,8 +8,7 @@ import pytest
 
 from lagrange_bench import testing
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.experiments.measuring.states import problem
-from lagrange_bench.integrators import METHODS, Claims, LagrangeTop, Problem, RigidBody
+from lagrange_bench.integrators import METHODS, LagrangeTop, RigidBody
 from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -18,7 +17,6 @@ MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
 def test_a_method_within_its_bounds():
     assert_drift("backlund", tops=("generic", "fast"), h_scaled=(0.1, 2.0), steps=20_000, H=16, C1=16, C2=16)
     assert_drift(MINE, tops=["generic", "magnet"], steps=1000, C1=200)
-    assert_drift(MINE, tops="generic", steps=1000, C1=200)
     assert_drift(MINE, tops=[(LagrangeTop(1.0), [0.0, 1, 2, 0.6, 0, 0.8])], steps=1000, J3=0)
     assert "mine" not in METHODS
 
@@ -77,14 +75,11 @@ def test_a_run_that_ends_early_or_is_not_finite():
     told = r"^rk4 on generic, h_scaled = 30, step (\d+) of 100: the state left the range of floating-point numbers$"
     with pytest.raises(AssertionError, match=told) as caught:
         assert_drift("rk4", tops=["generic"], h_scaled=30, steps=100, J3=0)
-    first = int(re.search(told, str(caught.value))[1])  # to whose step before it the run gets
-    testing_run = next(testing.drifts(METHODS["rk4"], testing.find_all(["generic"]), None, 30, first - 1))
-    assert testing_run.counts[-1] == first - 1
+    first = int(re.search(told, str(caught.value))[1])
     with pytest.raises(AssertionError, match=f"step {first} of {first}"):
         assert_drift("rk4", tops=["generic"], h_scaled=30, steps=first, J3=0)
     run = testing.Run("generic", "h = 0.1", [1, 2, 3], np.array([[1.0] * 4, [np.nan] * 4, [2.0] * 4]), ("H",))
-    assert run.largest("H")[1] == 2
-    assert not run.largest("H")[0] <= 1e300
+    assert (run.largest("H")[1], run.largest("H")[0] <= 1e300) == (2, False)
     worst = check.Worst().worse_of(1.0, "a", 0.1).worse_of(np.nan, "b", 0.2).worse_of(2.0, "c", 0.3)
     assert (worst.size, worst.at) == (np.inf, "b, h_scaled = 0.2")
 
@@ -92,8 +87,8 @@ def test_a_run_that_ends_early_or_is_not_finite():
 NO_TEST = [
     ({}, "give a bound"),
     ({"C3": 16}, "unknown invariant 'C3'"),
-    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), "1", None, True)),
-    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, ((1, 2),), (LagrangeTop(1.0),), [])),
+    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"), "1", True)),
+    *(({"H": 16, "tops": tops}, "^tops") for tops in (5, (LagrangeTop(1.0),), [])),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^y0 must have shape"),
     ({"H": 16, "h": 1.0, "h_scaled": 1.0}, "^give h or h_scaled, not both"),
     ({"growth": "H"}, "go together"),
@@ -132,23 +127,3 @@ def test_bodies_are_named_with_their_moments():
         assert_drift("rk4", tops=[("racket", body, start)], h=0.1, steps=64, H=1)
     with pytest.raises(ValueError, match=r"\(name, problem, y0\)"):
         assert_drift("rk4", tops=[(body, body, start)], H=1)
-
-
-@pytest.mark.parametrize("word", ["C", "D"])
-def test_a_claim_is_of_what_the_problem_calls_it(word):
-    euler = Problem("euler", "so3", lambda t, y, p: y[0] ** 2 / 2 + y[1] ** 2 / 4)
-    claiming = replace(METHODS["implicit_midpoint"], name="mine", claims=Claims(conserves=frozenset({word})))
-    told = {v.claim: v.passed for v in check.conserves(claiming, True, [(euler, np.array([0.3, -0.4, 1.2]))], 100)}
-    assert told[f"conserves {word}"] is (True if word == "C" else None)
-
-
-def test_bounds_and_orders_on_spins():
-    on = {"tops": [problem("central_spin")]}
-    assert_drift("rk4", **on, steps=200, H=1e15)
-    with pytest.raises(AssertionError, match="rk4: H is off by"):
-        assert_drift("rk4", **on, steps=200, H=64)
-    with pytest.raises(ValueError, match=r"unknown invariant 'J3'.*Known: H, C1, C2, C3, C4"):
-        assert_drift("rk4", **on, J3=64)
-    assert_order("rk4", **on)
-    with pytest.raises(AssertionError, match="order 5: "):
-        assert_order("rk4", 5, **on)

@@ -165,21 +165,6 @@ def test_the_last_success_counts_but_for_what_another_environment_or_source_made
         assert len(results.done("toy")[0]) == (shown is not None)
 
 
-def test_failures_are_rows(tmp_path):
-    results = Store(tmp_path)
-    results.append(record(2), record(1, "failed"))
-    table, journal = results.rows("toy"), results.open("toy")
-    assert table["i"].tolist() == [1, 2]
-    assert table["status"].tolist() == ["failed", "done"]
-    assert table["failure"][0] == "ArithmeticError: attempt 1"
-    assert np.isnan(table["square"][0])
-    assert journal.failures()["error_message"].tolist() == ["attempt 1"]
-    assert journal.provenance().set_index("key").loc[table["key"][0]]["numpy"] == np.__version__
-    missing = Store(tmp_path / "missing")
-    assert list(missing.rows("toy").columns) == ["key", "status", "failure"]
-    assert (missing.done("toy"), missing.folder.exists()) == (({}, []), False)
-
-
 def failing(monkeypatch, name, code, after=0):
     """os.<name> raises this error from its call number `after` on; writes before that are cut short."""
     real, calls = getattr(os, name), []
