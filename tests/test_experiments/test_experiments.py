@@ -99,7 +99,7 @@ def test_measured_stored_and_drawn(name):
     for table in made.values():
         assert isinstance(table, pd.DataFrame)
         assert len(table)
-        text = tables.latex(tables.flat(table), caption := table.attrs["caption"]).replace(f"% {caption}", "")
+        text = tables.latex(tables.flat(table), caption := table.attrs.get("caption", "")).replace(f"% {caption}", "")
         assert not {letter for letter in text if letter > "ÿ"}, "LaTeX does not know these letters"
 
 
