@@ -9,25 +9,14 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.experiments import (
-    cost,
-    drift,
-    engine_figures,
-    engines,
-    heavy_top,
-    perturbed,
-    phase,
-    programs,
-    work_precision,
-)
+from lagrange_bench.experiments import engine_figures, engines, heavy_top, perturbed, programs
+from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.states import PROBLEMS, find
 from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integrate, sin
 from lagrange_bench.results.store import Store, StoreError, make_record
 from lagrange_bench.runner import verify
 from lagrange_bench.runner.engine import run
-
-SPINS = {"method": "rk4", "state": "central_spin"}
 
 
 @pytest.mark.parametrize("state", PROBLEMS)
@@ -47,18 +36,17 @@ def test_a_run_on_any_problem_has_its_error_and_its_invariants(state):
 
 
 def test_drift_phase_work_and_cost_of_spins():
-    rows = drift.measure({"part": "time", "h": 0.5, "steps": 8, **SPINS})
-    assert set(rows[-1]) == {"t", *find("central_spin")[0].names}
-    (row,) = perturbed.measure({"part": "problem", "method": "rk45", "state": "central_spin", "h": 1.0})
-    assert 0.0 < row["error"] < 1e-6
-    (row,) = phase.measure({"part": "h", "h": 0.25, **SPINS})
+    def measured(experiment, **cell):
+        return load(experiment).measure({"method": "rk4", "state": "central_spin", **cell})
+
+    assert set(measured("drift", part="time", h=0.5, steps=8)[-1]) == {"t", *find("central_spin")[0].names}
+    (row,) = measured("phase", part="h", h=0.25)
     assert 0.0 < row["error"] < 1e-2
-    curve = work_precision.measure({"span": 8.0, "per_octave": 1, "decades": 1, "longest": 0.002, **SPINS})
+    curve = measured("work_precision", span=8.0, per_octave=1, decades=1, longest=0.002)
     assert curve[-1]["stopped"] == "too long"
     assert min(run.get("error", 1.0) for run in curve) < 1e-6
-    (price,) = cost.measure({"part": "step", "h": 0.25, "repeats": 1, **SPINS})
-    assert price["evals_per_step"] == 4.0
-    assert price["ns_per_step"] > 0.0
+    (price,) = measured("cost", part="step", h=0.25, repeats=1)
+    assert (price["evals_per_step"], price["ns_per_step"] > 0.0) == (4.0, True)
 
 
 def swinging(t, y, p):
@@ -148,26 +136,17 @@ def test_what_an_engine_tends_to():
     rows = pd.DataFrame([row for found, _ in kinds.values() for row in found])
     named = engines.tables(rows)
     assert set(named) == {"overview", "energy"}
-    assert named["energy"].set_index("engine").loc["damped"].tolist()[1:] == [
-        "best",
-        -1e-3,
-        1.0,
-        "single",
-        0.06,
-        1 / 4096,
-    ]
+    damped = named["energy"].set_index("engine").loc["damped"].tolist()
+    assert damped[1:] == ["best", -1e-3, 1.0, "single", 0.06, 1 / 4096]
     lines = engine_figures.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
     assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
     few = pd.DataFrame(stored("right", "best", falling)[:1])
     assert np.isnan(engine_figures.overview(few, ["right"])["1/1024 s"].iloc[0])
     part = engine_figures.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
-    assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2], (
-        "Euler and RK4 are missing"
-    )
+    assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2]  # Euler and RK4
     found = [[name for name, _, _ in family] for family in engine_figures.families(rows)]
     assert sorted(map(sorted, found)) == [["bare", "damped", "other", "right"], ["level", "single"]]
-    assert found[0][0] == "right"
     figures = engines.draw(rows)
     assert set(figures) == {"families", "racket"}
     labels = [label.get_text() for label in figures["families"].axes[0].get_figure().legends[0].get_texts()]
@@ -200,9 +179,7 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(monkeypatch, tmp_path)
     for name in ("x1", "x2", "x3"):
         monkeypatch.setitem(engines.ENGINES, name, fake(package=name))
         Store(tmp_path).append(make_record("engines", engines.VERSION, 0, {**ABSENT, "engine": name}, rows=[row]))
-    with pytest.raises(
-        StoreError, match="not computed: cells of no-such-engine, x1, x2 and 1 more: not available here"
-    ):
+    with pytest.raises(StoreError, match="not computed: cells of no-such-engine, x1, x2 and 1 more: not available"):
         verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
 
 

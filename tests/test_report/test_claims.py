@@ -344,7 +344,6 @@ def test_the_profile_of_a_folder(tmp_path, monkeypatch):
         ("out", [both, full, None], "full"),
         ("out", [both], "quick"),  # the same cells
         ("full", [both], "full"),
-        ("full", [quick], "quick"),
         ("quick", [None], "quick"),
         ("out", [quick, full], None),
     ):
