@@ -233,3 +233,4 @@ def test_the_command_draws_columns_and_limits(run, folder, tmp_path):
 
     columns = drawn("--x", "h", "--methods", "rk4", "--xlim", "0.01,2")
     assert all(words in columns for words in ("error off the torus", "own unit", "generic unit top"))
+    assert columns != drawn("--x", "h_scaled")
