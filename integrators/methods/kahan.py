@@ -18,8 +18,9 @@ map, minus J3². H, C1 and C2 oscillate, and the map is not Poisson for the brac
 A step is refused where it has passed a pole of the map, because orbits no longer follow the top there: eps x3 ≥ 1, or the
 determinant of the step is not positive.
 
-In a uniform field round-off is a random walk, because no two constants are multiplied: (h/2) J3 or alpha h²/4 would have the same
-error in every step, and e and r0 would drift in proportion to time. So the code has k (J3 − …) and k (alpha k x3), k = h/2.
+In a uniform field no two constants are multiplied: (h/2) J3 or alpha h²/4 would have the same rounding error in every step, and e
+and r0 would drift in proportion to time. So the code has k (J3 − …) and k (alpha k x3), k = h/2. Round-off is then a random walk
+in short steps. In longer ones, such as h|J| = 0.4 or 1, e, r0 and κ drift by some 0.01 ulps a step.
 
 In any quadratic potential ỹ = y + h (1 − (h/2) f'(y))⁻¹ f(y). With the torque T(x) = ∇U×x and its derivative T', eliminating J̃
 leaves D d = h W×x, where D = 1 − k J× + k² x× T' and W = J + k T. A real eigenvalue of D that is not positive shows that a pole

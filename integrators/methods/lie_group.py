@@ -12,7 +12,7 @@ A whole body (q, L) is moved by SO(3)×R³: q is turned by exp(a/2) from the rig
 commutator is (a × c, 0), and |q| is conserved.
 
 With θ = |a| and w = a tan(θ/2)/θ, R x = x + d + w×(x + d), d = (w×x + w×(w×x)) cos²(θ/2). In this form a relative error of d does
-not change |R x| to first order, and round-off is a random walk. In x + sin θ/θ a×x + … sine and cosine are rounded apart, and C1
+not change |R x| to first order. In x + sin θ/θ a×x + … sine and cosine are rounded apart, and C1
 drifts. The coefficients are polynomials in θ². They call no library function, so the bits are the same on every machine. Beyond
 θ = 1 the motion is divided into parts, which are right to round-off up to θ = `MOST`. A step with a larger θ is refused.
 
