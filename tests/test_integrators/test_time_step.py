@@ -5,14 +5,13 @@ import random
 
 import numpy as np
 import pytest
-from mpmath import mp, mpc, mpf
+from mpmath import mp
 
 from lagrange_bench import TOPS, LagrangeTop, compiled, exact, prepare
-from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.torus import plain_step as ps
 from lagrange_bench.integrators.torus import time_step as ts
 from tests.reference import flows, largest
-from tests.test_integrators.paper.test_interpolating_flow import constants, image, step
+from tests.test_integrators.paper.test_interpolating_flow import constants, step
 
 
 @pytest.mark.parametrize("name", TOPS)
@@ -25,31 +24,6 @@ def test_one_step_is_the_flow_to_25_digits(name, h):
         got = step(named.alpha, named.y0, constants(named.alpha, named.y0, h))
         error = largest([a - b for a, b in zip(got, expected, strict=True)])
         assert error <= 1e-25 * (1 + largest(expected))
-
-
-def test_doubling_is_two_steps_at_50_digits():
-    """The formula itself, in mpmath, at random points of random curves, not only at λ(h)."""
-    draw = random.Random(1)
-    with mp.workdps(60):
-        for _ in range(20):
-            top, y = LagrangeTop(draw.uniform(-2, 2)), np.array([mpf(draw.gauss(0, 1)) for _ in range(6)])
-            alpha, Q = mpf(top.alpha), lax.spectral_polynomial(top, y)
-            lam = mpc(draw.uniform(-0.2, 0.2), draw.uniform(0.05, 0.3))
-            m = mp.sqrt(np.polyval(Q[::-1], lam))
-            g = sum(k * Q[k] * lam ** (k - 1) for k in range(1, 5)) / (2 * m)
-            eta = lam.imag
-            a1, b0 = m.real / eta, g.real / (2 * eta)
-            b1 = (a1 + g.imag) / (2 * eta**2)
-            eta2 = mp.sqrt(2 * a1 * b1 + alpha**2) / b1
-            lam2 = mpc(lam.real - b0 / b1, eta2)
-            v = lam2 - lam.real
-            m2 = mpc(0, 1) * (a1 * v - m.imag) - b1 * eta2 * (v * v + eta**2)
-            if eta2 < 0:
-                continue  # more than a nutation period: another sheet
-            twice = image(top, image(top, y, lam, m), lam, m)
-            once = image(top, y, lam2, m2)
-            assert largest([a - b for a, b in zip(twice, once, strict=True)]) < 1e-50
-            assert abs(m2**2 - np.polyval(Q[::-1], lam2)) < 1e-48 * (1 + abs(m2) ** 2)
 
 
 def random_torus(draw):

@@ -1,21 +1,16 @@
 """The discrete Lax pair of Bobenko and Suris: L̃ = M L M⁻¹, its curve and clock, and that Kahan's map has it too."""
 
 import math
-import random
-from fractions import Fraction
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from lagrange_bench.integrators import TOPS, LagrangeTop, prepare
 from lagrange_bench.integrators.paper import discrete_lax, lax
-from lagrange_bench.integrators.paper.phase_space import cross, vector_field
 from lagrange_bench.integrators.paper.two_point import pole_free
 from lagrange_bench.integrators.truth import exact
 from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
-from tests.test_integrators.test_integrable_maps import hat
 
 
 def steps(method="bobenko_suris", lengths=(0.1, 1.0, 3.0)):
@@ -73,52 +68,3 @@ def test_kahan_is_bobenko_and_suris_elsewhere():
         assert step > h
         assert largest(prepare(top, z, step, "bobenko_suris").advance(z, 1) - new) < 1e-12
         assert largest(prepare(top, z, h, "bobenko_suris").advance(z, 1) - new) > 1e-7
-
-
-def rational_cases(count=4):
-    """alpha, h and a state. An identity of rational functions that holds at a few random points holds: Schwartz and Zippel."""
-    for seed in range(count):
-        draw = random.Random(seed)
-        alpha, h, *y = [Fraction(draw.randint(-99, 99) or 1, draw.randint(10, 99)) for _ in range(8)]
-        yield alpha, h, np.array(y)
-
-
-def solve(A, b):
-    """The solution of A x = b; no pivot vanishes at random points."""
-    rows, n = np.column_stack((A, b)), len(A)
-    for i in range(n):
-        rows[i] = rows[i] / rows[i, i]
-        for r in set(range(n)) - {i}:
-            rows[r] = rows[r] - rows[i] * rows[r, i]
-    return rows[:, n]
-
-
-def kahan_map(alpha, h, y):
-    """(1 − (h/2) f'(y)) (ỹ − y) = h f(y): Kahan's method for any quadratic f."""
-    rate = vector_field(SimpleNamespace(alpha=alpha), y)
-    slope = np.block([[np.zeros((3, 3), dtype=int), alpha * hat((0, 0, 1))], [-hat(y[3:]), hat(y[:3])]])
-    return y + solve(np.eye(6, dtype=int) - h / 2 * slope, h * rate)
-
-
-def kept_by_kahan(alpha, h, y):
-    J, x = y[:3], y[3:]
-    eps = alpha * h * h / 4
-    r0 = (x @ J) / (1 - eps * x[2])
-    v = h * J / 2 + eps * h * r0 / 2 * np.array((0, 0, 1))
-    return r0, (x @ x + (h * r0 / 2) ** 2) / (1 + v @ v)
-
-
-def test_the_identities_behind_it_are_exact():
-    e3 = np.array((0, 0, 1))
-    for alpha, h, y in rational_cases():
-        image, eps, (r0, kappa) = kahan_map(alpha, h, y), alpha * h * h / 4, kept_by_kahan(alpha, h, y)
-        J, x, new = y[:3], y[3:], image[3:]
-        K = J + h / 2 * alpha * cross(e3, x)
-        assert np.all(image[:3] - h / 2 * alpha * cross(e3, new) == K)
-        assert np.all(new * (1 - eps * x[2]) - x * (1 - eps * new[2]) == h / 2 * cross(K, x + new))
-        right = (x[2] + new[2] + 2 * kappa * eps) / (1 - kappa * eps**2) * cross(K, e3)
-        right = h / 2 * (right + (J[2] + eps * r0) * cross(e3, x + new))
-        assert np.all((new - x)[:2] == right[:2])
-        total = x + new
-        assert sum(K * total) == r0 * (2 - eps * total[2])
-        assert sum(total * total) == kappa * (4 + eps**2 * (total[0] ** 2 + total[1] ** 2))
