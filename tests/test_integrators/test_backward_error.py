@@ -43,11 +43,8 @@ def test_what_is_predicted_are_methods_with_a_fixed_step():
 
 LAM = {"lam": 0.02 + 0.07j}
 RUNS = [  # a method, its step, options, steps, its error at least, what theory leaves at most: as a share, or at all
-    *(("backlund_paper", h, {}, 32_000, 0.5, 0.0, 1e-10) for h in (0.1, -0.1)),
+    ("backlund_paper", -0.1, {}, 32_000, 0.5, 0.0, 1e-10),
     ("backlund", 0.1, LAM, 32_000, 0.5, 0.0, 1e-10),
-    ("backlund_textbook", 0.1, {}, 32_000, 0.5, 0.0, 1e-10),
-    ("strang", 0.01, {}, 30_000, 1e-5, 1e-4, 0.0),
-    ("rkmk4", -0.1, {}, 3_008, 1e-5, 1e-3, 0.0),
     ("rk4", 0.05, {}, 6_000, 1e-5, 1e-4, 0.0),
     # all modes of number 16, 32, … have the same phase at every step
     ("rkmk4", exact.nutation_period(TOP, Y0) / 16, {}, 800, 1e-3, 0.01, 0.0),
@@ -95,17 +92,6 @@ def test_the_rates_alone_say_where_a_long_run_is(name):
     assert error > 0.1
     assert off(predicted_phase(TOP, Y0, h, name)) < 0.02 * error
     assert off(predicted_phase(TOP, Y0, 2 * h, name)) > 0.2 * error
-
-
-def test_rates_follow_the_units():
-    """The same top in other units of time and length; twice the step is four times the rates."""
-    plain = predicted_phase(TOP, Y0, 0.01, "strang")
-    rate, size = 3.0, 5.0
-    y = Y0 * np.repeat((rate, size), 3)
-    same = predicted_phase(LagrangeTop(TOP.alpha * rate**2 / size), y, 0.01 / rate, "strang")
-    for name, power in (("clock", 0), ("turn", 1), ("clock_growth", 1), ("turn_growth", 2)):
-        assert getattr(same, name) == pytest.approx(getattr(plain, name) * rate**power, abs=1e-12)
-    assert predicted_phase(TOP, Y0, 0.02, "strang").clock == pytest.approx(4 * plain.clock, rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["strang", "force_gradient4", "rkmk4"])

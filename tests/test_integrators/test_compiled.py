@@ -241,13 +241,6 @@ def test_what_has_been_interpreted_for_long_is_compiled(monkeypatch):
     assert (call(1.0), len(half.overloads)) == (0.5, 1)
 
 
-class Terminal(io.StringIO):
-    """A stream where a person reads."""
-
-    def isatty(self):
-        return True
-
-
 def test_a_person_is_told_of_long_compiling_once(monkeypatch):
     monkeypatch.setattr(announce, "LONG", 0.0)
 
@@ -259,11 +252,9 @@ def test_a_person_is_told_of_long_compiling_once(monkeypatch):
     def outer(x):
         return inner(x) + 1.0
 
-    for stream, quiet, said in (
-        (Terminal(), False, r"compiling: \d+ s\n"),
-        (Terminal(), True, ""),
-        (io.StringIO(), False, ""),
-    ):
+    for person, quiet, said in ((True, False, r"compiling: \d+ s\n"), (True, True, ""), (False, False, "")):
+        stream = io.StringIO()
+        monkeypatch.setattr(stream, "isatty", lambda person=person: person)
         monkeypatch.setattr(sys, "stderr", stream)
         monkeypatch.setattr(announce, "quiet", quiet)
         kind = float if said else complex

@@ -36,12 +36,14 @@ HEAVY, NUMBERS = LagrangeTop(RNG.uniform(0.5, 2, 8)), RNG.uniform(0.1, 0.9, 8)
 
 # formulas that other tests use too: they are compiled once for all
 BOTH = Potential("both", lambda x1, x2, x3, p: x3 * x3 + p[0] * x1 * x2)
+HARDLY = [STATES[1], *([J, -J, 0.0, 1.0, 0.0, 0.0] for J in (1e-155, 1e-163, 1e-170, 5e-324, 0.0))]  # squares underflow
 TOPS_IN = {
-    "all numbers": PerturbedTop(HEAVY, TIDE, (NUMBERS, 0.8, 0.0, 0.6)),
-    "some numbers": PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, 2.0, 1.0, 0.5)),
-    "alpha only": PerturbedTop(HEAVY, CHARGE, (0.4, 0.0, 0.0, 1.6)),
-    "J3 kept by some": PerturbedTop(HEAVY, BOTH, (np.where(np.arange(8) % 2 == 1, 0.0, NUMBERS),)),
-    "weak tide": PerturbedTop(HEAVY, TIDE, (1e-6 * NUMBERS, 0.8, 0.0, 0.6)),
+    "all numbers": (PerturbedTop(HEAVY, TIDE, (NUMBERS, 0.8, 0.0, 0.6)), STATES),
+    "some numbers": (PerturbedTop(LagrangeTop(0.7), CHARGE, (NUMBERS, 2.0, 1.0, 0.5)), STATES),
+    "alpha only": (PerturbedTop(HEAVY, CHARGE, (0.4, 0.0, 0.0, 1.6)), STATES),
+    "J3 kept by some": (PerturbedTop(HEAVY, BOTH, (np.where(np.arange(8) % 2 == 1, 0.0, NUMBERS),)), STATES),
+    "weak tide": (PerturbedTop(HEAVY, TIDE, (1e-6 * NUMBERS, 0.8, 0.0, 0.6)), STATES),
+    "hardly turning": (PerturbedTop(LagrangeTop(0.0), TIDE, (0.3, 0.6, 0.0, 0.8)), HARDLY),
 }
 HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
@@ -56,10 +58,9 @@ def one(problem, place):
     return PerturbedTop(top, problem.potential, parameters) if parameters else top
 
 
-def one_by_one(problem, states, h, steps, every, name="backlund", **options):
+def one_by_one(problem, states, **run):
     """Rows of many tops, each by itself."""
-    rows = [prepare(one(problem, i), y, h, name, **options).record(y, steps, every) for i, y in enumerate(states)]
-    return np.stack(rows, axis=1)
+    return np.stack([integrate(one(problem, i), y, **run).y for i, y in enumerate(states)], axis=1)
 
 
 @pytest.mark.parametrize("h", [0.1, 5.0])
@@ -71,8 +72,8 @@ def test_every_named_top_and_any_size_has_the_bits_of_its_own_run(h):
     tops += [(top.alpha, y0) for top, y0 in map(find, ("spinning000", "spinning001"))]
     tops += [(math.ldexp(1.0, max(2 * b - a, -1074)), y * np.ldexp(1.0, [b, b, b, a, a, a])) for a, b in sizes]
     many, states = LagrangeTop(np.array([alpha for alpha, _ in tops])), np.array([state for _, state in tops])
-    got = integrate_ensemble(many, states, h, 40, every=40)
-    assert np.array_equal(got, one_by_one(many, states, h, 40, 40))
+    run = {"h": h, "steps": 40, "every": 40}
+    assert np.array_equal(integrate_ensemble(many, states, **run), one_by_one(many, states, method="backlund", **run))
 
 
 def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
@@ -89,34 +90,6 @@ def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
         assert np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 64, every=4, threads=threads), rows)
 
 
-@pytest.mark.parametrize(
-    ("name", "problem", "states"),
-    [
-        ("backlund", TOP, Y0),
-        *((name, TOPS_IN["some numbers"], STATES) for name in ("dop853", "scipy_dop853")),
-        pytest.param("taylor", TOPS_IN["some numbers"], STATES, marks=HEYOKA),
-    ],
-)
-def test_at_times(name, problem, states):
-    t = [0.3, 0.0, -2.0] + [1e4] * (name == "backlund")
-    got = integrate_ensemble(problem, states, t=t, method=name)
-    assert np.array_equal(got[1], states)
-    for i in range(0, len(states), 10):
-        assert np.array_equal(got[:, i], integrate(one(problem, i), states[i], t=t, method=name).y)
-
-
-@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
-@pytest.mark.parametrize("grid", [{"h": 0.05, "steps": 40}, {"t": [0.3, -2.0], "tol": 1e-8}])
-def test_a_top_that_hardly_turns_takes_no_other_along(grid):
-    """The squares of its J underflow."""
-    top, (_, turning, *_) = PerturbedTop(LagrangeTop(0.0), TIDE, (0.3, 0.6, 0.0, 0.8)), STATES
-    states = [turning, *([J, -J, 0.0, 1.0, 0.0, 0.0] for J in (1e-155, 1e-163, 1e-170, 5e-324, 0.0))]
-    got = integrate_ensemble(top, states, method="backlund_splitting", **grid)
-    for i, y0 in enumerate(states):
-        alone = integrate(top, y0, method="backlund_splitting", **grid).y
-        assert np.array_equal(np.reshape(got, (-1, 6, 6))[:, i], alone[-1:] if "h" in grid else alone)
-
-
 @pytest.mark.parametrize(("h", "middle"), [(0.5, 2e-15), (-7.3, 5e-15)])
 def test_ten_steps_against_jumps_in_double_double(h, middle):
     """Of tops with periods from 1.3 to 10."""
@@ -129,31 +102,40 @@ def test_ten_steps_against_jumps_in_double_double(h, middle):
     assert np.max(error) < 5e-14
 
 
+TIMES = {"t": [0.3, 0.0, -2.0]}
+
+
+@pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 @pytest.mark.parametrize(
-    ("name", "tops", "h", "options"),
+    ("name", "tops", "grid", "options"),
     [
         ("backlund", SIZE, -0.3, {}),
         ("backlund", SIZE, 40.0, {}),  # with turns
         ("backlund", SIZE, 0.2, {"pin": 3}),
         ("backlund", 40, 0.2, {"lam": 0.3 + 0.4j}),
+        ("backlund", SIZE, {"t": [0.3, 0.0, -2.0, 1e4]}, {}),
         *((name, 20, 0.02, {}) for name in ("rk4", "implicit_midpoint", "dop853", "rk45")),
         ("strang", 20, 0.02, {"compensated": True}),
         *((name, "all numbers", 0.02, {}) for name in ("rk4", "dop853")),
         ("strang", "some numbers", 0.02, {"compensated": True}),
+        *((name, "some numbers", TIMES, {}) for name in ("dop853", "scipy_dop853")),
         *(("rk4", tops, 0.05, {}) for tops in ("alpha only", "J3 kept by some")),
         ("backlund_splitting", "weak tide", 0.1, {}),
-        pytest.param("taylor", "J3 kept by some", 0.1, {}, marks=HEYOKA),
+        *(("backlund_splitting", "hardly turning", grid, {}) for grid in (0.05, TIMES)),
+        *(pytest.param("taylor", "J3 kept by some", grid, {}, marks=HEYOKA) for grid in (0.1, TIMES)),
     ],
 )
-def test_every_method_has_the_bits_of_one_top_alone(name, tops, h, options, monkeypatch):
-    problem, states = (TOPS_IN[tops], STATES) if tops in TOPS_IN else (LagrangeTop(ALPHAS[:tops]), Y0[:tops])
+def test_every_method_has_the_bits_of_one_top_alone(name, tops, grid, options, monkeypatch):
+    """At each step size, and at any times."""
+    problem, states = TOPS_IN[tops] if tops in TOPS_IN else (LagrangeTop(ALPHAS[:tops]), Y0[:tops])
+    grid = grid if isinstance(grid, dict) else {"h": grid, "steps": 18, "every": 6}
     monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of a loop
-    rows = integrate_ensemble(problem, states, h, 18, name, every=6, threads=2, **options)
-    assert np.array_equal(rows, one_by_one(problem, states, h, 18, 6, name, **options))
+    rows = integrate_ensemble(problem, states, method=name, threads=2, **grid, **options)
+    assert np.array_equal(rows, one_by_one(problem, states, method=name, **grid, **options))
     if options:  # they are seen
-        assert not np.array_equal(rows, one_by_one(problem, states, h, 18, 6, name))
+        assert not np.array_equal(rows, one_by_one(problem, states, method=name, **grid))
     if tops in TOPS_IN:  # the potential is there
-        assert np.max(np.abs(rows - integrate_ensemble(HEAVY, STATES, h, 18, every=6))) > 1e-7
+        assert np.max(np.abs(rows - integrate_ensemble(LagrangeTop(problem.alpha), states, **grid))) > 1e-7
 
 
 @pytest.mark.parametrize("name", ["backlund", "strang"])

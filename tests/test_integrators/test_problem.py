@@ -213,7 +213,7 @@ DRIVEN = Problem("driven", "e3", driven, (0.01,)).starting_at(1.3)
 
 SCHEMES = [
     *(("strang", 4, {}), ("processed6", 6, {}), ("aba864", 6, {})),
-    ("strang", 2, {"corrector": False, "modified_kick": False}),
+    *(("strang", 2, {without: False}) for without in ("corrector", "modified_kick")),
 ]
 CASES = [  # a problem, a state, a time, numbers of steps, a scheme, its order, options
     *((DRIVEN, Y0, UNTIL, 48, *scheme) for scheme in SCHEMES),

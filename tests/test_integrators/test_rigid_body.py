@@ -90,22 +90,19 @@ def test_a_body_that_flies():
     """It turns as a free body and falls as a point; a state of its run continues it."""
     facts = (2.0, (0.3, 0.0, 0.0), (0.4, 0.5, 0.7), (0.0, 1.0, -9.0))
     body, place, speed = RigidBody(*facts, fixed=False), np.array((1.0, 2.0, 3.0)), np.array((-4.0, 5.0, 6.0))
-    held = RigidBody(2.0, (0, 0, 0), *facts[2:])
     y0 = body.state(**WHOLE, position=place, velocity=speed)
     run = integrate(body, y0, h=0.1, steps=20, every=10, method="gauss8")
     t = run.t[:, None]
     assert np.allclose(run.position, place + t * speed + t * t / 2 * np.array(facts[3]), rtol=1e-15)
     assert np.allclose(run.velocity, speed + t * np.array(facts[3]), rtol=1e-15)
-    assert np.array_equal(run.y[:, :7], integrate(held, y0[:7], h=0.1, steps=20, every=10, method="gauss8").y)
     assert np.ptp(run.energy) < 1e-12 * abs(run.energy[0])
-    assert np.ptp(run.momentum, axis=0).max() < 1e-12
     again = integrate(body, run.y[1], h=0.1, steps=10, method="gauss8")
     assert np.allclose(again.y[-1], run.y[2], rtol=1e-14)
     assert np.max(run.error()) < 1e-7
     dense = integrate(body, y0, t=[0.5, 2.0], method="taylor")
     assert np.allclose(dense.sol(2.0)[7:], run.y[-1, 7:], rtol=1e-14)
     with pytest.raises(ValueError, match="position and velocity are those of a body that flies"):
-        held.state(**WHOLE, position=place)
+        SKEW.state(**WHOLE, position=place)
 
 
 def apart(y, other):

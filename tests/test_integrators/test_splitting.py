@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from mpmath import mp, mpf
+from scipy.linalg import expm
 
 from lagrange_bench import metrics, prepare, states
 from lagrange_bench.integrators.methods import splitting as sp
@@ -89,6 +90,24 @@ def test_steps_are_the_schemes(name):
         assert np.array_equal(rows[-1], ours)
         assert metrics.scaled_error(top, y0, stepper.advance(rows[1], 1), rows[2]) < 16 * EPS
         assert stepper.work.rhs_evals == 7 * min(len(scheme.a), len(scheme.b))
+
+
+def test_a_step_of_rkmk4_is_the_textbook_s():
+    """On 6 × 6 matrices that act on (J, x): h (J, alpha e3) at a state, and its exponentials."""
+    for state in ("generic", "figure1", "fast", "slow", "inverted", "weightless", "random000", "random001"):
+        top, y0 = states.find(state)
+        for h in np.array((0.1, -0.5, 2.0)) * top.scales(y0)[2]:
+
+            def k(y, h=h, alpha=top.alpha):
+                return h * np.block([[hat(y[:3]), hat((0, 0, alpha))], [np.zeros((3, 3)), hat(y[:3])]])
+
+            k1 = k(y0)
+            k2 = k(expm(k1 / 2) @ y0)
+            k3 = k(expm(k2 / 2 - (k1 @ k2 - k2 @ k1) / 8) @ y0)
+            k4 = k(expm(k3) @ y0)
+            expected = expm((k1 + 2 * k2 + 2 * k3 + k4) / 6 - (k1 @ k4 - k4 @ k1) / 12) @ y0
+            y = prepare(top, y0, h, "rkmk4").advance(y0, 1)
+            assert metrics.scaled_error(top, y0, y, expected) < 64 * EPS, (state, h)
 
 
 def test_compensation_keeps_what_rounding_takes():

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lagrange_bench import PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, integrate
+from lagrange_bench import PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate
 from lagrange_bench.integrators import exp, sqrt
 
 EPS = np.finfo(float).eps
@@ -19,19 +19,11 @@ def differences(function, y, step=1e-6):
     return np.stack([(function(y + d) - function(y - d)) / (2 * step) for d in step * np.eye(6)], axis=-1)
 
 
-def test_scales_have_the_right_units():
-    """y = (J, x) in units of length L and rate R: alpha has R²/L, time 1/R. Powers of two: exact."""
-    top, y = TOPS["figure1"].top, TOPS["figure1"].state
-    L, R = 8.0, 1 / 64
-    other = LagrangeTop(top.alpha * R * R / L)
-    z = np.concatenate((R * y[:3], L * y[3:]))
-    rate, size, time = top.scales(y)
-    assert other.scales(z) == pytest.approx((R * rate, L * size, time / R), rel=2 * EPS)
-    assert np.allclose(other.invariant_scales(z), top.invariant_scales(y) * (R * R, R, L * L, L * R), rtol=4 * EPS)
-    assert np.array_equal(other.invariants(z), top.invariants(y) * (R * R, R, L * L, L * R))
-    # |J|²/2 + |alpha||x| for H; the others by the scales of J and x
-    scales = LagrangeTop(-2.0).invariant_scales((0.0, 3.0, 4.0, 0.0, 2.0, 0.0))
-    assert scales == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
+def test_scales():
+    """|J| + √(|alpha||x|), |x| and the time; |J|²/2 + |alpha||x| for H, the others by the scales of J and x."""
+    top, y = LagrangeTop(-2.0), (0.0, 3.0, 4.0, 0.0, 2.0, 0.0)
+    assert top.scales(y) == pytest.approx((7.0, 2.0, 1 / 7.0))
+    assert top.invariant_scales(y) == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
 
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -78,13 +70,10 @@ KINDS = [  # a potential, its numbers, what it offers beside PLAIN, whether it k
     # V = 0 on one side of a plane: only the other sign of a root, or of all eight, shows that it is not 0 everywhere
     (lambda x1, x2, x3, p: edge(x1 - p[0]) ** 2, (0.9,), set(), False),
     (lambda x1, x2, x3, p: edge(x3 - p[0]) ** 2, (0.9,), set(), True),
-    (lambda x1, x2, x3, p: edge(x1 - p[0]) * edge(x2 - p[0]), (0.9,), set(), False),
     (walls, (0.9,), set(), False),
     # √(w²) is |w|, on which no Taylor series goes on where w changes its sign; it is no quadratic field either
     (lambda x1, x2, x3, p: sqrt(x1 * x1), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt(p[0] * x1 * x1 / (x2 * x2 + 4)), (0.3,), set(), False),
     (lambda x1, x2, x3, p: sqrt((x1 * x1 - 2 * x2 * x2) ** 2), (), set(), False),
-    (lambda x1, x2, x3, p: sqrt(x1**4), (), SMOOTH, False),
     (lambda x1, x2, x3, p: sqrt(p[0] * p[0] * (x1 * x1 + 2)), (0.3,), SMOOTH, False),
     (lambda x1, x2, x3, p: 1 / ((x1 - 2) ** 2 + x2**2 + x3**2) ** 1.5, (), SMOOTH, False),
 ]

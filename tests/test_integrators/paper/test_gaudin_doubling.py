@@ -60,14 +60,6 @@ def test_the_exact_step_is_the_flow(case):
     assert np.array_equal(m.exact_step(spins, 0.0), spins)
 
 
-@pytest.mark.parametrize("n", [3, pytest.param(8, marks=pytest.mark.slow)])
-def test_two_exact_steps_are_one(n):
-    m, spins = magnet(n)
-    halfway = m.exact_step(spins, 30.0)
-    assert np.max(np.abs(m.exact_step(halfway, 50.0) - m.exact_step(spins, 80.0))) < 1e-12
-    assert np.max(np.abs(halfway - m.exact_step(spins, 30.0 * (1 + 1e-9)))) > 1e-10
-
-
 def test_only_differences_of_sites_count():
     m, spins = magnet(3)
     with mp.workdps(50):

