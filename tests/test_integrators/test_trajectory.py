@@ -115,9 +115,8 @@ def test_few_rows_of_the_axis_are_joined_by_the_orbit_or_not_at_all():
     ax = integrate("generic", **few).plot("axis")
     dots, orbit, _ = ax.lines
     assert (dots.get_linestyle(), len(dots.get_data_3d()[0])) == ("None", 11)
-    seen = np.transpose(orbit.get_data_3d())
-    behind = np.isnan(seen[:, 0]).mean()
-    assert (len(seen) > 300, 0.1 < behind < 0.9) == (True, True)
+    seen = np.transpose(orbit.get_data_3d())  # NaN where it is behind the sphere
+    assert 0.1 < np.isnan(seen[:, 0]).mean() < 0.9
     assert np.nanmax(np.linalg.norm(np.diff(seen, axis=0), axis=1)) < 0.3
     plt.close(ax.figure)
     with pytest.warns(UserWarning, match=r"plot: 1\.2 rows a nutation are drawn as dots; record 8 "):
@@ -142,8 +141,6 @@ def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
     head = 3 + bool(getattr(top, "parameters", ()))
     rows = np.loadtxt(together.save(tmp_path / "a.csv"), delimiter=",", skiprows=head)
     assert np.array_equal(rows, together.to_frame())
-    with np.load(together.save(tmp_path / "a.npz")) as data:
-        assert np.array_equal(data["y"], together.y)
     with pytest.raises(IndexError):
         together.motion(2)
 
