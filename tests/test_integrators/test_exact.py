@@ -137,10 +137,8 @@ def test_after_a_nutation_period_everything_has_turned_by_the_precession(named):
     assert exact.precession_per_nutation(top, y0) == pytest.approx(float(angle), abs=1e-15)
     roots = sorted(exact.roots(top, y0))  # x3 goes once in a period from one to the next and back
     low, high = roots[:2] if top.alpha > 0 else roots[1:]
-    J1, J2, _, x1, x2, x3 = exact.solution(top, y0, np.arange(1024) * float(period) / 1024).T
+    x3 = exact.solution(top, y0, np.arange(1024) * float(period) / 1024)[:, 5]
     assert (x3.min(), x3.max()) == pytest.approx((low, high), abs=1e-4 * (high - low))
-    rising = np.sign(J1 * x2 - J2 * x1)
-    assert np.sum(np.diff(rising[rising != 0]) != 0) in (1, 2)
 
 
 def test_regimes_are_told_apart_exactly():

@@ -14,9 +14,7 @@ from lagrange_bench import TOPS, LagrangeTop, exact, prepare, two_point
 from lagrange_bench.experiments.measuring.metrics import poisson_defect
 from lagrange_bench.integrators.paper import interpolating_flow, lax
 from lagrange_bench.integrators.paper import two_point as paper_two_point
-from lagrange_bench.integrators.paper.phase_space import gradient
 from tests.reference import largest, turned
-from tests.test_integrators.paper.test_interpolating_flow import real_steps
 from tests.test_integrators.test_backlund_splitting import problem
 
 pytestmark = pytest.mark.interpreted
@@ -71,24 +69,6 @@ def test_a_double_root_leads_to_the_sleeping_top():
     assert float(times[1] - 4 * math.log(10) / 0.8) == pytest.approx(0.5875, abs=1e-3)
     with pytest.raises(ValueError, match="a root of Q"):
         interpolating_flow.time_and_turn(top, y, complex(lam))
-
-
-def test_the_residue_that_the_proof_takes():
-    """Res_λ N = −(λ'/2)(1 − σ·ã(λ)/m), N = M'/M, by differences of M at λ; with the other sign not."""
-    one = np.eye(2, dtype=int)
-    for top, y, lam, m, rate in real_steps():
-
-        def dressing(s, u, top=top, y=y, lam=lam, rate=rate):
-            z = lam + s * rate
-            w = [v.real for v in paper_two_point.axis(top, y, z, z.conjugate())]
-            return (u - z.real) * one + 1j * lax.pauli(np.array(w))
-
-        moved = gradient(lambda s, u=lam: dressing(s[0], u), [mp.mpf(0)])[..., 0]
-        residue = moved @ (2 * (lam - lam.real) * one - dressing(0, lam)) / (lam - lam.conjugate())
-        image = paper_two_point.pole_free(top, y, lam, lam.conjugate())
-        a = lax.pauli(image[3:] + lam * image[:3] + np.array((0, 0, lam * lam * top.alpha)))
-        for sign, right in ((1, True), (-1, False)):
-            assert (largest(residue + rate / 2 * (one - sign * a / m)) < 1e-20) == right
 
 
 @pytest.mark.parametrize(("name", "back"), [("generic", False), ("inverted", False), (None, True)])

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.integrate
 
 from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, Potential, StepError, integrate, prepare
 from lagrange_bench.integrators.methods import dop853, runge_kutta, scipy_ivp
@@ -62,21 +61,6 @@ def test_a_run_that_lost_its_top_ends():
     y = (5.6e-18, -6.9e-18, 1.1e-17, -4.6e-70, -2.1e-70, 2.8e-70)
     with pytest.raises(StepError, match="rtol and atol do not hold this state"):
         integrate(LagrangeTop(-1.7e35), y, -2.9e17, 40, "dop853", every=10, atol=1e-12)
-
-
-@pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])
-def test_scipy_is_used_as_it_stands(name):
-    """The bits and the counts of the class itself."""
-    top, y0 = TOPS["figure1"].top, TOPS["figure1"].state
-    solver = getattr(scipy.integrate, name.removeprefix("scipy_").upper())
-    solver = solver(lambda t, y: top.rhs(y), 0.0, y0, 2.0, rtol=1e-7, atol=1e-10)
-    steps = 0
-    while solver.status == "running":
-        solver.step()
-        steps += 1
-    stepper = prepare(top, y0, 1.0, name, rtol=1e-7, atol=1e-10)
-    assert np.array_equal(stepper.advance(y0, 2), solver.y)
-    assert (stepper.work.steps, stepper.work.rhs_evals) == (steps, solver.nfev)
 
 
 @pytest.mark.parametrize("name", ["rk45", "scipy_dop853"])

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagrange_bench import CASES, Case, RigidBody
+from lagrange_bench import CASES, Case
 from lagrange_bench.integrators import integrate
 from lagrange_bench.integrators.cases.standalone import standalone
 from lagrange_bench.integrators.problem import kinds
-from tests.test_integrators.test_rigid_body import free_bodies, heavy_bodies
+from tests.test_integrators.test_rigid_body import free_bodies, heavy_bodies, with_state
 
 COMPILE = ("cc", "-std=c99", "-Wall", "-Werror")
 compiled = pytest.mark.skipif(
@@ -76,8 +76,7 @@ def test_the_named_cases(name, language, followed):
 @pytest.mark.parametrize(("body", "state"), [*free_bodies(), *heavy_bodies()])
 def test_any_body(body, state, language, followed):
     """Free ones, given by their moments and L, and symmetric ones with a weight; for some 30 rad."""
-    if not isinstance(body, RigidBody):
-        body, state = RigidBody(1.0, (0, 0, 0), body), np.array((0.5, -0.5, 0.5, 0.5, *state))
+    body, state = with_state(body, state)
     rate = np.max(np.abs(state[4:] / body.inertia)) + np.sqrt(np.max(np.abs(body.weight)) / np.max(body.inertia))
     start = integrate(body, state, t=[0.0], method="theta_functions")
     case = Case("any", body, start.rotation[0], start.omega_body[0], until=15 / rate)

@@ -1,7 +1,6 @@
 """Section 5.6: the continuum limit, the interpolating Hamiltonian flow, T(λ), Θ(λ), χ(λ), and the exact step as a map."""
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from lagrange_bench.integrators import TOPS, LagrangeTop
 from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import two_point as tp
-from lagrange_bench.integrators.paper.phase_space import E3, gradient, poisson_tensor, turn_rate, vector_field
+from lagrange_bench.integrators.paper.phase_space import gradient, poisson_tensor, turn_rate, vector_field
 from lagrange_bench.integrators.torus import attitude
 from lagrange_bench.integrators.torus import time_step as ts
 from tests import reference
@@ -109,17 +108,6 @@ def test_the_time_of_the_exact_step(name, share):
         assert abs(spin - mpc(*attitude.step_spin(named.alpha, named.y0, h))) <= 4e-16
 
 
-def test_the_segment_is_not_the_path_beyond_half_a_nutation():
-    """Why `time_step` doubles: past half a period the segment to λ(h) passes a root of Q on the wrong side."""
-    named = TOPS["generic"]
-    period = ts.nutation_period(named.alpha, named.y0)
-    h = 0.9 * period[0]
-    lam, m = ts.parameter(ts.spectral_polynomial(named.alpha, named.y0), (h, 0.0))
-    T, _ = flow.time_and_turn(named.top, named.y0, complex(lam[0][0], lam[1][0]))
-    assert abs(T - h) > 0.1
-    assert lax.root(named.top, named.y0, complex(lam[0][0], lam[1][0])) == pytest.approx(-complex(m[0][0], m[1][0]))
-
-
 @pytest.mark.parametrize("name", ["generic", "inverted"])
 def test_attitude_of_any_step(name):
     """g̃ = q rot(x/|x|, χ) g against g' = J g/2 integrated with the motion over T, then turned about e3 by Θ."""
@@ -138,45 +126,6 @@ def test_attitude_of_any_step(name):
         assert largest(np.array(step) - g) <= 1e-11
 
 
-def product(a, b):
-    """a b of quaternions (4,), scalar first, in any kind of numbers."""
-    return np.array([a[0] * b[0] - a[1:] @ b[1:], *(a[0] * b[1:] + b[0] * a[1:] + np.cross(a[1:], b[1:]))])
-
-
-def step_and_quaternion(top, y, lam):
-    """The image of y with λ, and q = (−R, −w)/|λ|."""
-    w = np.array([v.real for v in tp.axis(top, y, lam, lam.conjugate())])
-    image = np.array([v.real for v in tp.pole_free(top, y, lam, lam.conjugate())])
-    return image, np.array([-lam.real, *(-w)]) / abs(lam)
-
-
-def derivatives(f):
-    """Of both at 0."""
-    both = gradient(lambda s: np.concatenate(f(s[0])), [mpf(0)])[:, 0]
-    return both[:6], both[6:]
-
-
-def real_steps():
-    """Random real tops, λ well inside the nearest root of Q, and its m, 50 digits."""
-    for seed in range(2):
-        for p in at_point(50, seed):
-            y, lam = np.array([z.real for z in p.y]), mpc(p.lam.real, abs(p.lam.imag)) / 8
-            yield p.top, y, lam, lax.root(p.top, y, lam), p.nu
-
-
-def test_the_step_moves_along_the_flow_when_lambda_does():
-    """Proposition 3: ỹ' = 2 Im(λ'/m) X_H + 2α Im(λλ'/m) X_J3, and the same for q with x̃ in addition."""
-    for top, y, lam, m, rate in real_steps():
-        moved, turned = derivatives(lambda s, top=top, y=y, lam=lam, v=rate: step_and_quaternion(top, y, lam + s * v))
-        image, q = step_and_quaternion(top, y, lam)
-        for sign, right in ((1, True), (-1, False)):  # not on the other sheet
-            time, angle, spin = (sign * (f * rate / m).imag for f in (1, top.alpha * lam, 1 / lam))
-            flow_and_turn = 2 * time * vector_field(top, image) + 2 * angle * turn_rate(image)
-            assert (largest(moved - flow_and_turn) < 1e-20) == right
-            velocity = np.array([0, *(spin * image[3:] + time * image[:3] + angle * E3)])
-            assert (largest(turned - product(velocity, q)) < 1e-20) == right
-
-
 def constants(alpha, y, h):
     """λ(h), m and the rotation (cos, sin) of whole nutations, of the torus of y."""
     return [mpc(*map(reference.real, z)) for z in ts.time_step(*ts.torus(alpha, tuple(y), abs(h)), h)]
@@ -193,30 +142,3 @@ def step(alpha, y, constants):
     state = np.array([mpf(v) for v in y])
     moved = image(LagrangeTop(alpha), state, lam, m) if lam.imag > 0 else state
     return np.array(reference.turned(rotation.real, rotation.imag, moved))
-
-
-def derivative(f, y, levels=6):
-    """Jacobian (6, 6) by central differences from steps 2⁻⁷ … 2⁻¹², extrapolated; y ± step are exact doubles."""
-    columns = []
-    for e in np.eye(6):
-        table = []
-        for k in range(levels):
-            d = 2.0 ** -(7 + k)
-            table.append((f(y + d * e) - f(y - d * e)) / (2 * mpf(d)))
-        for k in range(1, levels):
-            table = [(4**k * b - a) / (4**k - 1) for a, b in pairwise(table)]
-        columns.append(table[0])
-    return np.stack(columns, axis=1)
-
-
-@pytest.mark.parametrize(("name", "h"), [("generic", 3.0), ("inverted", -1.0)])
-def test_the_exact_step_is_poisson(name, h):
-    """λ(h) differs from torus to torus and must: recomputed at every state, λ too, D P Dᵀ = P̃ to 25 digits."""
-    alpha, y = TOPS[name].alpha, np.round(TOPS[name].state * 2**30) / 2**30
-    with mp.workdps(40):
-        here = constants(alpha, y, h)
-        image, P = step(alpha, y, here), poisson_tensor([mpf(v) for v in y.tolist()])
-        D = derivative(lambda z: step(alpha, z, constants(alpha, z, h)), y)
-        assert largest(D @ P @ D.T - poisson_tensor(image)) <= 1e-25 * (1 + largest(D)) ** 2
-        D = derivative(lambda z: step(alpha, z, here), y)
-        assert largest(D @ P @ D.T - poisson_tensor(image)) > 1e-5

@@ -50,20 +50,6 @@ def test_maps_are_poisson_and_keep_the_invariants(p, name):
     assert defect <= p.tol * scale**2 * (chart_size(p.top, p.y, *ends(p, p.y, p.sheet)) if name in TWO else 1)
 
 
-def test_with_frozen_mu_they_are_not_poisson(p):
-    """The trap: points taken from one torus give the same images there, but not the same derivative."""
-    first, second = ends(p, p.y, p.sheet)
-    m = tuple(1j * lam * lam * mu for lam, mu in (first, second))
-    for name, frozen in (
-        ("one_point", partial(op.one_point, p.top, lam=p.lam, mu=lax.eigenvalue(p.top, p.y, p.lam, p.sheet))),
-        ("pole_free", partial(tp.pole_free, p.top, lam1=p.lam, lam2=p.nu, m=m)),
-        ("explicit", partial(tp.explicit, p.top, first=first, second=second)),
-    ):
-        new = image(name, p, p.y)
-        p.same(frozen(p.y), new, 10 * scale_of(name, p, new))
-        assert poisson_defect(frozen, p.y)[0] > 1e-3
-
-
 def test_maps_commute(p):
     """Any parameters, sheets, inverses and forms; also with complex rotations about e3."""
     lam, nu = p.numbers(2)
