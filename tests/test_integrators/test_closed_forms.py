@@ -26,10 +26,9 @@ def test_without_pins_the_map_leaves_its_torus_and_says_so():
         prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", pin=0).advance(GENERIC.state, 400)
 
 
-@pytest.mark.parametrize("kick", [1e-2, 1e-12])
-def test_map_refuses_what_it_cannot_do(kick):
+def test_map_refuses_what_it_cannot_do():
     """Steps so long that, next to the separatrix, its denominator vanishes; what it does accept is right."""
-    top, y0 = LagrangeTop(1.0), np.array((2.0 + kick, 0.0, 1.0, 1.0, 0.0, -0.75))
+    top, y0 = LagrangeTop(1.0), np.array((2.0 + 1e-12, 0.0, 1.0, 1.0, 0.0, -0.75))
     refused = 0
     for h in np.linspace(1.0, 12.0, 12):
         try:
@@ -38,10 +37,9 @@ def test_map_refuses_what_it_cannot_do(kick):
             refused += 1
             continue
         assert run.error()[-1] < 1e-10
-    assert kick > 1e-3 or refused >= 5
-    if refused:
-        with pytest.raises(StepError, match="separatrix"):
-            prepare(top, y0, 7.0, "addition_theorem")
+    assert refused >= 5
+    with pytest.raises(StepError, match="separatrix"):
+        prepare(top, y0, 7.0, "addition_theorem")
 
 
 def test_a_long_step_close_to_the_unstable_vertical_has_its_turn():

@@ -65,7 +65,6 @@ HAMILTONIANS = {  # formula, parameters, frame
 }
 PROBLEMS = {
     **{name: Problem(name, space, H, p, frame=frame) for name, (H, space, p, frame) in HAMILTONIANS.items()},
-    "free": free_body(1, 2, 3),
     "vibrating": vibrating_pivot(1.0, 0.3, 2.0).starting_at(0.4),
     "whole": RigidBody(1.0, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0), (0.6, 0.0, -0.8)),
     "round": RigidBody(2.0, 0.5 * AXIS, np.eye(3) - 0.7 * np.outer(AXIS, AXIS), (0.3, 0.4, -0.5)),
