@@ -90,7 +90,6 @@ def test_a_method_that_is_exact_without_weight_has_no_phase_error(name):
     [
         ("homoclinic", "strang", 0.1, "no period"),
         ("regular", "strang", 0.1, "regular precession"),
-        ("sleeping_stable", "kahan", 0.1, "regular precession"),
         ("generic", "taylor", 0.1, "chooses its own steps"),
         ("generic", "strang", 50.0, "does not converge"),
         ("weightless", "backlund_paper", 1e-300, "time scales"),

@@ -159,9 +159,12 @@ def conjugates(top, y, lam, sheet=1):
 
 
 def test_intertwining(p):
-    """(5.5.2)–(5.5.4), (5.5.7): M L = L̃ M, det M = (u − λ1)(u − λ2), μ on both curves."""
-    first, second, new, size = step(p, (p.sheet, 1))
-    lam1, lam2 = first[0], second[0]
+    """(5.5.2)–(5.5.4), (5.5.7): M L = L̃ M, det M = (u − λ1)(u − λ2), μ on both curves.
+
+    (5.5.1): B_(P1,Q2) = B_Q2 ∘ B_P1, B_Q2 the inverse of the one-point map at (λ2, μ2); in either order.
+    """
+    first, second, new, size = step(p, (-p.sheet, 1))
+    (lam1, mu1), (lam2, mu2) = first, second
     M = tp.dressing_matrix(*tp.parameters(p.top, p.y, first, second), lam1, lam2, p.u)
     p.same(M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0], (p.u - lam1) * (p.u - lam2), size)
     p.same(M @ lax.lax_matrix(p.top, p.y, p.u), lax.lax_matrix(p.top, new, p.u) @ M, 10 * size)
@@ -169,22 +172,17 @@ def test_intertwining(p):
         for state in (p.y, new):
             A, B, C = lax.entries(p.top, state, lam)
             p.same(mu * mu, A * A + B * C, 10 * size)
-
-
-@pytest.mark.parametrize("alpha", ["heavy", 0.0])
-def test_every_expression_of_x_and_X(p, alpha):
-    """(5.5.5), (5.5.6): from the old state, from the new one, from J+ between and from J-; with (5.5.8)."""
-    top = p.top if alpha == "heavy" else LagrangeTop(alpha)
-    first, second, new, size = step(p, (1, -1), top)
-    x, X = tp.parameters(top, p.y, first, second)
-    count = 5 if top.alpha else 4
-    p.same(tp.expressions_x(top, p.y, new, first, second), [x] * count, 10 * size)
-    p.same(tp.expressions_X(top, p.y, new, first, second), [X] * count, 10 * size)
+    middle, other = op.one_point(p.top, p.y, lam1, mu=mu1), op.inverse(p.top, p.y, lam2, mu=mu2)
+    p.same(op.inverse(p.top, middle, lam2, mu=mu2), new, size * (1 + largest(middle)) ** 3)
+    p.same(op.one_point(p.top, other, lam1, mu=mu1), new, size * (1 + largest(other)) ** 3)
 
 
 @pytest.mark.parametrize("alpha", ["heavy", 0.0])
 def test_all_forms_are_one_map(p, alpha):
-    """(5.5.9), (5.5.10) corrected, the line of the program, the vector w. At alpha = 0 J stays, and factors do not exist."""
+    """(5.5.9), (5.5.10) corrected, the line of the program, the vector w. At alpha = 0 J stays, and factors do not exist.
+
+    (5.5.5), (5.5.6): x and X from the old state, from the new one, from J+ between and from J-; with (5.5.8).
+    """
     top = p.top if alpha == "heavy" else LagrangeTop(alpha)
     first, second, new, size = step(p, (p.sheet, p.sheet), top)
     for form in TWO.values():
@@ -195,18 +193,13 @@ def test_all_forms_are_one_map(p, alpha):
     p.same(np.sum(w * w), -gap * gap / 4, 1 + largest(w) ** 2)
     x, X = tp.parameters(top, p.y, first, second)  # M0 = −λ0 + i w·σ
     p.same([1j * w[2], 1j * (w[0] - 1j * w[1])], [x * X - gap / 2, X], size)
+    count = 5 if top.alpha else 4
+    p.same(tp.expressions_x(top, p.y, new, first, second), [x] * count, 10 * size)
+    p.same(tp.expressions_X(top, p.y, new, first, second), [X] * count, 10 * size)
     if not top.alpha:
         p.same(new[:3], p.y[:3])
         defect, scale = poisson_defect(lambda z: tp.pole_free(top, z, first[0], second[0], p.sheet), p.y)
         assert defect <= p.tol * scale**2
-
-
-def test_factorisation(p):
-    """(5.5.1): B_(P1,Q2) = B_Q2 ∘ B_P1, B_Q2 the inverse of the one-point map at (λ2, μ2); in either order."""
-    (lam1, mu1), (lam2, mu2), new, size = step(p, (-p.sheet, 1))
-    middle, other = op.one_point(p.top, p.y, lam1, mu=mu1), op.inverse(p.top, p.y, lam2, mu=mu2)
-    p.same(op.inverse(p.top, middle, lam2, mu=mu2), new, size * (1 + largest(middle)) ** 3)
-    p.same(op.one_point(p.top, other, lam1, mu=mu1), new, size * (1 + largest(other)) ** 3)
 
 
 @pytest.mark.parametrize("name", TOPS)
