@@ -1,4 +1,4 @@
-"""Implicit methods: Gauss collocation, its midpoint rule, the collective midpoint rule; in a uniform field and in others."""
+"""Implicit methods: Gauss collocation, its midpoint rule, the collective midpoint rule; Kahan's step, linearly implicit."""
 
 from fractions import Fraction
 
@@ -7,7 +7,7 @@ import pytest
 
 from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, StepError, metrics, prepare, states
 from lagrange_bench.integrators.methods import collective_midpoint, gauss_coefficients
-from lagrange_bench.integrators.problem.potentials import CHARGE
+from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
 from tests.reference import drift, largest
 
 pytestmark = [
@@ -160,3 +160,41 @@ def test_midpoint_solves_its_equation_or_says_why_not(contraction):
         assert np.max(residual) < 16 * EPS * (1 + h * rate) ** 2
     assert bool(refused) == (contraction > 1)
     assert all("three solutions" in reason or "over 100 times the time" in reason for reason in refused)
+
+
+def hat(v):
+    """The matrix of v×, in any kind of number."""
+    zero = 0 * v[0]
+    return np.array(((zero, -v[2], v[1]), (v[2], zero, -v[0]), (-v[1], v[0], zero)))
+
+
+FIELDS = {  # formulas that other tests use too: they are compiled once for all
+    "uniform": TOP,
+    "quadratic": PerturbedTop(LagrangeTop(1.0), TIDE, (0.8, 0.6, -0.4, 0.7)),
+}
+
+
+@pytest.mark.parametrize("top", FIELDS.values(), ids=FIELDS)
+def test_kahan_is_the_polarised_step_and_refuses_its_poles(top):
+    """ỹ = y + h (1 − (h/2) f')⁻¹ f. A pole passed between 0 and h leaves det ≤ 0, or a real eigenvalue of D ≤ 0."""
+    refused, taken = 0, 0
+    for y in starts(80):
+        for h in (0.3, -1.0, 2.5):
+            D = np.eye(6) - h / 2 * top.jacobian(y)
+            small = np.eye(3) - h / 2 * hat(y[:3]) + h * h / 4 * hat(y[3:]) @ top.jacobian(y)[:3, 3:]
+            eigenvalues = np.linalg.eigvals(small)
+            near = 1 - h * h * y[5] / 4 if isinstance(top, LagrangeTop) else 1.0  # its first pole
+            try:
+                z = prepare(top, y, h, "kahan").advance(y, 1)
+            except StepError:
+                e1, e2 = np.trace(small), (np.trace(small) ** 2 - np.trace(small @ small)) / 2
+                assert min(np.linalg.det(D), near, e1, e2) < 1e-12
+                refused += 1
+                continue
+            assert near > 0
+            assert np.all(eigenvalues.real[np.abs(eigenvalues.imag) < 1e-12] > 0)
+            taken += 1
+            expected = y + h * np.linalg.solve(D, top.rhs(y))
+            assert metrics.scaled_error(top, y, z, expected) < 64 * EPS * np.linalg.cond(D)
+    assert refused > 5
+    assert taken > 150

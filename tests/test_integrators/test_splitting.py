@@ -11,7 +11,7 @@ from lagrange_bench import metrics, prepare, states
 from lagrange_bench.integrators.methods import splitting as sp
 from lagrange_bench.integrators.problem.system import uniform_system
 from tests.reference import drift, flows, largest
-from tests.test_integrators.test_integrable_maps import hat
+from tests.test_integrators.test_gauss import hat
 
 EPS = np.finfo(float).eps
 
