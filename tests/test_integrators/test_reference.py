@@ -124,17 +124,6 @@ def test_the_engines_agree_and_keep_energy_and_casimirs(quadruple, problem):
     assert largest([a - b for row in later for a, b in zip(row, later[0], strict=True)]) < 1e-28
 
 
-def test_units_do_not_matter(quadruple):
-    """J in units of 2^-40, x in units of 2^30: the same digits, as far as they go."""
-    rate, size = 2.0**-40, 2.0**30
-    scaled = top("square", rate * rate / size, (0.3 * (rate / size) ** 2,))
-    y0 = np.concatenate((Y0[:3] * rate, Y0[3:] * size))
-    one = reference.solution(scaled, y0, [8.0 / rate])
-    two = reference.solution(QUADRATIC, Y0, [8.0])
-    np.testing.assert_array_equal(one.states / ([rate] * 3 + [size] * 3), two.states)
-    assert 0 < one.error[0] < 1e-29
-
-
 def test_the_estimate_bounds_the_error(quadruple):
     """On orbits next to the separatrix, which lose half their digits."""
     for kick in (2.0**-20, 2.0**-28):
