@@ -95,7 +95,10 @@ def test_two_spins_are_o4(p):
 
 
 def test_what_is_exact(p):
-    """(2.15), (2.18), (2.20), (5.2.13), (5.2.14) corrected, and 2H = ε H_2 + s_1² + s_2², H_1 + H_2 = 2 alpha J3."""
+    """(2.15), (2.18), (2.20), (5.2.13), (5.2.14) corrected, and 2H = ε H_2 + s_1² + s_2², H_1 + H_2 = 2 alpha J3.
+
+    (2.20) corrected: {x1, x2} = ε x3; C1 and x·J − (ε/2)|J|² are central, x·J is not.
+    """
     y, u, eps = p.y, p.number(), (1 + 0 * p.lam).real / 4
     magnet, spins = con.to_magnet(p.top, y, eps)
     H, J3, C1, C2 = invariants(p.top, y)
@@ -110,12 +113,6 @@ def test_what_is_exact(p):
     p.same(np.sum(magnet.hamiltonians(spins)), 2 * p.top.alpha * J3, 1000)
     p.same(con.casimirs(y, eps), (eps**2 * squares[1], (squares[1] - squares[0]) * eps / 2), 100)
     p.same(con.casimirs(y), (C1, C2))
-
-
-def test_the_bracket_at_finite_epsilon(p):
-    """(2.20) corrected: {x1, x2} = ε x3; C1 and x·J − (ε/2)|J|² are central, x·J is not."""
-    y, eps = p.y, (1 + 0 * p.lam).real / 4
-    magnet, spins = con.to_magnet(p.top, y, eps)
     D = gradient(lambda z: con.from_magnet(z.reshape(2, 3), eps), spins.ravel())
     P = D @ magnet.poisson(spins) @ D.T
     p.same(P, con.bracket(y, eps), 100)
