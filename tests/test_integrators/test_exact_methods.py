@@ -1,0 +1,196 @@
+"""Methods that are exact in time, at any step: the Bäcklund map as it is sold, the addition theorem, theta functions."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+
+from lagrange_bench import TOPS, LagrangeTop, StepError, exact, integrate, metrics, prepare, two_point
+from lagrange_bench.experiments import phase
+from lagrange_bench.experiments.measuring.states import WIDE, find
+from lagrange_bench.integrators.torus import time_step as ts
+from tests.reference import drift
+from tests.test_integrators.test_exact import BOUND, STATES
+
+EPS = np.finfo(float).eps
+
+
+@pytest.mark.parametrize("name", [name for name in TOPS if name != "homoclinic"])
+def test_named_tops_follow_the_exact_solution(name):
+    """Errors stay far below (1e-13 + 1e-15 t) max(1, 1e-3/k'²) for 2000 steps; t in units of 1/(|J| + √(|alpha||x|))."""
+    top, y0 = TOPS[name].top, TOPS[name].state
+    rate, (z1, z2, z3) = top.scales(y0)[0], (z[0] for z in ts.nutation_roots(top.alpha, tuple(y0)))
+    close = (z1 - z2) / (z1 - z3) if z1 > z3 else 1.0  # k'² = (e1 − e2)/(e1 − e3)
+    for h in (0.03, 0.5, 2.0, 11.0, -0.7):
+        run = integrate(top, y0, h / rate, 2000, every=100)
+        bound = (1e-13 + 1e-15 * np.abs(run.t) * rate) * (max(1.0, 1e-3 / close) if close > 0 else math.inf)
+        assert np.all(run.error() <= bound)
+
+
+def drawn_with_pure_spin(number):
+    """A top released at any tilt: alpha from 0.01 to 100, J from 0.1 to 100 times x, either sign of both."""
+    draw = random.Random(f"pure spin {number}")
+    z, angle, size = draw.uniform(-1, 1), draw.uniform(0, 2 * math.pi), 10 ** draw.uniform(-0.5, 0.5)
+    flat = size * math.sqrt(1 - z * z)
+    x = np.array([flat * math.cos(angle), flat * math.sin(angle), size * z])
+    alpha, spin = (10 ** draw.uniform(*span) * draw.choice((-1, 1)) for span in ((-2, 2), (-1, 2)))
+    return LagrangeTop(alpha), np.array([*spin * x, *x])
+
+
+DEPENDENT = {f"pure spin {number}": drawn_with_pure_spin(number) for number in range(8)}
+
+
+@pytest.mark.parametrize("steps", [10**6, pytest.param(10**7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", [*TOPS, *DEPENDENT])
+def test_invariants_after_millions_of_steps(name, steps):
+    """8 eps, at most 16 ulps, of the scale of each; measured 1–2 ulps. J3 is never touched."""
+    top, y0 = DEPENDENT.get(name) or (TOPS[name].top, TOPS[name].state)
+    for h in (0.1, 2.0):
+        y = prepare(top, y0, h * top.scales(y0)[2]).advance(y0, steps)
+        assert np.all(drift(top, y0, y) <= 8 * EPS)
+        assert y[2] == y0[2]
+
+
+def test_a_top_released_with_pure_spin():
+    """The gradients of H, C1 and C2 are nearly dependent where J is parallel to x and fast; digits by other programs."""
+    top, y0 = LagrangeTop(0.5), np.array([8 * 0.28, 0, 8 * 0.96, 0.28, 0, 0.96])
+    right = (0.68615167714453, 2.13234015580143, 7.68, 0.086872190448706, 0.266466229369369, 0.959921335908477)
+    truth = exact.after_steps(top, y0, 0.02, [1000])[0]
+    assert np.max(np.abs(truth - right)) < 1e-14
+    for method in ("backlund", "backlund_unpinned"):
+        assert np.max(np.abs(prepare(top, y0, 0.02, method).advance(y0, 1000) - truth)) < 3e-15
+
+
+def test_any_top_released_with_pure_spin():
+    """In ulps of the initial state that do the same. A fast light top hardly moves: no error of its state grows, and what
+    its steps round off is all there is, most at half a nutation, where every other step rounds alike; unpinned up to 640."""
+    for number in range(10):
+        top, y0 = drawn_with_pure_spin(number)
+        slow = y0[:3] @ y0[:3] <= 100 * abs(top.alpha) * np.linalg.norm(y0[3:])
+        assert max(row["ulps"] for row in phase.promised_errors(top, y0, "backlund")) <= (16 if slow else 800)
+
+
+BY_THE_VERTICAL = LagrangeTop(0.25), np.array((0.0, 2.0**-18, 3.0, 2.0**-18, 0.0, 1.0)), 0.51
+
+
+@pytest.mark.parametrize(("top", "y0", "periods"), [(*find("planar_rotation"), 2.5), BY_THE_VERTICAL])
+def test_steps_that_come_back_drift_unpinned(top, y0, periods):
+    """To one of few states, or nearly, each of which rounds alike every time. 2.5 nutations have no turn on the first top."""
+    h = periods * exact.nutation_period(top, y0)
+    pinned, unpinned = (prepare(top, y0, h, name).advance(y0, 10**6) for name in ("backlund", "backlund_unpinned"))
+    assert 1e-11 < np.max(drift(top, y0, unpinned)) < 1e-10
+    assert np.max(drift(top, y0, pinned)) < 4 * EPS
+
+
+@pytest.mark.parametrize(
+    ("name", "lam"),
+    [
+        ("homoclinic", -0.5 + 1.00000000001j),  # a double root of Q is −0.5 + i
+        ("homoclinic", -0.5 + 1j),
+        ("regular", -2 + 1.5j),
+        ("generic", -0.07159512589181724 + 0.6718896187898421j),  # a simple root, to all digits
+    ],
+)
+def test_next_to_a_root_of_q_the_map_keeps_the_invariants(name, lam):
+    named = TOPS[name]
+    image = two_point(named.top, named.state, lam)
+    assert np.max(drift(named.top, named.state, image)) < 4e-15
+
+
+@pytest.mark.parametrize("h", [1e-300, 1e-30, 1e-12, 1e10, -1e13])
+def test_extreme_steps(h):
+    named = TOPS["generic"]
+    y = prepare(named.top, named.state, h).advance(named.state, 3)
+    jump = integrate(named.top, named.state, t=[3 * h]).y[0]
+    assert np.max(np.abs(y - jump)) < 1e-14 + 1e-15 * min(abs(h), 1e3) + 1e-16 * abs(h)
+
+
+# ---------------------------------------------------------------- addition theorem and theta functions
+
+GENERIC = TOPS["generic"]
+UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
+
+
+@pytest.mark.parametrize("h", [0.03, -0.7, 300.0])
+def test_map_follows_the_exact_solution(h):
+    """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
+    for name in (*set(TOPS).difference(UNSTABLE), *WIDE[:5]):
+        top, y0 = find(name)
+        rate = top.scales(y0)[0]
+        run = integrate(top, y0, h / rate, 1000, "addition_theorem", every=100)
+        assert np.all(run.error() <= 1e-13 + 2e-15 * np.abs(run.t) * rate)
+
+
+def test_without_pins_the_map_leaves_its_torus_and_says_so():
+    with pytest.raises(StepError, match="left the torus"):
+        prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", pin=0).advance(GENERIC.state, 400)
+
+
+def test_map_refuses_what_it_cannot_do():
+    """Steps so long that, next to the separatrix, its denominator vanishes; what it does accept is right."""
+    top, y0 = LagrangeTop(1.0), np.array((2.0 + 1e-12, 0.0, 1.0, 1.0, 0.0, -0.75))
+    refused = 0
+    for h in np.linspace(1.0, 12.0, 12):
+        try:
+            run = integrate(top, y0, h, 1, "addition_theorem")
+        except StepError:
+            refused += 1
+            continue
+        assert run.error()[-1] < 1e-10
+    assert refused >= 5
+    with pytest.raises(StepError, match="separatrix"):
+        prepare(top, y0, 7.0, "addition_theorem")
+
+
+def test_a_long_step_close_to_the_unstable_vertical_has_its_turn():
+    """The precession of the map itself, two halves of a nutation, was off by 1e-7 and more there."""
+    top, h = LagrangeTop(-0.3478474207437309), 50.0
+    y0 = np.array([-2.05348e-06, -2.56570e-06, -0.3800268718527828, 9.84613e-08, -3.13748e-08, -1.104986429927274])
+    for method in ("backlund", "addition_theorem"):
+        y = prepare(top, y0, h, method).advance(y0, 1)
+        assert metrics.scaled_error(top, y0, y, exact.solution(top, y0, h)) < 1e-13
+
+
+LATE = np.array([1e-3, 0.5, -3.0, 7.0, 1e2, 1e4, -1e6])
+
+
+def worst(top, y0):
+    times = LATE * 2 / (top.scales(y0)[0] or 1.0)
+    return np.max(integrate(top, y0, t=times, method="theta_functions").error())
+
+
+@pytest.mark.parametrize("name", STATES)
+def test_theta_functions_at_any_time(name):
+    """On the separatrix too; the bound is the one of the truth itself, up to t = 10⁶."""
+    alpha, k, y0 = STATES[name]
+    if not k:
+        assert worst(LagrangeTop(alpha), np.array(y0)) < BOUND
+
+
+@pytest.mark.parametrize("kick", [1e-20, 1e-100])
+def test_theta_functions_next_to_special_orbits(kick):
+    """Poles, planar motion, precession, vertical J, hardly any weight or spin; next to the vertical it may be refused."""
+    for alpha, y0 in (
+        (1.0, (1.5, 0.3, 1, 0.1 * kick, kick, -1)),
+        (1.0, (1.5, 0.3, 1, 0.1 * kick, kick, 1)),
+        (1.0, (2.5, 0, kick, 0, 0.6, -0.8)),
+        (1.0, (1.5, kick, 2.5, 0.75, 0, 1)),
+        (-1.0, (0, kick, 0.5, 0.48, 0.6, 0.64)),
+        (kick, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64)),
+        (-1.0, (0.3, -0.4, 1 / kick, 0.48, 0.6, 0.64)),
+        (1.0, (1e-20, 0, 3, 0, 0, 1)),
+    ):
+        assert worst(LagrangeTop(alpha), np.array(y0, dtype=float)) < 1e-14
+    with pytest.raises(StepError, match="off the vertical"):
+        worst(LagrangeTop(1.0), np.array((1e-100, 0, 3, 0, 0, 1)))
+
+
+def test_a_run_starts_from_the_state_it_is_given():
+    """Also on another torus; and a run is evaluated from its start, not from step to step."""
+    stepper = prepare(GENERIC.top, GENERIC.state, 0.1, "theta_functions")
+    first = stepper.advance(GENERIC.state, 1000)
+    other = np.array((1.0, 0.2, -0.3, 0.0, 0.6, 0.8))
+    truth = exact.after_steps(GENERIC.top, other, 0.1, [1000])[0]
+    assert metrics.scaled_error(GENERIC.top, other, stepper.advance(other, 1000), truth) < 4e-15
+    assert np.array_equal(stepper.advance(GENERIC.state, 1000), first)
