@@ -136,10 +136,7 @@ def bold(method: str) -> dict[str, Any]:
 
 @lru_cache(maxsize=8)
 def _known(state: tuple[int, int]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
-    """Family and style of each registered method, for this state of the registry.
-
-    A method that cannot be loaded here may still have rows, and is drawn as a stranger.
-    """
+    """Family and style of each registered method. One that cannot be loaded here may have rows, and looks like a stranger."""
     families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}
     places: Counter[str] = Counter()

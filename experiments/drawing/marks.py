@@ -98,10 +98,7 @@ def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.
 def by_family(
     rows: pd.DataFrame, x: str, y: str, xlabel: str, ylabel: str, ylim: tuple[float, float], marker: str | None = None
 ) -> tuple[Figure, list[Axes]]:
-    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference pale in each, lines named.
-
-    marker : "none" for lines without markers.
-    """
+    """Small multiples of `draw_method`: a panel for each family, two to a row, the reference pale in each, lines named."""
 
     def line(ax: Axes, method: str, look: dict[str, Any]) -> None:
         draw_method(ax, rows, method, x, y, look | ({"marker": marker} if marker else {}))

@@ -35,10 +35,7 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
 def by_group(
     columns: Sequence[str], part: str, caption: str, failed: bool = False
 ) -> Callable[..., Callable[..., Any]]:
-    """As `of_part`, for a function that makes one line of a table from the values of `columns` and the rows with these values.
-
-    Lines begin with these columns; an empty line is left out.
-    """
+    """As `of_part`, for a function of values of `columns` and the rows with them: the rest of a line of the table, or {}."""
 
     def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
         @of_part(part, caption, failed)

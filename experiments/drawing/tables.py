@@ -97,10 +97,7 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
 
 
 def csv(frame: pd.DataFrame) -> str:
-    """Comma separated values with every digit; a missing value is an empty field.
-
-    A text that a spreadsheet would take for a formula begins with an apostrophe.
-    """
+    """Comma separated values: every digit, empty fields for missing values, an apostrophe before a text like a formula."""
     plain = frame.map(_no_formula).set_axis([_no_formula(name) for name in frame.columns], axis="columns")
     return str(plain.to_csv(index=False, lineterminator="\n"))
 
@@ -192,10 +189,7 @@ def _cell(value: Any, pad: bool) -> Cell:
 
 
 def _columns(frame: pd.DataFrame) -> list[list[Any]]:
-    """The values of each column. If all its numbers are whole, they are integers, even in a column of floats.
-
-    A loop over the rows of a frame would turn whole numbers into floats.
-    """
+    """The values of each column, as integers if all its numbers are whole. A loop over rows would make floats of integers."""
     columns = []
     for i in range(frame.shape[1]):
         values = list(frame.iloc[:, i].array)

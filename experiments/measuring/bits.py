@@ -30,10 +30,7 @@ Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "stat
 
 
 def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str, Any]]]:
-    """(name, method, options) of every kernel of this package: the compiled methods, and their compensated forms.
-
-    only : names of kernels or methods; no others are compiled.
-    """
+    """(name, method, options) of this package's compiled kernels, plain and compensated. only : names of kernels or methods."""
     chosen = set(METHODS) if only is None else set(only)
     listed: list[tuple[str, str, dict[str, Any]]] = []
     top, y0 = find(STATES[0])

@@ -201,7 +201,7 @@ class OrderPoints(NamedTuple):
 
 
 def order_points(method: Method, spans: Array, names: Starts = ORDER_STATES) -> OrderPoints:
-    """The smallest steps of `spans` (falling) with errors above round-off, which are geometric means over states and signs.
+    """The smallest steps of `spans` (falling) with errors above round-off, as geometric means over states and signs.
 
     A state does not count if all its errors are round-off, as at an equilibrium.
     """
@@ -366,8 +366,8 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
     """The claimed invariants change by round-off only, for small and large h. Other invariants are only reported.
 
-    Roundings that go either way add up like √n. Roundings that always go the same way add up like n. This is a fault: one of
-    0.4 ulps a step shows after 10⁵ steps.
+    Roundings that go either way add up like √n. Roundings that always go the same way add up like n: a fault of 0.4 ulps a step
+    shows after 10⁵ steps.
     """
     n = steps or (10_000 if quick else 100_000)
     if method.control == "tolerance":

@@ -13,10 +13,7 @@ POINTS, SEED = 8, 0  # defaults of the command and the page
 
 @dataclass(frozen=True)
 class Measured:
-    """One erratum. `printed` is its smallest residual over the points, `corrected` the largest.
-
-    prose : whether a sentence is wrong, and the formulas beside it are right.
-    """
+    """One erratum: its smallest residual as printed, its largest as corrected. prose : a sentence is wrong, but no formula."""
 
     equation: str
     section: str

@@ -18,7 +18,7 @@ CALLS = 2  # checked calls of `advance`, and of `record`: a second call may retu
 
 
 def checked_stepper(name: str, stepper: Any, size: int = 6) -> Stepper:
-    """The stepper of the method `name`, for states of `size` numbers; its first calls are checked unless it is our own.
+    """The stepper of `name`, for states of `size` numbers, with checks of its first calls unless it is our own.
 
     ValueError : it is no stepper.
     """

@@ -29,12 +29,9 @@ def check_inertia(inertia: Array) -> None:
 
 
 def principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tuple[Array, Array, int | None]:
-    """Principal moments about the fixed point, their axes as rows, and the number of the axis of symmetry or None.
+    """Principal moments of I_com + mass (|lever|² 1 − lever leverᵀ), their axes as rows, and the number of the axis of symmetry.
 
-        I = I_com + mass (|lever|² 1 − lever leverᵀ)
-
-    lever : from the fixed point to the centre of mass. heavy : whether there is gravity. Moments that differ by rounding only are
-    made equal.
+    lever : from the fixed point to the centre of mass. Moments that differ by rounding only are made equal.
     """
     diagonal = not np.count_nonzero(inertia_com - np.diag(np.diag(inertia_com)))
     straight = diagonal and np.count_nonzero(lever) <= 1
@@ -70,10 +67,7 @@ def _positive(moments: Array) -> Array:
 
 
 def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fraction] | None:
-    """Moments C along and A across a direction, exact; None if I ≠ A 1 + (C − A) n nᵀ, n = along/|along|, by more than `slack`.
-
-    C = n·I n,   A = (tr I − C)/2
-    """
+    """C = n·I n and A = (tr I − C)/2, exact, n = along/|along|; None if I differs from A 1 + (C − A) n nᵀ by over `slack`."""
     direction = direction_of(along)
     C = direction @ inertia @ direction
     A = (np.trace(inertia) - C) / 2

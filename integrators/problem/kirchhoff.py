@@ -31,8 +31,7 @@ def kirchhoff_body(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -
 
     Raises
     ------
-    ValueError
-        a, b or c has not three finite real numbers.
+    ValueError : a, b or c has not three finite real numbers.
     """
     numbers = (*a, *b, *c)
     if len(a) != 3 or len(b) != 3 or len(c) != 3:

@@ -69,9 +69,8 @@ class Part:
     def _whole(self, tape: Tape, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         """q and L of a whole body after the time `span`; g is ∂H/∂y.
 
-        kick : L grows by span times the torque of ∂H/∂q.
-        square, free : q turns about L by span · rate |L|, with ∂H/∂L = rate L + rest.
-        axis, free : q and L turn about axis k by span · rest_k.
+        kick : L grows by span times the torque of ∂H/∂q. square, free : q turns about L by span · rate |L|, where
+        ∂H/∂L = rate L + rest. axis, free : q and L turn about axis k by span · rest_k.
         """
         if self.kind == "kick":
             push = self.space.flow((*g[:4], *(tape.constant(0.0),) * 3), y, cross_in(self.body))[4:]
@@ -142,10 +141,7 @@ def rotated(u: Any, v: Any, c: Any, s: Any) -> tuple[Any, Any]:
 
 
 def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
-    """new (1 − (|new|² − |old|²)/(2|old|²)): `new` with the length of `old`, from which it differs by round-off.
-
-    Without this, the round-off of sin² + cos² − 1 may be the same at every step, and add up.
-    """
+    """new (1 − (|new|² − |old|²)/(2|old|²)), as long as `old`; otherwise the round-off of sin² + cos² − 1 may add up."""
     square = sum((v * v for v in old[1:]), old[0] * old[0])
     share = 0.5 / (square + TINY)  # a division takes long, so it divides by what is known first
     lack = share * sum((v * v for v in new[1:]), new[0] * new[0] - square)
@@ -153,10 +149,7 @@ def of_length(new: Sequence[Any], old: Sequence[Any]) -> list[Any]:
 
 
 def rotation_change(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[Any]:
-    """The change of v when it turns about the vector a = `axis` by the angle φ = rate |a|.
-
-    sin φ/|a| a × v + 2 sin²(φ/2)/|a|² a × (a × v)
-    """
+    """sin φ/|a| a × v + 2 sin²(φ/2)/|a|² a × (a × v), the change of v by a turn about a = `axis` by φ = rate |a|."""
     square = dot(axis, axis)
     size = sqrt(square)
     half = 0.5 * rate * size
@@ -167,10 +160,7 @@ def rotation_change(axis: Sequence[Any], v: Sequence[Any], rate: Any) -> list[An
 
 
 def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) -> list[Any]:
-    """The quaternion of a body after `span` of a constant angular velocity ω, up to its length, which `of_length` corrects.
-
-    q (cos θ, sin θ ω/|ω|) if ω is in the body's frame, (cos θ, sin θ ω/|ω|) q if it is in the world's; θ = span |ω|/2
-    """
+    """q p, or p q if ω is in the world's frame, p = (cos θ, sin θ ω/|ω|), θ = span |ω|/2: q turned by ω, see `of_length`."""
     speed = sqrt(dot(omega, omega))
     half = 0.5 * span * speed
     c, s = cos(half), sin(half) * (1.0 / (speed + TINY))

@@ -113,10 +113,7 @@ class PerturbedTop(Top):
         return state
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, x and time for errors, at one state (6,).
-
-        (r, |x|, 1/r) with r the larger of |J| + √(|alpha||x|) and √(|∇U||x|); the time is inf for r = 0.
-        """
+        """(r, |x|, 1/r), the scales of J, x and time at one state (6,); r is the larger of |J| + √(|alpha||x|) and √(|∇U||x|)."""
         rate, size, _ = self.top.scales(y)
         force = math.hypot(*self._force_at(np.asarray(y, dtype=float).tolist()))
         if math.isfinite(force):  # at a singularity it is not

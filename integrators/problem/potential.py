@@ -35,8 +35,8 @@ class Potential:
     Raises
     ------
     ValueError
-        An argument of the wrong type. From `formulas` and `PerturbedTop`: a function that is no such formula, or a gradient that
-        is not the gradient of V.
+        An argument of the wrong type. From `formulas` and `PerturbedTop`: a function that is no such formula, a gradient that is
+        not V's, or another number of parameters.
     """
 
     def __init__(
@@ -69,10 +69,7 @@ class Potential:
         return {**self.__dict__, "value": None, "gradient": None}
 
     def formulas(self, count: int) -> tuple[Program, Program]:
-        """V and ∇V, the user's or derived, as programs of x and `count` parameters.
-
-        ValueError: a function is no such formula, the gradient is not V's, or V has another number of parameters.
-        """
+        """V and ∇V, the user's or derived, as programs of x and `count` parameters; ValueError as of the class."""
         if self.parameters is not None and count != len(self.parameters):
             names = ", ".join(self.parameters)
             needed = f"{len(self.parameters)} numbers ({names})"

@@ -327,9 +327,9 @@ class Problem:
         return np.repeat(lengths, [len(vector) for vector in vectors])
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of momenta, of x (1 without x) and of time, at one state (n,); the time is inf for a state that stays at rest.
+        """Scales of momenta, x (1 without x) and time, at one state (n,). The time is inf for a state that stays at rest.
 
-        1/time is the largest rate at which a vector turns, or the largest rate of the linearised motion if that is larger.
+        1/time is the largest rate at which a vector turns, or the largest rate of the linearised motion if this is larger.
         """
         sizes, slopes = self.sizes(y), self._values(self.system.gradient, y, 0.0)
         omegas = np.array([omega for omega, _ in self.space.rotations(slopes, sizes)])

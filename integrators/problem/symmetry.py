@@ -66,10 +66,8 @@ def _drawn(*words: Any) -> int:
 
 
 def _function(name: str, w: int) -> int:
-    """f(w) modulo P: a random number that keeps f(0), f(1), parity and sin² + cos² = 1.
-
-    exp w = (1 + u)/(1 − u),   sin w = 2u/(1 + u²),   cos w = (1 − u²)/(1 + u²),   u odd in w
-    """
+    """f(w) modulo P: random, but it keeps f(0), f(1), parity and sin² + cos² = 1."""
+    # exp w = (1 + u)/(1 − u),   sin w = 2u/(1 + u²),   cos w = (1 − u²)/(1 + u²),   u odd in w
     if (name, w) in (("sqrt", 0), ("sqrt", 1), ("log", 1)):
         return w if name == "sqrt" else 0
     if name in ("sqrt", "log"):
@@ -115,10 +113,7 @@ def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> lis
 
 
 def generic(numbers: Sequence[float]) -> tuple[float, ...]:
-    """Random parameters that are 0, ±1, or equal but for the sign if these numbers are.
-
-    A property that a formula shows with them holds for these numbers, and for all numbers with the same equalities.
-    """
+    """Random parameters with the same zeros, ±1 and equalities (but for signs): a property that they show holds for `numbers`."""
     drawn = {0.0: 0.0, 1.0: 1.0}
     return tuple(math.copysign(drawn.setdefault(abs(v), 0.5 + _drawn(len(drawn)) / P), v) for v in numbers)
 

@@ -62,10 +62,7 @@ class Top(Problem):
         return frozenset((method.claims.conserves | quadratic) & self.conserved)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """Scales of J, x and time for errors, at one state (6,).
-
-        (|J| + √(|alpha||x|), |x|, 1/(|J| + √(|alpha||x|))); the time is inf for a top at rest without weight.
-        """
+        """(r, |x|, 1/r), the scales of J, x and time for errors at one state (6,), with r = |J| + √(|alpha||x|); 1/0 is inf."""
         numbers = np.asarray(y, dtype=float).tolist()
         size = math.hypot(*numbers[3:])
         rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size)

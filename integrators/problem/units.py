@@ -132,10 +132,7 @@ def units_of(method: str, problem: Any, y0: Array, h: float) -> Units:
 
 
 def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
-    """The units of a top in a field that is not uniform: in place of alpha they take the force at y0 if that is larger.
-
-    `alpha` of these units is of no use: a potential is evaluated in the user's units.
-    """
+    """The units of a top in any field, with the force at y0 as weight if it is larger than alpha. Do not use their `alpha`."""
     force = float(np.max(np.abs((problem.alpha_and_rest[0], *problem.force(y0)))))
     if not math.isfinite(force):
         raise StepError(method, f"{problem.description} is not finite at x = {y0[3:].tolist()}", h=h)
@@ -143,10 +140,7 @@ def units_in_field(method: str, problem: Problem, y0: Array, h: float) -> Units:
 
 
 def scaled_size(problem: Any, y0: ArrayLike, difference: Array) -> Array:
-    """The largest |vector|/scale of differences of states (..., n), with the scales of y0; shape (...,).
-
-    A vector whose scale is 0 counts as infinite, unless it vanishes.
-    """
+    """The largest |vector|/scale of differences of states (..., n), shape (...,), with the scales of y0; v/0 is inf, 0/0 is 0."""
     sizes, start, ratios = problem.sizes(y0), 0, []
     for count in problem.vectors:
         length = np.linalg.norm(difference[..., start : start + count], axis=-1)
