@@ -35,7 +35,7 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
 def by_group(
     columns: Sequence[str], part: str, caption: str, failed: bool = False
 ) -> Callable[..., Callable[..., Any]]:
-    """As `of_part`, for a function of values of `columns` and the rows with them: the rest of a line of the table, or {}."""
+    """As `of_part`, for a function of the values of `columns` and their rows. It makes the rest of a line; {} makes no line."""
 
     def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
         @of_part(part, caption, failed)

@@ -29,7 +29,7 @@ def check_inertia(inertia: Array) -> None:
 
 
 def principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tuple[Array, Array, int | None]:
-    """Principal moments of I_com + mass (|lever|² 1 − lever leverᵀ), their axes as rows, and the number of the axis of symmetry.
+    """Principal moments of I_com + mass (|lever|² 1 − lever leverᵀ), their axes as rows, the number of the symmetry axis or None.
 
     lever : from the fixed point to the centre of mass. Moments that differ by rounding only are made equal.
     """
