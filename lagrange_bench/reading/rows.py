@@ -25,19 +25,24 @@ CHUNK = 1 << 14  # rows that are read at once
 SAMPLE = 400  # rows that are looked at before all are read
 SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
-RULE = re.compile(r"[-=+|:\s]*")  # a line that only divides, or a blank one
+RULE = re.compile(r"[-=+|:;,\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
 MISSING = {"", "na", "n/a", "#n/a", "null", "none", "<na>", "nan", "nan(ind)", "missing", "nat"}  # behind a sign, too
 ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
+VECTOR = re.compile(r"(?<![\w\])])[(\[{]+([-+.,;\s\ddDeEnaif]+)[)\]}]+")  # numbers in brackets: a cell, or a row
+BETWEEN = re.compile(r"\s*[;,]\s+|\s+|;|,(?=[-+]?\d*\.)")  # the numbers of a vector; 0,5 may be one of them
+JOIN = "\1"
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
 PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
 NO_ROW = (
     "a table must have one header, then a line with all columns for each time; begin others with #, or leave them out"
 )
+HDF5 = "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')"
 OTHERS = {
     b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
-    b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
+    b"\x89HDF": HDF5,
+    b"MATLAB 7.3": HDF5,
     b"#ROSBAG": "a bag of ROS: write its topic as .csv",
     b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
     b"(\xb5/\xfd": "packed by zstd: unpack it",
@@ -68,7 +73,7 @@ def number(word: str, comma: bool = False) -> float:
     ------
     ValueError : it is no number.
     """
-    plain = word.strip(" \t\r\n()[]{}").replace("−", "-")  # brackets around a vector or a row
+    plain = word.strip().replace("−", "-")
     if plain.lower().lstrip("+-") in MISSING:
         return math.nan
     if (match := NUMBER.fullmatch(plain)) and (comma or "," not in match[1]):
@@ -120,14 +125,16 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
 
         frame = pd.read_parquet(path)
         return _of_arrays((frame.reset_index() if any(frame.index.names) else frame).to_dict("series"))
-    if start.startswith(b"MATLAB 5.0"):
-        from scipy.io import loadmat
-
-        stored = loadmat(path, simplify_cells=True)
-        return _of_arrays({name: value for name, value in stored.items() if not name.startswith("__")})
     for magic, what in OTHERS.items():
         if start.startswith(magic):
             raise ValueError(f"this is {what}")
+    if start.startswith(b"MATLAB 5.0") or path.suffix.lower() == ".mat":
+        from scipy.io import loadmat
+
+        stored = loadmat(path, simplify_cells=True)
+        if "Aclass" in stored:
+            raise ValueError("this is a result of Modelica: write it as .csv")
+        return _of_arrays({name: value for name, value in stored.items() if not name.startswith("__")})
     return Text(path, start).table(indices)
 
 
@@ -136,13 +143,20 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
     arrays: dict[str, Array] = {}
 
     def collect(name: str, value: Any) -> None:
+        if isinstance(value, list) and all(isinstance(each, Mapping) for each in value):  # a row for each time
+            value = {key: [row.get(key) for row in value] for key in dict.fromkeys(itertools.chain(*value))}
+        elif isinstance(value, list) and all(
+            isinstance(each, list) and each and isinstance(each[0], Mapping) for each in value
+        ):
+            value = {str(body): list(rows) for body, rows in enumerate(zip(*value, strict=True))}
         if isinstance(value, Mapping):
             for key, each in value.items():  # pandas has tuples for names in two lines
                 word = ".".join(filter(None, map(str, key))) if isinstance(key, tuple) else str(key)
                 collect(f"{name}.{word}" if name else word, each)
         else:
             array = np.asarray(value)
-            array = np.asarray(array.tolist()) if array.dtype.kind == "O" else array
+            if array.dtype.kind == "O":
+                array = np.asarray([math.nan if each is None else each for each in array.tolist()])
             if array.ndim and array.size and array.dtype.kind in "fiubU":
                 arrays[name] = array
 
@@ -169,7 +183,7 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
             yield {i: array.astype(str if i in words else float) for i, array in part.items()}
 
     sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
-    return Table([] if "" in data else list(columns), len(values), sample, load)
+    return Table([] if "" in arrays else list(columns), len(values), sample, load)
 
 
 class Text:
@@ -206,15 +220,17 @@ class Text:
         lines = [line for _, line in rows[: 2 * SAMPLE]]
         self.separator = max(SEPARATORS, key=lambda separator: _score(lines, separator))
         self.comma = self.separator != ","
-        split = [(i, _words(INLINE.sub("", line), self.separator)) for i, line in rows]
+        split = [(i, _row(line, self.separator)) for i, line in rows]
         a, b = _block([self._numeric(words, indices) for _, words in split])
         if a == b:
-            raise ValueError("there is no line of numbers in it; write a table with a row for each time")
+            word = next((word for word in split[-1][1] if not is_number(word, True)), "") if split else ""
+            why = f"{word[:40]!r} is no number; " * bool(word)
+            raise ValueError(f"there is no line of numbers in it: {why}write a table with a row for each time")
         block = split[a:b]
         numeric = (word for _, words in block for word in words if is_number(word, True))
         self.comma = self.comma and not any("." in word for word in numeric)
-        skip, width = block[0][0], len(block[0][1])
-        header, units = self._header([line for i, line in shown if i < skip], [words for _, words in block])
+        self.skip, width = block[0][0], len(block[0][1])
+        header, units = self._header([line for i, line in shown if i < self.skip], [words for _, words in block])
         width = len(header) if header else width
         if all(len(words) > width and not any(words[width:]) for _, words in block):  # rows that end with a separator
             block = [(i, words[:width]) for i, words in block]
@@ -224,24 +240,25 @@ class Text:
         numbers = {k for k, word in enumerate(block[0][1]) if word and is_number(word, self.comma)}
         for i, words in split[:a] + split[b:]:
             like = len(words) == width and all(words[k] and is_number(words[k], self.comma) for k in numbers)
-            if i > skip or like:
+            if i > self.skip or like:
                 word = next((word for word in words if not is_number(word, self.comma)), "")
                 text = f"{word[:40]!r} is no number" if word else f"{len(words)} columns instead of {width}"
-                text = text if i > skip else f"numbers above the line of text {block[0][0]}"
+                text = text if i > self.skip else f"numbers above the line of text {block[0][0]}"
                 raise ValueError(f"line {i + 1}: {text}; {NO_ROW}")
-        self.skip, self.width, self.sample = skip, width, [words for _, words in block[:SAMPLE]]
-        return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[:skip]))
+        self.width, self.sample = width, [words for _, words in block[:SAMPLE]]
+        return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[: self.skip]))
 
     def _numeric(self, words: list[str], indices: Sequence[int]) -> bool:
         """Whether a line is a row of numbers: at least half of its words are, or those that the user says."""
         if indices and all(i < len(words) and words[i] and is_number(words[i], self.comma) for i in indices):
             return True
         full = [word for word in words if word]
-        return len(full) > 1 and 2 * sum(is_number(word, self.comma) for word in full) >= len(full)
+        return len(words) > 1 and bool(full) and 2 * sum(is_number(word, self.comma) for word in full) >= len(full)
 
     def _header(self, above: list[str], block: list[list[str]]) -> tuple[list[str], dict[int, str]]:
         """The names in the last line over the rows that has as many words, and the units in a line below it."""
         width, ends = len(block[0]), all(not words[-1] for words in block)
+        sizes = [len(cell) for cell in _cells(self.lines[self.skip], self.separator)]
         index = [words[0] for words in block]
         counted = len(index) > 1 and index in ([str(k + first) for k in range(len(index))] for first in (0, 1))
         names: list[str] = []
@@ -260,6 +277,9 @@ class Text:
             for words in splits:
                 while len(words) > width and not words[-1]:
                     words.pop()
+                if 1 < len(words) == len(sizes) < width:  # one name for all the numbers in brackets
+                    pairs = zip(words, sizes, strict=True)
+                    words = [f"{word}[{k}]" if size > 1 else word for word, size in pairs for k in range(size)]
                 if counted and len(words) == width - 1:  # R and pandas number rows, and have no name for that column
                     words = ["", *words]
                 fits = len(words) == width or (ends and len(words) == width - 1)
@@ -282,20 +302,15 @@ class Text:
         return names, units
 
     def _json(self, first: str) -> Table:
-        import pandas as pd
-
         try:
             with self.open() as file:
                 whole = first.startswith("[") or not first.endswith("}")
                 data = json.load(file) if whole else [json.loads(line) for line in file if line.strip()]
             data = data[0] if isinstance(data, list) and len(data) == 1 else data
-            if isinstance(data, dict):
-                data = _of_data_frame(data)
-            if isinstance(data, list):
-                data = pd.json_normalize(data).to_dict("series") if isinstance(data[0], dict) else {"": data}
-        except (ValueError, TypeError, AttributeError) as error:
+            data = _of_data_frame(data) if isinstance(data, dict) else data
+        except (ValueError, TypeError) as error:
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {error}") from None
-        return _of_arrays(data)
+        return _of_arrays({"": data})
 
     def _load(self, wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
@@ -306,7 +321,7 @@ class Text:
         if comma := self.comma and any("," in word for word in plain):
             plain = [word.replace(",", ".") for word in plain]
         long, simple = self.path.stat().st_size > HEAD, all(PLAIN.fullmatch(word) for word in plain)
-        if long and simple and not any(map(INLINE.search, self.lines[self.skip :])):
+        if long and simple and not any(INLINE.search(line) or VECTOR.search(line) for line in self.lines[self.skip :]):
             import pandas as pd
 
             settings: dict[str, Any] = {"sep": self.separator or r"\s+", "header": None, "skipinitialspace": True}
@@ -338,8 +353,8 @@ class Text:
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         with self.open() as file:
             for line, text in enumerate(file, 1):
-                if line > self.skip and text.strip() and not COMMENT.match(text):
-                    words = _words(INLINE.sub("", text), self.separator)
+                if line > self.skip and not RULE.fullmatch(text) and not COMMENT.match(text):
+                    words = _row(text, self.separator)
                     if len(words) < self.width or any(words[self.width :]):
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
@@ -365,7 +380,7 @@ def _score(lines: Sequence[str], separator: str | None) -> int:
     """How well a separator explains some lines: numbers count twice, words that are none once against it."""
     score = 0
     for line in lines:
-        words = [word for word in _words(INLINE.sub("", line), separator) if word]
+        words = [word for word in _row(line, separator) if word]
         numeric = sum(is_number(word, separator != ",") for word in words)
         score += max(0, 3 * numeric - len(words)) if len(words) > 1 else 0
     return score
@@ -397,6 +412,16 @@ def _words(line: str, separator: str | None) -> list[str]:
         row = next(csv.reader([line.replace("\t", between)], delimiter=between, skipinitialspace=True))
         return [word.strip(" \t'") for word in row]
     return [word.strip().strip("'") for word in line.split(separator)]
+
+
+def _cells(line: str, separator: str | None) -> list[list[str]]:
+    """The cells of a row, and the words of each: a vector in brackets has several."""
+    joined = VECTOR.sub(lambda vector: JOIN.join(BETWEEN.split(vector[1].strip())), INLINE.sub("", line))
+    return [cell.split(JOIN) for cell in _words(joined, separator)]
+
+
+def _row(line: str, separator: str | None) -> list[str]:
+    return list(itertools.chain(*_cells(line, separator)))
 
 
 def _block(numeric: Sequence[bool]) -> tuple[int, int]:

@@ -169,6 +169,9 @@ WAYS = {  # how text is written → the bytes of the file
     "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
     "brackets": lambda: lines("t,x,y,z", "{},({}, {}, {})"),
     "rows in brackets": lambda: table("t x y z", T, X, separator=" ").replace("\n", "]\n[")[:-1].replace("z]", "z"),
+    "vectors in cells": lambda: lines("t;pos", "{};({}, {}, {})"),
+    "vectors in quotes": lambda: lines('t,pos', '{},"[{} {} {}]"'),
+    "a printed array": lambda: lines("t x y z", " [ {}  {}  {}  {}]").replace("z\n [", "z\n[["),
     "lists": lambda: lines("{t, x, y, z}", "{{{}, {}, {}, {}}}"),
     "blank lines": lambda: "\n\n" + table("# t x y z", T, X, separator=" ", end="\n\n"),
     "a row of units": lambda: table("t,x,y,z\n[s],[m],[m],[m]", T, X),
@@ -178,6 +181,8 @@ WAYS = {  # how text is written → the bytes of the file
     "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
     "JSON in a long line": lambda: json.dumps({"t": T.tolist(), "pos": X.tolist(), "rest": [[0.5] * 10**5] * 12}),
     "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
+    "JSON of frames": lambda: json.dumps({"dt": 0.1, "frames": [{"t": t, "body": {"pos": x}} for t, x in ROWS]}),
+    "JSON of vectors": lambda: json.dumps({"t": T.tolist(), "pos": [dict(zip("xyz", x, strict=True)) for _, x in ROWS]}),
     "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
     **{f"pandas, JSON, {orient}": partial(FRAME.to_json, orient=orient, double_precision=15) for orient in PANDAS},
     "an empty column": lambda: lines("SampleTime,Second,x,y,z", "{},,{},{},{}"),
@@ -205,8 +210,10 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     check(tmp_path / "a.npy", Options(columns={"t": "0", "x": "1", "y": "2", "z": "3"}))
     check(tmp_path / "a.npz", groups=("position", "matrix"))
     (tmp_path / "part.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:300])
-    with pytest.raises(ValueError, match="only a part"):
-        survey(tmp_path / "part.npz")
+    savemat(tmp_path / "modelica.mat", {"Aclass": ["Atrajectory"], "data_2": X}, format="4")
+    for name, words in {"part.npz": "only a part", "modelica.mat": "a result of Modelica"}.items():
+        with pytest.raises(ValueError, match=words):
+            survey(tmp_path / name)
     check(tmp_path / "a.mat", groups=("position", "omega"))
     for name in ("a", "index", "double"):
         check(tmp_path / f"{name}.parquet")
@@ -232,6 +239,11 @@ REFUSED = {  # what is in a file → what the line says
     "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
     "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
+    "t,x,y,z\n": "no line of numbers in it: 't,x,y,z' is no number; write a table",
+    "MATLAB 7.3 MAT-file": "from MATLAB with save(…, '-v7')",
+    json.dumps(
+        {"t": [0, 1], "top": [[{"q": [1, 0, 0, 0]}] * 2] * 2}
+    ): "several columns may be the quaternion: top.0.q[0]",
     "FEA1\0": "write a text file with one row a line, .npz, .parquet or .mat",
     "SQLite format 3\0": "write its topic as .csv",
     '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
@@ -270,6 +282,8 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     layout = survey(file)
     assert read(layout)["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
     assert ("'furlong' is no known unit" in layout.notes[0], "not used: b" in layout.columns) == (True, True)
+    file.write_text("t,x,y,z\n0,0,1,0\n1,,,\n,,,\n", encoding="utf-8")
+    assert read(survey(file))["position"] == pytest.approx(np.array([[0, 1, 0], 3 * [np.nan]]), nan_ok=True)
     file.write_text("10 0 1 0\n20 0 0 0\n10 0 1 0\n20 0 0 0\n", encoding="utf-8")
     said = {"columns": {"x": "1", "y": "2", "z": "3"}, "step": 0.5}
     with pytest.raises(ValueError, match="the column 0 has 10, 20 in turn"):
