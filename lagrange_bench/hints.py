@@ -148,9 +148,9 @@ class Hints:
                 for other, (what, factor) in itertools.product((how.up, *AXES), {"": 1.0, **LENGTHS}.items())
             }
             vertical, what = min(tried, key=tried.__getitem__)
-            # a small enough factor makes positions right that should be zero
-            still = self._error("position", self._scaled(group, 0.0)) / BETTER
-            if tried[vertical, what] < (min(self._bound("position"), still) if what else self._limit("position")):
+            # a small enough factor makes positions right that should be zero; half a mirror is no axis
+            still = self._error("position", self._scaled(group, 0.0)) / BETTER if what else math.inf
+            if tried[vertical, what] < min(self._bound("position"), still):
                 up = vertical
                 if what:
                     yield f"{group} is in {what}: --units {group}={what}."
@@ -169,23 +169,26 @@ class Hints:
 
     def _mirrored(self) -> Iterator[str]:
         """A world and a body with other axes, perhaps of the other hand: rotations are the same with all axes reversed."""
-        wrong = [name for name in ("rotation", "position") if self._wrong(name)]
+        known = [name for name in ("rotation", "position") if name in self.now]
+        wrong = list(filter(self._wrong, known))
         if not wrong:
             return
         signs_and_letters = itertools.product(itertools.product(("", "-"), repeat=3), itertools.permutations("xyz"))
         triples = [tuple(map("".join, zip(*each, strict=True))) for each in signs_and_letters]
         left_handed = {triple: bool(np.linalg.det([AXES[name] for name in triple]) < 0) for triple in triples}
         errors = {
-            triple: max(self._error(name, mirror=triple) / self.sizes[name] for name in wrong)
-            for triple in triples
+            (triple, up): max(self._error(name, mirror=triple, up=up) / self.sizes[name] for name in known)
+            for triple, up in itertools.product(triples, {self.frames.convention.up, None})
             if left_handed[triple] or "position" in wrong
         }
         best = _clearest(errors)
         if best is not None and all(errors[best] * self.sizes[name] < self._bound(name) for name in wrong):
-            axes, sign = f"({', '.join(best)})", "−" * left_handed[best]
+            triple, up = best
+            axes, sign = f"({', '.join(triple)})", "−" * left_handed[triple]
             vector = f"the vector part of quaternions, rotation vectors and ω {sign}{axes}"
-            others = "the world is left-handed" if left_handed[best] else "the axes have other names"
-            yield f"{others}: write {axes} for positions (x, y, z), and for {vector}."
+            others = "the world is left-handed" if left_handed[triple] else "the axes have other names"
+            without = ", without --up" * (up != self.frames.convention.up)
+            yield f"{others}: write {axes} for positions (x, y, z), and for {vector}{without}."
 
     def _speeds(self) -> Iterator[str]:
         """Another unit of angular velocities, perhaps in the other frame, too."""
@@ -280,16 +283,18 @@ class Hints:
 
     def points(self) -> Iterator[str]:
         """Another origin, or another point of the body, if it is clear which of them; by the rotations of the rows themselves."""
-        if "position" not in self.trajectory or not self._wrong("position") or not self.frames.rigid_body.fixed:
+        if "position" not in self.trajectory or not self._wrong("position"):
             return
-        attitudes = self.frames.matrices(self.trajectory)
+        attitudes, body = self.frames.matrices(self.trajectory), self.frames.rigid_body
         R = self.exact[1] if attitudes is None else attitudes
-        x, positions = R @ self.frames.rigid_body.com, self.trajectory["position"] @ self.frames.to_world.T
+        x = R @ body.com if body.fixed else self.exact[0]
+        positions = self.trajectory["position"] @ self.frames.to_world.T
+        in_body = into_body(R, positions - (0.0 if body.fixed else x))
         off, fits = np.linalg.norm(positions - x, axis=1).max(), []
         of_body = "are those of the point {} of the body, not of the centre of mass."
         for points, back, words in (
             (positions - x, self.frames.to_world.T, "are off by {}: another origin."),
-            (into_body(R, positions), self.frames.from_body, of_body),
+            (in_body, self.frames.from_body, of_body),
         ):
             mean = points.mean(0)
             scatter = float(np.abs(points - mean).max())

@@ -15,7 +15,7 @@ from lagrange_bench import reading, row_blocks
 from lagrange_bench.arguments import own
 from lagrange_bench.consistency import Rows, rate_notes
 from lagrange_bench.conventions import ATTITUDES, GROUPS, Convention, Exact, Frames
-from lagrange_bench.hints import SINGLE, START, Hints, find_hints, own_hints
+from lagrange_bench.hints import CLOCKS, RIGHT, SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
@@ -23,6 +23,7 @@ from lagrange_bench.judgement import Judgement
 
 Array = np.ndarray
 Floors = Mapping[str, float]
+UNEXPLAINED = "are the columns what they are taken for? If the run starts elsewhere: --start first-row."
 
 
 class Request(NamedTuple):
@@ -246,8 +247,12 @@ def _judged(
     )
     if own_start:
         return judged
-    if end - first > 10 * case.until and (judged.leaves or start["right"] is False):
-        perhaps = "perhaps they are no seconds: --units t=us, or ms, ns"
+    if first == 0 and not hints and any(error > RIGHT * frames.sizes[name] for name, error in off.items()):
+        judged.notes.append(f"No usual mistake explains this start: {UNEXPLAINED}")
+    wrong = judged.leaves or start["right"] is False
+    if end - first > 10 * case.until and wrong and not any("--units t=" in hint for hint in hints):
+        unit = min(CLOCKS.values(), key=lambda unit: abs(math.log((end - first) * unit[1] / case.until)))[0]
+        perhaps = f"perhaps they are no seconds: --units t={unit}"
         judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: {perhaps}.")
     if judged.ends_before(case.until):
         judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")

@@ -106,7 +106,7 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     if how.step is not None and "time" in chosen:
         place = chosen.pop("time").places[0]
         if all(is_number(row[place]) for row in sample):  # else they are dates
-            raise ValueError(f"--step is for files without times; column {place} has them")
+            raise ValueError(f"--step is for files without times: leave it out, or the column {header[place] or place}")
     if not set(chosen) - {"time"}:
         raise ValueError(_nothing(names, notes, table.names))
     quat = None
@@ -152,7 +152,8 @@ def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Nam
         same = [i for i, word in enumerate(header) if word == where]
         i = same[0] if same else int(where) if where.isdecimal() else table.width
         if i >= table.width:
-            raise ValueError(f"--columns {name}={where}: there is no such column among {table.width}")
+            row = f"the first row is {' | '.join(table.sample[0])[:100]}"
+            raise ValueError(f"--columns {name}={where}: there is no such column among {table.width}: {row}")
         if len(same) > 1:
             raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
         old = names.get(i)

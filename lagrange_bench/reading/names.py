@@ -43,7 +43,7 @@ _WORDS = {
         "deg degs degree degrees": tau / 360,
         "rev revs revolution revolutions turn turns": tau,
     },
-    "rad/s": {"rpm": tau / 60, "dps degps": tau / 360, "hz": tau},
+    "rad/s": {"rpm": tau / 60, "dps degps": tau / 360, "hz": tau, "1/s": 1.0},
     "1": {"- 1 none unitless dimensionless": 1.0},
 }
 UNITS = {

@@ -102,6 +102,20 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     counted = write(tmp_path / "counted.csv", "t q(1) q(2) q(3) q(4)", T, Q)  # scalar first, as MATLAB has it
     (found,) = answer("judge", counted, "--case", "bruels")["files"]
     assert found["hints"] == ["the quaternions are in the order wxyz: --quat wxyz, or other names."]
+    flying = CASES["flying_box"].solution(5 * T)
+    for off, words in (
+        (np.arange(1, 4), "off by (1, 2, 3) m"),
+        (flying.rotation.apply((0, 0, 1)), "the point (0, 0, 1) m of"),
+    ):
+        (hint,) = judge(5 * T, flying.position + off, flying.rotation, case="flying_box").hints
+        assert words in hint
+    for up, end in ((None, "(x, z, y)."), ("y", "(x, z, y), without --up.")):
+        mirrored = flying.position @ MIRROR, MIRROR @ flying.rotation.as_matrix() @ MIRROR
+        (hint,) = judge(5 * T, *mirrored, case="flying_box", up=up).hints
+        assert hint.endswith(end), "half a mirror is no axis that points up"
+    (note,) = judge(T, OMEGA, case="bruels").notes
+    assert "are the columns what they are taken for" in note
+    assert judge(T, rotation=R * Rotation.from_rotvec([1e-3, 1e-3, 0]), case="bruels").notes == []
     single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
     assert (single.start["right"], single.start["single"], single.hints) == (False, True, [])
 
@@ -210,8 +224,10 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
         ),
     ):
         rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}
-        (found,) = judge(**rows, case=name).hints
+        judged = judge(**rows, case=name)
+        (found,) = judged.hints
         assert hint in found
+        assert not any("The times go" in note for note in judged.notes), "the hint says it better"
     still = np.repeat(BOX.omega_body[:1], len(BOX.t), axis=0)
     assert "leaves out the gyroscopic torque" in judge(BOX.t, omega=still, case="box").hints[0]
     assert judge(1e4 * BOX.t, rotation=BOX.rotation, omega=BOX.omega_body, body="box").hints == [], (

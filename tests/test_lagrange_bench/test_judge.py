@@ -129,7 +129,7 @@ FILES = {  # what is in it → exit code, what is said
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1000,0": (0, "is right, as far as the file says: it has no angular velocity."),
     "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (
         0,
-        "The times go to 200, the case to 2 s: perhaps they are no seconds: --units",
+        "The times go to 200, the case to 2 s: perhaps they are no seconds: --units t=ms.",
     ),
     "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
     gzip.compress(b"t,x,y,z\n0,0,1,0\n", mtime=0)[:-9]: (2, "run.csv: Compressed file ended before"),

@@ -293,8 +293,11 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     for unit in ({"omega": "furlong"}, {"o": "s"}):
         with pytest.raises(ValueError, match="--units"):
             survey(file, Options(units=unit))
-    for name, value in {"angles": "ZXX", "where": {"a": "b"}, "step": 1.0}.items():
-        with pytest.raises(ValueError, match=f"--{name}"):
+    for name, value in {"angles": "ZXX", "where": {"a": "b"}, "step": 1.0, "columns": {"t": "4"}}.items():
+        says = {"step": "leave it out, or the column t", "columns": "the first row is 0 | 1 | 0 |"}.get(
+            name, f"--{name}"
+        )
+        with pytest.raises(ValueError, match=re.escape(says)):
             survey(file, Options(**{name: value}))
 
 
@@ -310,7 +313,12 @@ def test_digits_of_times_and_positions(tmp_path):
 
 
 def test_units():
-    factors = {**dict.fromkeys(("deg/s", "°/s", "degrees per second"), 1 / DEG), "rad s^-1": 1, "rpm": np.pi / 30}
+    factors = {
+        **dict.fromkeys(("deg/s", "°/s", "degrees per second"), 1 / DEG),
+        "rad s^-1": 1,
+        "1/s": 1,
+        "rpm": np.pi / 30,
+    }
     for word, factor in {**factors, "µs": 1e-6, "rad/ms": 1e3}.items():
         assert unit_of(word).factor == pytest.approx(factor)
     assert unit_of("furlong") is None
