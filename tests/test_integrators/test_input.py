@@ -152,6 +152,7 @@ OTHERS = [  # a call, words in the message
     (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
+    (lambda: BODY.top, ".*no Lagrange top is in a body"),
     (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),
 ]
 
