@@ -7,7 +7,7 @@ import pytest
 from mpmath import mp, mpc, mpf
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.integrators import TOPS, LagrangeTop
+from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import two_point as tp
@@ -124,21 +124,3 @@ def test_attitude_of_any_step(name):
         chi, w = float(flow.attitude_angle(top, y, lam)), tp.axis(top, y, lam, lam.conjugate()).real
         step = attitude.turn_with((1, 0, 0, 0), y[3:], lam.real, w, (math.cos(chi / 2), math.sin(chi / 2)))
         assert largest(np.array(step) - g) <= 1e-11
-
-
-def constants(alpha, y, h):
-    """λ(h), m and the rotation (cos, sin) of whole nutations, of the torus of y."""
-    return [mpc(*map(reference.real, z)) for z in ts.time_step(*ts.torus(alpha, tuple(y), abs(h)), h)]
-
-
-def image(top, y, lam, m):
-    """The two-point map in any precision, as in the paper and not as compiled."""
-    return np.array([v.real for v in tp.pole_free(top, y, lam, lam.conjugate(), m=(m, m.conjugate()))])
-
-
-def step(alpha, y, constants):
-    """The step with these constants, in mpmath, from doubles."""
-    lam, m, rotation = constants
-    state = np.array([mpf(v) for v in y])
-    moved = image(LagrangeTop(alpha), state, lam, m) if lam.imag > 0 else state
-    return np.array(reference.turned(rotation.real, rotation.imag, moved))
