@@ -11,9 +11,9 @@ map of winners shows where the border is.
 
 Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “order” measures how its error
 falls with the step. Part “work” measures what an error costs: all compiled methods run over 10³ and 10⁴ units of time, and the
-best of them also over 10⁵ on one top. Part “tolerance” gives the splitting with the exact step a tolerance in place of a step, on
-random tops in tides and near charges, and compares it with the true error. Part “problem” follows problems other than a top in a
-fixed field: a free body, a vibrating pivot, Kirchhoff's body, four spins.
+best of them also over 10⁵ on one top. Part “tolerance” gives the splitting with the exact step a tolerance in place of a step. It
+compares the tolerance with the true error, on random tops in tides and near charges. Part “problem” follows problems other than a
+top in a fixed field: a free body, a vibrating pivot, Kirchhoff's body, four spins.
 
 Errors are measured against the reference in quadruple precision; on a chaotic orbit only until an ulp has grown to 1e-6. Times
 and steps are in units of 1/(|J| + √(|alpha||x|)).

@@ -2,17 +2,19 @@
 
     H = Σ L_i²/(2 I_i) + w·Γ,   w = m |g| X,   Γ = Rᵀ(up)
 
-y = (q, L) are seven numbers: the unit quaternion of R, scalar first, and the angular momentum about the fixed point, for a flying
-body about the centre of mass, along the principal axes of inertia. H depends on q by the quadratic form q̄ up q. So |q| and the
-momentum about the vertical are conserved for any |q|, and H is quadratic: a method that conserves quadratic functions conserves
-energy. The invariants have the names of the top: C1 is |q|², J3 the momentum about the vertical, and C2, for a symmetric body
-only, the momentum about its axis. A body that flies turns like a free one, and its centre of mass is at x + v t + g t²/2.
+X leads from the fixed point to the centre of mass. y = (q, L) has seven numbers: the unit quaternion of R, scalar first, and the
+angular momentum along the principal axes of inertia, about the fixed point. For a flying body it is about the centre of mass.
+
+H depends on q by the quadratic form q̄ up q. So |q| and the momentum about the vertical are conserved for any |q|, and H is
+quadratic: a method that conserves quadratic functions conserves energy. The invariants have the names of the top: C1 is |q|², J3
+the momentum about the vertical, and C2, for a symmetric body only, the momentum about its axis. A flying body turns like a free
+one, and its centre of mass is at x + v t + g t²/2.
 
 A multiple of |L|² in H does not change L. So L' is computed from D_i = 1/I_i − 1/I_r alone, with I_r one of the two nearest
 moments. D_i = (I_r − I_i)/(I_i I_r) has no cancellation: nearly equal moments keep the digits of their difference.
 
-**The Lagrange top inside.** With the moments A across and C along the axis of a symmetric body, J = R L/A and the direction x of
-the axis in the world are the state of a Lagrange top with alpha = |w|/A, in a frame whose third axis points up.
+**The Lagrange top inside.** A symmetric body has the moments A across and C along its axis. J = R L/A and the direction x of the
+axis in the world are the state of a Lagrange top with alpha = |w|/A, in a frame whose third axis points up.
 
 Source: Arnold, Mathematical Methods of Classical Mechanics (1989), sections 29 and 30.
 """
