@@ -404,11 +404,8 @@ def test_a_potential_on_any_top(answer, tmp_path):
     top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["charge"], (-0.1, 0.0, 0.0, 2.0))
     assert data["y_final"] == integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
     assert all(v["conserved"] for v in data["invariants"].values())
-    lines = (line[2:].partition(": ") for line in path.read_text("utf-8").splitlines() if line[0] == "#")
-    header = {key: json.loads(value) for key, _, value in lines}
-    for facts in (data, header):
-        assert (facts["potential"], facts["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
-    made = {"alpha": 2.0, "y0": data["y0"], "method": "strang", "h": 0.1, "steps": 5, "every": 1}
-    assert header.items() >= {**made, "numpy": np.__version__}.items()
+    assert (data["potential"], data["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
+    header = ('potential: "charge"', "parameters: [-0.1, 0.0, 0.0, 2.0]", "alpha: 2.0", f'numpy: "{np.__version__}"')
+    assert {f"# {line}" for line in header} <= set(path.read_text("utf-8").splitlines())
     named = answer(*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
     assert [name for name, v in named["invariants"].items() if not v["conserved"]] == ["J3"]
