@@ -201,15 +201,12 @@ def test_followed_bodies(monkeypatch):
     assert (far["rotation"], far["until"]) == (pytest.approx(0.25, rel=1e-4), 0.5)
 
 
-def test_an_energy_and_a_spin_that_are_lost():
+def test_an_energy_and_a_spin_that_are_lost_and_an_energy_that_grows():
     rows = start(lambda n: None, None, programs.adapters.Body.of(programs.RACKET), "wrong", 1e-3, False)(100, 10)
     found = engines.errors(programs.RACKET, np.arange(1, 11) * 0.01, rows)
     assert (found["energy"], found["spin"]) == (pytest.approx(-0.75, abs=1e-6), pytest.approx(-2.5, abs=1e-3))
     assert np.isnan(found["turns_over"])
     assert found["energy_growth"] == pytest.approx(0.0, abs=1e-6), "lost at once"
-
-
-def test_an_energy_that_grows():
     t = np.arange(1, 513) / 256
     exact = programs.RACKET.solution(t)
     turns, omega = exact.rotation.as_matrix(), exact.omega_world
