@@ -319,7 +319,7 @@ def test_figures_are_enlarged_and_put_back_by_keyboard_and_wheel(browser):
 
 
 def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
-    name = "backlund_splitting"
+    name = "implicit_midpoint"
     browser.execute_script("document.getElementById('methods').open = true")
     buttons = browser.find_elements(By.CSS_SELECTOR, "#methods tbody td:first-child button")
     assert len(buttons) == len(METHODS)
@@ -336,7 +336,7 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
     for lines in plots:
         assert len(lines) > 20
         assert [text for kind, text in lines if kind == "own"] == [METHODS[name].label]
-    assert all(word in dialog.text for word in (name, METHODS[name].label, "confirmed"))
+    assert all(word in dialog.text for word in (name, METHODS[name].label, "order 2", "confirmed"))
     browser.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert not dialog.is_displayed()
     assert browser.switch_to.active_element == button
