@@ -11,7 +11,7 @@ import numba
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators.compiling import interpreted
+from lagrange_bench.integrators.compiling import interpreted, loops
 from lagrange_bench.integrators.compiling.compiled import _sources, compiled, jit
 from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.problem import kirchhoff
@@ -175,20 +175,16 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
 
 def test_kept_code_depends_on_kernels_that_come_as_arguments(monkeypatch):
     """`loops` imports no problem; its steps are made of their formulas. With bounds checked it is other code."""
-    files, place, path = (
-        source_digest.IMPORTED_SOURCES,
-        "lagrange_bench.integrators.compiling.loops",
-        kirchhoff.__file__,
-    )
+    files, path = source_digest.IMPORTED_SOURCES, kirchhoff.__file__
     digests = []
     for text in (files.read(path), b"# edited"):
         monkeypatch.setitem(files.content, path, text)
         monkeypatch.setattr(files, "known", {})
-        digests.append(_sources(place))
+        digests.append(_sources(loops.__name__))
     assert None not in digests
     monkeypatch.setattr(files, "known", {})
     monkeypatch.setattr(numba.config, "BOUNDSCHECK", 7)
-    assert len({*digests, _sources(place)}) == 3
+    assert len({*digests, _sources(loops.__name__)}) == 3
 
 
 # last states of runs that begin one after the other, and whether their set-up is compiled at the end

@@ -50,10 +50,8 @@ def test_cells_that_die_hang_chatter_or_take_too_much_memory_fail_alone_and_timi
     timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
     variables = {"OMP_NUM_THREADS": "7", memory.VARIABLE: "0.5"}
     cells = [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing]
-    run = start(cells, tmp_path, "--json", "--time-limit", "6", **variables)
-    before = time.monotonic()
-    out, err = run.communicate(timeout=120)
-    assert time.monotonic() - before < 40  # the loop would have taken a minute
+    run = start(cells, tmp_path, "--json", "--time-limit", "15", **variables)
+    out, err = run.communicate(timeout=300)  # the loop would take ten minutes
     assert nobody_left(run.pid)
     assert ("chatter" in err, "toy warning" in err, "Traceback" in err) == (True, False, False)
     summary, store = json.loads(out), Store(tmp_path)
@@ -61,7 +59,7 @@ def test_cells_that_die_hang_chatter_or_take_too_much_memory_fail_alone_and_timi
     assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
         "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
         "die": "WorkerDied: the worker process ended itself with exit code 3",
-        "compiled loop": "TimeLimit: not done after 6 s, so its process was ended; --time-limit SECONDS allows more",
+        "compiled loop": "TimeLimit: not done after 15 s, so its process was ended; --time-limit SECONDS allows more",
         "memory": "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more",
     }
     latest = store.open(TOY).latest
