@@ -38,11 +38,10 @@ PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\
 NO_ROW = (
     "a table must have one header, then a line with all columns for each time; begin others with #, or leave them out"
 )
-HDF5 = "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')"
 OTHERS = {
     b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
-    b"\x89HDF": HDF5,
-    b"MATLAB 7.3": HDF5,
+    b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
+    b"MATLAB 7.3": "HDF5: write it from MATLAB with save(…, '-v7')",
     b"#ROSBAG": "a bag of ROS: write its topic as .csv",
     b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
     b"(\xb5/\xfd": "packed by zstd: unpack it",
@@ -220,12 +219,11 @@ class Text:
         lines = [line for _, line in rows[: 2 * SAMPLE]]
         self.separator = max(SEPARATORS, key=lambda separator: _score(lines, separator))
         self.comma = self.separator != ","
-        split = [(i, _row(line, self.separator)) for i, line in rows]
+        split = [(i, list(itertools.chain(*_cells(line, self.separator)))) for i, line in rows]
         a, b = _block([self._numeric(words, indices) for _, words in split])
         if a == b:
-            word = next((word for word in split[-1][1] if not is_number(word, True)), "") if split else ""
-            why = f"{word[:40]!r} is no number; " * bool(word)
-            raise ValueError(f"there is no line of numbers in it: {why}write a table with a row for each time")
+            last = f"; the last line is {lines[-1][:40]!r}" if lines else ""
+            raise ValueError(f"there is no line of numbers in it{last}; write a table with a row for each time")
         block = split[a:b]
         numeric = (word for _, words in block for word in words if is_number(word, True))
         self.comma = self.comma and not any("." in word for word in numeric)
@@ -354,7 +352,7 @@ class Text:
         with self.open() as file:
             for line, text in enumerate(file, 1):
                 if line > self.skip and not RULE.fullmatch(text) and not COMMENT.match(text):
-                    words = _row(text, self.separator)
+                    words = list(itertools.chain(*_cells(text, self.separator)))
                     if len(words) < self.width or any(words[self.width :]):
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
@@ -380,7 +378,7 @@ def _score(lines: Sequence[str], separator: str | None) -> int:
     """How well a separator explains some lines: numbers count twice, words that are none once against it."""
     score = 0
     for line in lines:
-        words = [word for word in _row(line, separator) if word]
+        words = [word for word in itertools.chain(*_cells(line, separator)) if word]
         numeric = sum(is_number(word, separator != ",") for word in words)
         score += max(0, 3 * numeric - len(words)) if len(words) > 1 else 0
     return score
@@ -418,10 +416,6 @@ def _cells(line: str, separator: str | None) -> list[list[str]]:
     """The cells of a row, and the words of each: a vector in brackets has several."""
     joined = VECTOR.sub(lambda vector: JOIN.join(BETWEEN.split(vector[1].strip())), INLINE.sub("", line))
     return [cell.split(JOIN) for cell in _words(joined, separator)]
-
-
-def _row(line: str, separator: str | None) -> list[str]:
-    return list(itertools.chain(*_cells(line, separator)))
 
 
 def _block(numeric: Sequence[bool]) -> tuple[int, int]:

@@ -51,7 +51,6 @@ def check(path, how=None, groups=("position",)):
 # program | names | the numbers below them | what the user says; d… is in degrees
 FORMS = """
 Rapier | t translation.~xyz rotation.~xyzw angvel.~xyz | t x xyzw w |
-cannon | time position.~xyz quaternion.~xyzw angularVelocity.~xyz | t x xyzw w |
 Babylon | time position._~xyz rotationQuaternion._~xyzw | t x xyzw |
 Unity, angles | Time eulerAngles.~yxz | t dYXZ | angles=YXZ units=angles:deg
 Godot | t origin.~xyz quaternion.~xyzw linear_velocity.~xyz angular_velocity.~xyz | t x xyzw - w |
@@ -70,7 +69,6 @@ Basilisk | time[ns] sigma_BN[*]~012 omega_BN_B[*]~012 r_BN_N[*]~012 | ns mrp w x
 JSBSim | Time /fdm/velocities/*-rad_sec~pqr /fdm/attitude/*-rad~phi,theta,psi | t w rxyz | angles=ZYX
 JSBSim, degrees | Time P_(deg/s) Q_(deg/s) R_(deg/s) Psi_(deg) Theta_(deg) Phi_(deg) | t dw dZYX | angles=ZYX
 GMAT | Sat.ElapsedSecs Sat.EarthMJ2000Eq.~XYZ Sat.Q~1234 Sat.AngularVelocity~XYZ | t mm xyzw dw | units=position:mm,omega:deg/s
-Chrono | time pos_~xyz rot_e~0123 w_~xyz | t x wxyz w |
 Adams | Time .top.CM_Position.~XYZ .top.CM_Angular_Velocity.~XYZ | t x w |
 Modelica | "time" "body.w_a[*]"~123 "body.Q[*]"~1234 | t w xyzw |
 MATLAB | t pos_~123 omega_~123 | t x w |
@@ -100,7 +98,6 @@ Maya | t translate~XYZ rotate~XYZ | t x dxyz | angles=xyz units=angles:deg
 angles by axes | t theta_~xyz | t dxyz | angles=xyz units=angles:deg
 angles beside a quaternion | t q~wxyz roll pitch yaw | t wxyz - |
 nine of a matrix | t R~012345678 | t m |
-xmat | time xmat_~012345678 | t m |
 matrix by letters | t Rx~xyz Ry~xyz Rz~xyz | t m |
 units in names | time_ns ~x_mm,y_mm,z_mm ~wx_deg_s,wy_deg_s,wz_deg_s | ns mm dw |
 words for units | Elapsed_(nanoseconds) X{mm} Y{mm} Z{mm} ~wx(rpm),wy(rpm),wz(rpm) | ns mm rpm |
@@ -167,9 +164,7 @@ WAYS = {  # how text is written → the bytes of the file
     "gzip": lambda: gzip.compress(table(PLAIN, T, X).encode()),
     "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
     "brackets": lambda: lines("t,x,y,z", "{},({}, {}, {})"),
-    "rows in brackets": lambda: table("t x y z", T, X, separator=" ").replace("\n", "]\n[")[:-1].replace("z]", "z"),
     "vectors in cells": lambda: lines("t;pos", "{};({}, {}, {})"),
-    "vectors in quotes": lambda: lines('t,pos', '{},"[{} {} {}]"'),
     "a printed array": lambda: lines("t x y z", " [ {}  {}  {}  {}]").replace("z\n [", "z\n[["),
     "lists": lambda: lines("{t, x, y, z}", "{{{}, {}, {}, {}}}"),
     "blank lines": lambda: "\n\n" + table("# t x y z", T, X, separator=" ", end="\n\n"),
@@ -237,7 +232,7 @@ REFUSED = {  # what is in a file → what the line says
     "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
     "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
-    "t,x,y,z\n": "no line of numbers in it: 't,x,y,z' is no number; write a table",
+    "t,x,y,z\n": "no line of numbers in it; the last line is 't,x,y,z'; write a table",
     "MATLAB 7.3 MAT-file": "from MATLAB with save(…, '-v7')",
     json.dumps(
         {"t": [0, 1], "top": [[{"q": [1, 0, 0, 0]}] * 2] * 2}
