@@ -58,12 +58,11 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
                 line = {"engine": f"{name}, {slow.version.iloc[-1]}", "setting": setting}
                 line |= {step: slow.position.get(h, np.nan) for step, h in OVERVIEW.items()}
                 lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
-        engine = ENGINES.get(name)
-        if engine and engine.missing:
-            measured = set(good[(good.engine == name) & (good.case == "slow")].integrator)
-            wanted = {kind: how for kind, how in engine.integrators.items() if how in (DEFAULT, BEST)}
-            for kind in (kind for kind in wanted if kind not in measured):
-                lines.append({"engine": name, "setting": f"{wanted[kind]}: {kind}", "limit": engine.missing})
+        if (engine := ENGINES.get(name)) and engine.missing:
+            measured = set(chosen[chosen.case == "slow"].integrator)
+            for kind, how in engine.integrators.items():
+                if how in (DEFAULT, BEST) and kind not in measured:
+                    lines.append({"engine": name, "setting": f"{how}: {kind}", "limit": engine.missing})
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 
@@ -86,9 +85,8 @@ def limit(group: pd.DataFrame) -> str:
     never = len(racket) > 0 and racket.turns_over.isna().all()
     lost, error = -slow.spin.to_numpy(), slow.position.to_numpy()
     damped = lost[0] > LOST_SPIN and lost[0] > lost[1] / 2
-    causes = {"no gyroscopic torque": never, "damping": damped}
-    if never or damped:
-        return f"another motion: {', '.join(cause for cause, is_so in causes.items() if is_so)}"
+    if causes := [cause for cause, is_so in (("no gyroscopic torque", never), ("damping", damped)) if is_so]:
+        return f"another motion: {', '.join(causes)}"
     if error[0] < error[1] / FALLS or error[0] < TINY:
         return "the exact motion"
     round_off = TURN * np.finfo(slow.precision.iloc[0]).eps * UNTIL / slow.h.iloc[0]
@@ -103,8 +101,8 @@ CAPTION = (
     "many steps: the part that has little to do with the top. No order: too few errors below 0.1, or all at round-off"
 )
 OVERVIEW_CAPTION = (
-    "The top of `slow` in engines, with default and best settings. The errors (m) are those of the centre of mass after 2 s, "
-    "with two steps. `until` (s) is how long they stay below 10 cm with steps of 1/60 s. `limit` is the motion that smaller "
+    "The top of `slow` in engines, with default and best settings. Errors (m) of the centre of mass after 2 s, with two "
+    "steps. `until` (s) is how long they stay below 10 cm with steps of 1/60 s. `limit` is the motion that smaller "
     "steps lead to"
 )
 
@@ -137,6 +135,8 @@ def energy(engine: str, kind: str, group: pd.DataFrame) -> dict:
 
 def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
     named, engines = tabulated(orders)(runs(rows)), overview(rows)
+    places = {name: place for place, name in enumerate(KNOWN)}
+    rows = rows.sort_values("engine", key=lambda names: names.map(places), kind="stable")  # the others below
     named |= tabulated(energy)(runs(rows, sweep=False))
     if len(engines):
         engines.attrs["caption"] = OVERVIEW_CAPTION
@@ -231,9 +231,10 @@ def _draw_families(rows: pd.DataFrame, style):
         text = ", ".join(dict.fromkeys(name for name, _, _ in family))
         colour = next(colours, None) if len(family) > 1 else None
         for name, kind, error in family:
-            look = {"color": colour or NEUTRAL, "linewidth": 1.4 if colour else 0.6, "marker": "o", "markersize": 3.0}
+            look = {"color": colour or NEUTRAL, "linewidth": 1.4 if colour else 0.6, "zorder": 2 if colour else 1}
+            look |= {"marker": "o", "markersize": 3.0, "gid": style.title(f"{name}, {kind}")}
             label = style.plain(text) if colour and error is family[0][2] else "_thin"
-            ax.loglog(error.index, error.clip(lower=1e-16), label=label, gid=style.title(f"{name}, {kind}"), **look)
+            ax.loglog(error.index, error.clip(lower=1e-16), label=label, **look)
     ax.set(xlabel="step, s", ylabel="error of position, m", title=f"slow, t = {UNTIL:g} s")
     style.legend_below(fig)
     if (many := len({name for name, _, _ in found[0]})) > 1:
