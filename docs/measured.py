@@ -7,6 +7,7 @@ experiment `engines`. tests/test_docs.py compares.
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -20,39 +21,12 @@ from lagrange_bench.experiments import engine_figures, programs
 from lagrange_bench.results.store import Store
 
 DOCS = Path(__file__).parent
-STORY = [
-    "1. **Many engines leave out the gyroscopic torque ω × Iω by default**: {lost}. In them `racket` never turns over, whatever "
-    "the step. No option for it was found in {without}.",
-    "2. **With default settings and steps of 1/60 s** these stay within 10 cm for 2 s on `slow`: {near}. The others do so for "
-    "{least} to {most} s.",
-    "3. **One formula has many names**: {family} take the semi-implicit Euler step in reduced coordinates, and are all off by "
-    "{equal} m with 1/1024 s. Bullet's point joint, a constraint, errs by {joint} m there.",
-    "4. **Some defaults are no physics**: damping and caps. With the smallest step a spin of 10 rad/s on `slow` is after 2 s "
-    "{spins}.",
-    "5. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation of "
-    "`box` is off by {box}.",
-    "6. **Energy and small steps can mislead**: cannon-es without damping changes the energy of `slow` by {calm} and is {off} m "
-    "off. In single precision, with 32 iterations, Rapier errs on `racket` by {coarse} rad with 1/60 s and by {fine} rad with "
-    "1/1024 s.",
-]
-KNOWN = [
-    "| program, version | settings | error, 1/60 s | error, 1/1024 s | within 10 cm, 1/60 s | smaller steps lead to |",
-    "|---|---|---|---|---|---|",
-]
-ENERGIES = [
-    "| program | settings | numbers | energy gained | p | least error | its step |",
-    "|---|---|---|---|---|---|---|",
-]
 BEGIN, END = "<!-- measured: written by `python docs/measured.py` -->", "<!-- end of measured -->"
-PUBLISHED = [
-    "| program | what it publishes | t (s) | difference from the exact motion | source |",
-    "|---|---|---|---|---|",
-]
-ENGINES = [
-    "| program, version | integrator | order, `bruels` | order, `slow` | position, `bruels` | position, `slow` | µs a step "
-    "| overhead, µs |",
-    "|---|---|---|---|---|---|---|---|",
-]
+
+
+def table(head: str, rows: Iterable[Iterable[str]]) -> list[str]:
+    """A Markdown table. head : the names of the columns, with bars between them."""
+    return [f"| {head} |", "|---" * (head.count("|") + 1) + "|", *(f"| {' | '.join(cells)} |" for cells in rows)]
 
 
 def differences(reference: dict[str, Any]) -> str:
@@ -84,11 +58,11 @@ def differences(reference: dict[str, Any]) -> str:
 
 def references() -> list[str]:
     """The table of published numbers."""
-    rows = list(PUBLISHED)
-    for each in tomllib.loads((DOCS / "published.toml").read_text(encoding="utf-8"))["reference"]:
-        source = f"{each['source']} ({each['looked_up']})"
-        rows.append(f"| {each['program']} | {each['what']} | {each['t']:g} | {differences(each)} | {source} |")
-    return rows
+    rows = [
+        (each["program"], each["what"], f"{each['t']:g}", differences(each), f"{each['source']} ({each['looked_up']})")
+        for each in tomllib.loads((DOCS / "published.toml").read_text(encoding="utf-8"))["reference"]
+    ]
+    return table("program | what it publishes | t (s) | difference from the exact motion | source", rows)
 
 
 @cache
@@ -100,28 +74,25 @@ def orders() -> tuple[pd.DataFrame, str]:
 
 def defaults() -> list[str]:
     """The table of programs in the README: how far the default and the best integrator of each are off on `bruels`."""
-    table, position = orders()
-    table = table[table.case == "bruels"]
-    exact = table[table.integrator == "backlund"].iloc[0]
-    lines = ["| program | default | best |", "|---|---|---|"]
-    for engine, rows in table[table.engine != exact.engine].groupby("engine", sort=False):
-        cells = [f"{engine}, {rows.version.iloc[0]}"]
-        for word in ("default", "best"):
-            chosen = rows[rows.setting.str.contains(word, na=False)]
-            cells.append(
-                "; ".join(
-                    f"{row.integrator}: {shown(row[position], '.1e', 'gave up', ' m')}" for _, row in chosen.iterrows()
-                )
-            )
-        lines.append(f"| {' | '.join(cell or '–' for cell in cells)} |")
-    return [*lines, f"| this bench | | `backlund`, any step: {shown(exact[position], '.1e', '–', ' m')} |"]
+    errors, position = orders()
+    errors = errors[errors.case == "bruels"]
+    exact = errors[errors.integrator == "backlund"].iloc[0]
+    lines = []
+    for engine, rows in errors[errors.engine != exact.engine].groupby("engine", sort=False):
+        chosen = (rows[rows.setting.str.contains(word, na=False)] for word in ("default", "best"))
+        found = (
+            [f"{row.integrator}: {metres(row[position], 'gave up')}" for _, row in some.iterrows()] for some in chosen
+        )
+        lines.append([f"{engine}, {rows.version.iloc[0]}", *("; ".join(words) or "–" for words in found)])
+    lines.append(["this bench", "", f"`backlund`, any step: {metres(exact[position])}"])
+    return table("program | default | best", lines)
 
 
 def sweep() -> list[str]:
     """The default and the best integrators of the sweep, and below them methods of the bench."""
-    table, position = orders()
-    lines = []
-    for (engine, integrator), cases in table.groupby(["engine", "integrator"], sort=False):
+    errors, position = orders()
+    engines, ours = [], []
+    for (engine, integrator), cases in errors.groupby(["engine", "integrator"], sort=False):
         fast, slow = (cases[cases.case == case].iloc[0] for case in ("bruels", "slow"))
         own = engine == programs.OURS
         if not own and not fast.setting:
@@ -130,12 +101,13 @@ def sweep() -> list[str]:
         cells = [
             f"{'this bench' if own else engine}, {fast.version}",
             f"`{integrator}`" if own else f"{integrator} ({fast.setting})",
-            *("exact" if exact else shown(each["order of rotation"], ".1f", "–") for each in (fast, slow)),
-            *(shown(each[position], ".1e", "gave up", " m") for each in (fast, slow)),
-            *(shown(fast[name] / 1e3, ".2g", "–") for name in ("ns per step", "overhead, ns")),
+            *("exact" if exact else shown(each["order of rotation"], ".1f") for each in (fast, slow)),
+            *(metres(each[position], "gave up") for each in (fast, slow)),
+            *(shown(fast[name] / 1e3, ".2g") for name in ("ns per step", "overhead, ns")),
         ]
-        lines.append(f"| {' | '.join(cells)} |")
-    return [*ENGINES, *sorted(lines, key=lambda line: line.startswith("| this bench"))]
+        (ours if own else engines).append(cells)
+    head = "program, version | integrator | order, `bruels` | order, `slow` | position, `bruels` | position, `slow` "
+    return table(f"{head}| µs a step | overhead, µs", [*engines, *ours])
 
 
 @cache
@@ -146,33 +118,27 @@ def stored() -> pd.DataFrame:
 
 def known() -> list[str]:
     """Known engines with the steps of games, and the splitting of this bench beside them."""
-    table = engine_figures.overview(stored())
-    lines = [
-        f"| {row.engine} | {row.setting} | {' | '.join(shown(row[step], '.1e', '–', ' m') for step in engine_figures.OVERVIEW)} "
-        f"| {shown(row.until, '.2g', '–', ' s')} | {row.limit} |"
-        for _, row in table.iterrows()
-    ]
-    ours = [shown(value(programs.OURS, "strang", h=h), ".1e", "–", " m") for h in engine_figures.OVERVIEW.values()]
-    return [
-        *KNOWN,
-        *lines,
-        f"| this bench | `strang`, the splitting of Touma and Wisdom | {' | '.join(ours)} | 2 s | the exact motion |",
-    ]
+    lines = []
+    for _, row in engine_figures.overview(stored()).iterrows():
+        errors = (metres(row[step]) for step in engine_figures.OVERVIEW)
+        lines.append([row.engine, row.setting, *errors, shown(row.until, ".2g", " s"), row.limit])
+    ours = [metres(value(programs.OURS, "strang", h=h)) for h in engine_figures.OVERVIEW.values()]
+    lines.append(["this bench", "`strang`, the splitting of Touma and Wisdom", *ours, "2 s", "the exact motion"])
+    errors = "error, 1/60 s | error, 1/1024 s | within 10 cm, 1/60 s"
+    return table(f"program, version | settings | {errors} | smaller steps lead to", lines)
 
 
 def energies() -> list[str]:
     """What becomes of the energy in known engines, and how small their errors get."""
-    table = engine_figures.tables(stored())["energy"]
-    table = table[table.engine.isin(engine_figures.KNOWN) & table.setting.isin((programs.DEFAULT, programs.BEST))]
+    rows = engine_figures.tables(stored())["energy"]
+    rows = rows[rows.engine.isin(engine_figures.KNOWN) & rows.setting.isin((programs.DEFAULT, programs.BEST))]
     lines = []
-    for _, row in table.iterrows():
+    for _, row in rows.iterrows():
         setting = row.setting if row.integrator == row.setting else f"{row.setting}: {row.integrator}"
-        growth = shown(row["exponent p"], ".1f", "–")
-        cells = [row.engine, setting, row.precision, shown(row["energy gained"], ".1e", "–"), growth]
-        lines.append(
-            f"| {' | '.join(cells)} | {shown(row['least error'], '.1e', '–', ' m')} | 1/{1 / row['its step']:.0f} s |"
-        )
-    return [*ENERGIES, *lines]
+        energy = shown(row["energy gained"], ".1e"), shown(row["exponent p"], ".1f")
+        least = metres(row["least error"]), f"1/{1 / row['its step']:.0f} s"
+        lines.append([row.engine, setting, row.precision, *energy, *least])
+    return table("program | settings | numbers | energy gained | p | least error | its step", lines)
 
 
 def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
@@ -201,27 +167,32 @@ def story() -> list[str]:
     box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}
     rapier = [value("Rapier", "32 iterations, fast rotation", "racket", h, "rotation") for h in (1 / 60, 1 / 1024)]
     calm = [value("cannon-es", "undamped, 100 iterations", column=name) for name in ("energy", "position")]
-    facts = {
-        "lost": ", ".join(lost),
-        "without": ", ".join(without),
-        "near": ", ".join(near),
-        "least": f"{far.min():.2g}",
-        "most": f"{far.max():.2g}",
-        "family": ", ".join(dict.fromkeys(name for name, _, _ in family)),
-        "equal": f"{family[0][2][1 / 1024]:.2g}",
-        "joint": f"{value('Bullet (ammo.js)', 'default', h=1 / 1024):.2g}",
-        "spins": ", ".join(f"{spin:.3g} in {name}" for name, spin in spins.items()),
-        "box": ", ".join(f"{error:.2g} rad in {name}" for name, error in box.items()),
-        "calm": f"{calm[0]:.0e}",
-        "off": f"{calm[1]:.2g}",
-        "coarse": f"{rapier[0]:.2g}",
-        "fine": f"{rapier[1]:.2g}",
-    }
-    return [line.format(**facts) for line in STORY]
+    spun = ", ".join(f"{spin:.3g} in {name}" for name, spin in spins.items())
+    joint = value("Bullet (ammo.js)", "default", h=1 / 1024)
+    return [
+        f"1. **Many engines leave out the gyroscopic torque ω × Iω by default**: {', '.join(lost)}. In them `racket` never "
+        f"turns over, whatever the step. No option for it was found in {', '.join(without)}.",
+        f"2. **With default settings and steps of 1/60 s** these stay within 10 cm for 2 s on `slow`: {', '.join(near)}. "
+        f"The others do so for {far.min():.2g} to {far.max():.2g} s.",
+        f"3. **One formula has many names**: {', '.join(dict.fromkeys(name for name, _, _ in family))} take the "
+        f"semi-implicit Euler step in reduced coordinates, and are all off by {family[0][2][1 / 1024]:.2g} m with 1/1024 s. "
+        f"Bullet's point joint, a constraint, errs by {joint:.2g} m there.",
+        "4. **Some defaults are no physics**: damping and caps. With the smallest step a spin of 10 rad/s on `slow` is after "
+        f"2 s {spun}.",
+        "5. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation "
+        f"of `box` is off by {', '.join(f'{error:.2g} rad in {name}' for name, error in box.items())}.",
+        f"6. **Energy and small steps can mislead**: cannon-es without damping changes the energy of `slow` by {calm[0]:.0e} "
+        f"and is {calm[1]:.2g} m off. In single precision, with 32 iterations, Rapier errs on `racket` by {rapier[0]:.2g} rad "
+        f"with 1/60 s and by {rapier[1]:.2g} rad with 1/1024 s.",
+    ]
 
 
-def shown(number: float, form: str, none: str, unit: str = "") -> str:
+def shown(number: float, form: str, unit: str = "", none: str = "–") -> str:
     return none if pd.isna(number) else f"{number:{form}}{unit}"
+
+
+def metres(error: float, none: str = "–") -> str:
+    return shown(error, ".1e", " m", none)
 
 
 TABLES = {"heavy-top.md": [references], "engines.md": [known, story, energies, sweep], "../README.md": [defaults]}
