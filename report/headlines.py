@@ -109,10 +109,8 @@ def _paper(rows: pd.DataFrame, tables: Tables) -> str:
 
 def _magnets(rows: pd.DataFrame, tables: Tables) -> str:
     table = _where(tables["magnets"])
-    spins = f"{show(table['spins'].min())} to {show(table['spins'].max())} spins"
-    return (
-        f"One step of up to {show(table['units'].max())} units is right to {show(table['error'].max())}, with {spins}"
-    )
+    units, error, most = (show(table[name].max()) for name in ("units", "error", "spins"))
+    return f"One step of up to {units} units is right to {error}, with {show(table['spins'].min())} to {most} spins"
 
 
 HEADLINES: dict[str, Callable[[pd.DataFrame, Tables], str]] = {

@@ -32,13 +32,10 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
     if not names:
         return []
     findings, published = panels.findings(rows), work_precision.useful(Store(REFERENCE).rows("work_precision"))
-
-    def method(name: str) -> OwnMethod:
-        found = pd.DataFrame(findings.get(name, []), columns=["claimed", "found"])
-        places = pd.DataFrame(_places(name, rows.get("work_precision", pd.DataFrame()), published))
-        return OwnMethod(name, style.label(name), _claims(name), found, places)
-
-    return list(map(method, names))
+    timed = rows.get("work_precision", pd.DataFrame())
+    found = {name: pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]) for name in names}
+    places = {name: pd.DataFrame(_places(name, timed, published)) for name in names}
+    return [OwnMethod(name, style.label(name), _claims(name), found[name], places[name]) for name in names]
 
 
 def _claims(name: str) -> str:

@@ -55,18 +55,14 @@ def png(figure: Figure) -> bytes:
 
 def worth_a_look(figure: Figure) -> bool:
     """Whether the figure has a line of three points, or as many dots or bars, or a picture of two columns."""
-    lines = [np.asarray(line.get_xydata(), dtype=float) for ax in figure.axes for line in ax.lines]
-    sizes = [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
-    sizes += [np.asarray(dots.get_offsets()).shape[0] for ax in figure.axes for dots in ax.collections]
-    pictures = (
-        np.asarray(picture.get_array()).shape for ax in figure.axes for picture in (*ax.images, *ax.collections)
-    )
-    bars = max((len(ax.patches) for ax in figure.axes), default=0)
-    return (
-        max(sizes, default=0) >= LEAST_POINTS
-        or any(len(shape) > 1 and shape[1] > 1 for shape in pictures)
-        or bars >= LEAST_POINTS
-    )
+    sizes = [len(ax.patches) for ax in figure.axes]
+    shapes = []
+    for ax in figure.axes:
+        lines = (np.asarray(line.get_xydata(), dtype=float) for line in ax.lines)
+        sizes += [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
+        sizes += [len(dots.get_offsets()) for dots in ax.collections]
+        shapes += [np.shape(picture.get_array()) for picture in (*ax.images, *ax.collections)]
+    return max(sizes, default=0) >= LEAST_POINTS or any(len(shape) > 1 and shape[1] > 1 for shape in shapes)
 
 
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}

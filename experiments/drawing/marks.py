@@ -122,14 +122,8 @@ def multiples(
     fig, axes = panels(titles, columns, (0.45, 1.75), xlabel, ylabel, sharex=True, sharey=True)
     for ax, group in zip(axes, groups, strict=True):
         if group != family(REFERENCE) and REFERENCE in names:
-            beside = {
-                "color": of(REFERENCE)["color"],
-                "alpha": 0.35,
-                "linewidth": 2.2,
-                "marker": "o",
-                "label": "_reference",
-            }
-            line(ax, REFERENCE, {**beside, "zorder": 1, **small})
+            beside = {"color": of(REFERENCE)["color"], "alpha": 0.35, "linewidth": 2.2, "marker": "o", "zorder": 1}
+            line(ax, REFERENCE, {**beside, **small, "label": "_reference"})
         for name in names:
             if family(name) == group:
                 line(ax, name, {**of(name), **small})
@@ -183,7 +177,9 @@ class _Ends(Artist):
         gap = 1.25 * float(names[0].get_fontsize()) * renderer.points_to_pixels(1.0) / height
         places = _spread([*(y for y, _ in upwards), *(1.0 for _ in self.failed)], gap)
         widest = max(text.get_window_extent(renderer).width for text in names)
-        outside = not _has_axis_on_the_right(self.panel) and _room(self.panel) >= 1.05 * width + widest
+        here = (self.panel, *twins(self.panel))
+        numbers = any(ax.yaxis.get_ticks_position() == "right" for ax in here)  # are where the names would be
+        outside = not numbers and _room(self.panel) >= 1.05 * width + widest
         for text, end in zip(self.texts, ends, strict=True):
             text.set_visible(end is not None)
         for text, place in zip([*(self.texts[i] for _, i in upwards), *self.failed], places, strict=True):
@@ -192,11 +188,6 @@ class _Ends(Artist):
         joined = zip(ends, self.texts, strict=True)
         drawn = [(end, (1.04, text.get_position()[1])) if end and outside else np.empty((0, 2)) for end, text in joined]
         self.leaders.set_segments(drawn)
-
-
-def _has_axis_on_the_right(ax: Axes) -> bool:
-    """Whether this panel or its twin has numbers on the right."""
-    return any(each.yaxis.get_ticks_position() == "right" for each in (ax, *twins(ax)))
 
 
 def twins(ax: Axes) -> list[Axes]:

@@ -78,7 +78,8 @@ def markdown(frame: pd.DataFrame) -> str:
     """A pipe table."""
     sides = [":--" if side == "l" else "--:" for side in _sides(frame)]
     lines = [[heading(name) for name in frame.columns], sides, *_body(frame, show)]
-    return "".join("| " + " | ".join(_markdown_text(text) for text in line) + " |\n" for line in lines)
+    escaped = ([" ".join(text.replace("|", r"\|").split()) for text in line] for line in lines)
+    return "".join(f"| {' | '.join(line)} |\n" for line in escaped)
 
 
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
@@ -202,10 +203,6 @@ def _columns(frame: pd.DataFrame) -> list[list[Any]]:
 def _sides(frame: pd.DataFrame) -> list[str]:
     columns = [[value for value in column if show(value) != MISSING] for column in _columns(frame)]
     return ["r" if column and all(map(_is_number, column)) else "l" for column in columns]
-
-
-def _markdown_text(text: str) -> str:
-    return " ".join(text.replace("|", r"\|").split())
 
 
 def _tex_text(text: str) -> str:
