@@ -84,8 +84,10 @@ def latex(text: str) -> str:
     return pandoc("-f", "json", "-t", "latex", "--standalone", *variables, text=json.dumps(tree))
 
 
-def write() -> list[Path]:
+def main() -> None:
     """exact-step.tex, exact-step.pdf and the figures in OUTPUT."""
+    if missing := [packages for program, packages in NEEDED.items() if shutil.which(program) is None]:
+        raise SystemExit(f"make print: not installed: apt-get install {' '.join(missing)}")
     (OUTPUT / "figures").mkdir(parents=True, exist_ok=True)
     text = figures(PAGE.read_text(encoding="utf-8"), OUTPUT / "figures")
     tex = OUTPUT / "exact-step.tex"
@@ -99,13 +101,7 @@ def write() -> list[Path]:
     log = tex.with_suffix(".log").read_text(encoding="utf-8", errors="replace")
     if lost := sorted(set(re.findall(r"Missing character: There is no (\S+)", log))):
         raise SystemExit(f"make print: the font lacks {' '.join(lost)}: add them to LETTERS here")
-    return [tex, tex.with_suffix(".pdf")]
-
-
-def main() -> None:
-    if missing := [packages for program, packages in NEEDED.items() if shutil.which(program) is None]:
-        raise SystemExit(f"make print: not installed: apt-get install {' '.join(missing)}")
-    print(*write(), sep="\n")
+    print(tex, tex.with_suffix(".pdf"), sep="\n")
 
 
 if __name__ == "__main__":

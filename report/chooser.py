@@ -63,19 +63,20 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
         return
     for field, value in place.where.items():
         rows = rows[rows[field] == value]
-    good = _priced_body(rows) if "case" in place.where else work_precision.useful(rows)
+    body = "case" in place.where
+    good = _priced_body(rows) if body else work_precision.useful(rows)
     good = good.rename(columns={"total": "price"})
     good = good[~good.method.isin(ARCHIVE)]
     if good.empty:
         return
-    code = str(place.where.get("case", place.where.get("state")))
-    (problem, y0), title = _problem(place), f"{name} ({code})"
-    unit = 1.0 if "case" in place.where else problem.scales(y0)[2]
+    code = place.where["case" if body else "state"]
+    (problem, y0), title = motion(code) if body else find(code), f"{name} ({code})"
+    unit = 1.0 if body else problem.scales(y0)[2]
     conserved = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
         length, target = fields.values()
-        when = f"{tables.show(length)}{' s' if 'case' in place.where else ''}"
+        when = tables.show(length) + " s" * body
         for demand, names in _demands(problem).items():
             candidates = best[[names <= conserved.get(method, frozenset()) for method in best.method]]
             if len(candidates):
@@ -99,11 +100,6 @@ def _demands(problem: Any) -> dict[str, frozenset[str]]:
     lengths = frozenset(name for name in problem.names if name.startswith(("C", "|")))
     energy = frozenset(name for name in problem.names if name.startswith("H"))
     return {NOTHING: frozenset(), **({LENGTHS: lengths} if lengths else {}), ENERGY: lengths | energy}
-
-
-def _problem(place: Place) -> tuple[Any, Any]:
-    """The problem itself, and its initial state."""
-    return motion(place.where["case"]) if "case" in place.where else find(place.where["state"])
 
 
 def line(code: str, run: pd.Series, unit: float) -> str:

@@ -5,7 +5,7 @@ import pandas as pd
 from lagrange_bench.experiments.engine_figures import OVERVIEW, overview
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.experiments.programs import OURS, UNTIL
-from lagrange_bench.integrators.interface import INVARIANTS, Method, needed
+from lagrange_bench.integrators.interface import INVARIANTS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import ARCHIVE, METHODS, POTENTIALS, POTENTIALS_BUILT_IN
@@ -34,12 +34,6 @@ def _method(name: str, record: Method) -> dict[str, str | int]:
         "keeps to round-off": ", ".join([*kept, *claims.conserves_own]) or "nothing",
         "symmetric": "yes" if claims.symmetric else "no",
     }
-
-
-def more(name: str) -> dict[str, str]:
-    """What only the panel of a method says."""
-    record = METHODS[name]
-    return {"engine": record.engine, "needs": needed(record.needs), "source": record.source}
 
 
 def tops() -> pd.DataFrame:

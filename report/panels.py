@@ -14,9 +14,8 @@ import pandas as pd
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring.reductions import done, worst
-from lagrange_bench.integrators.interface import INVARIANTS
+from lagrange_bench.integrators.interface import INVARIANTS, needed
 from lagrange_bench.integrators.registry import METHODS, NAMED_TOPS
-from lagrange_bench.report import lists
 from lagrange_bench.report.claims import NoData
 from lagrange_bench.report.promises import CLAIMS, table
 
@@ -36,7 +35,8 @@ def script(rows: dict[str, pd.DataFrame]) -> str:
         return ""
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
     about = {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
-    facts = {name: lists.more(name) for name, record, _ in METHODS.each() if record}
+    records = [(name, record) for name, record, _ in METHODS.each() if record]
+    facts = {name: {"engine": m.engine, "needs": needed(m.needs), "source": m.source} for name, m in records}
     data = {"tops": tops, "facts": facts, "kept": findings(rows), "about": about, "parts": PARTS}
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
 

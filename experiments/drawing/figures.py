@@ -60,8 +60,8 @@ def worth_a_look(figure: Figure) -> bool:
     for ax in figure.axes:
         lines = (np.asarray(line.get_xydata(), dtype=float) for line in ax.lines)
         sizes += [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
-        sizes += [len(dots.get_offsets()) for dots in ax.collections]
-        shapes += [np.shape(picture.get_array()) for picture in (*ax.images, *ax.collections)]
+        sizes += [np.asarray(dots.get_offsets()).shape[0] for dots in ax.collections]
+        shapes += [np.asarray(picture.get_array()).shape for picture in (*ax.images, *ax.collections)]
     return max(sizes, default=0) >= LEAST_POINTS or any(len(shape) > 1 and shape[1] > 1 for shape in shapes)
 
 
