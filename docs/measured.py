@@ -68,8 +68,8 @@ def references() -> list[str]:
 @cache
 def orders() -> tuple[pd.DataFrame, str]:
     """Integrators of engines with their errors, and the column of the position at the step of the documents."""
-    table = engine_figures.tables(stored())["orders"]
-    return table, next(name for name in table if name.startswith("position, h"))
+    errors = engine_figures.tables(stored())["orders"]
+    return errors, next(name for name in errors if name.startswith("position, h"))
 
 
 def defaults() -> list[str]:
@@ -203,8 +203,8 @@ def written() -> dict[Path, str]:
     pages = {}
     for name, tables in TABLES.items():
         text, *blocks = (DOCS / name).read_text(encoding="utf-8").split(BEGIN)
-        for table, block in zip(tables, blocks, strict=True):
-            text = "\n".join((f"{text}{BEGIN}\n", *table(), f"\n{END}{block.split(END)[1]}"))
+        for made, block in zip(tables, blocks, strict=True):
+            text = "\n".join((f"{text}{BEGIN}\n", *made(), f"\n{END}{block.split(END)[1]}"))
         pages[DOCS / name] = text
     return pages
 
