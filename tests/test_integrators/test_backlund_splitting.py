@@ -6,6 +6,7 @@ import re
 import warnings
 from fractions import Fraction
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -82,6 +83,17 @@ def test_processed6_has_order_six(monkeypatch):
         worse = run()
         assert math.log2(worse[0] / worse[1]) < order + 0.6, part
         assert worse[1] > 3 * fine, part
+
+
+def test_degrees_of_the_tables(monkeypatch):
+    monkeypatch.undo()  # tables of every degree
+    text = (Path(__file__).parents[2] / "docs" / "perturbed.md").read_text("utf-8")
+    (shown,) = re.findall(r"^\| degree \| (.*) \|$", text, re.MULTILINE)
+    found = []
+    for name in ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide"):
+        top, y0, unit = problem(name)
+        found.append(prepare(top, y0, 0.5 * unit, NAME).degree)
+    assert [int(word) for word in shown.split(" | ")] == found
 
 
 @pytest.mark.parametrize("scheme", bs.SCHEMES)
@@ -318,18 +330,6 @@ def test_random_drives_are_followed_or_warned_about():
         found = chosen(problem, y0, t=[10.0, 64.0], tol=1e-8).y[1]
         assert metrics.scaled_error(top, y0, found, right) < 1e-8
     assert silent >= 8
-
-
-def test_a_frequency_that_grows_is_seen_at_the_end():
-    def swept(t, y, p):
-        return y[:3] @ y[:3] / 2.0 + y[5] + p[0] * cos(p[1] * t * t) * y[3] * y[5]
-
-    problem = Problem("swept", "e3", swept, (1e-4, 0.1))
-    assert not warned(problem, START, 10.0, 40)[1]
-    assert warned(problem, START, 60.0, 240)[1]
-    assert warned(problem.starting_at(50.0), START, 10.0, 40)[1]
-    end = chosen(problem, START, t=[3.0, 60.0], tol=1e-8).y[1]
-    assert metrics.scaled_error(problem, START, end, integrate(problem, START, t=[60.0], method="taylor").y[0]) < 1e-8
 
 
 @pytest.mark.parametrize(

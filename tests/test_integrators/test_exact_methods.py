@@ -10,7 +10,7 @@ from lagrange_bench import TOPS, LagrangeTop, StepError, exact, integrate, metri
 from lagrange_bench.experiments import phase
 from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators.torus import time_step as ts
-from tests.reference import drift
+from tests.reference import drift, turned
 from tests.test_integrators.test_exact import BOUND, STATES
 
 EPS = np.finfo(float).eps
@@ -104,6 +104,15 @@ def test_extreme_steps(h):
     y = prepare(named.top, named.state, h).advance(named.state, 3)
     jump = integrate(named.top, named.state, t=[3 * h]).y[0]
     assert np.max(np.abs(y - jump)) < 1e-14 + 1e-15 * min(abs(h), 1e3) + 1e-16 * abs(h)
+
+
+@pytest.mark.parametrize("sheet", [1, -1])
+@pytest.mark.parametrize("angle", [0.3, 1.5, 2.5])
+def test_far_away_a_step_is_a_turn(angle, sheet):
+    """|λ| → ∞ with m ≈ ± alpha λ²: T = 0, Θ = ± 2 arg λ."""
+    top, y = TOPS["generic"].top, TOPS["generic"].state
+    image = two_point(top, y, 1e9 * complex(math.cos(angle), math.sin(angle)), sheet)
+    assert np.max(np.abs(image - turned(math.cos(2 * angle), sheet * math.sin(2 * angle), y))) < 1e-7
 
 
 # ---------------------------------------------------------------- addition theorem and theta functions

@@ -111,17 +111,6 @@ def test_a_file_prints_what_its_head_says(case, language, run, folder):
         assert min(np.abs(found - right).max(), np.abs(found + right).max()) <= 1e-12 * np.abs(right).max()
 
 
-def test_refusals(run):
-    refused = {
-        "kovalevskaya": "no closed form",
-        "box --digits 25": "--digits is for rows",
-        "": "--code belongs to the NAME",
-    }
-    for words, reason in refused.items():
-        code, _, said = run("case", *words.split(), "--code", "c")
-        assert (code, said.count("\n"), reason in said) == (2, 1, True)
-
-
 ENGINE = """
 void exact(double t, double q[4], double omega[3]);
 void my_step(double h, double q[4], double omega[3])

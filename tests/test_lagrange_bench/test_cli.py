@@ -85,6 +85,8 @@ BAD = {  # words → what the line must name
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
     "case --until 3": "--until belongs to the NAME of a case",
+    "case kovalevskaya --code c": "no closed form",
+    "case box --digits 25 --code c": "--digits is for rows",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",

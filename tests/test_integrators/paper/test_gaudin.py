@@ -20,7 +20,6 @@ from lagrange_bench.integrators.torus import time_step
 from tests.test_integrators.paper.tools import Point, largest
 
 SIZES = pytest.mark.parametrize("n", [1, 5])
-LAM = 0.4 + 0.7j
 
 
 def magnet_of(p, n, real=False):
@@ -146,17 +145,6 @@ def test_maps_are_poisson_only_with_v_of_the_state(p, n):
         partial(two_point_textbook, lam1=lam, v1=-v, lam2=lam.conjugate(), v2=-v.conjugate()),
     ):
         assert largest(defect(frozen, magnet, spins)[0]) > 1e-4
-
-
-def test_the_image_moves_with_lambda():
-    """(7) of docs/exact-step.md, with eight spins."""
-    magnet, spins = magnet_of(Point(15, 0), 8, real=True)
-    rate, d = 0.6 - 0.3j, 1e-5
-    image, ahead, behind = (two_point(magnet, spins, LAM + s * d * rate) for s in (0, 1, -1))
-    v, ell = eigenvalue(magnet, spins, LAM), magnet.vector(image, LAM)
-    claimed = [2 * (rate / v * np.cross(s, ell) / (a - LAM)).imag for a, s in zip(magnet.sites, image, strict=True)]
-    assert largest((ahead - behind) / (2 * d) - claimed) < 1e-8
-    assert largest(claimed) > 0.01
 
 
 @pytest.mark.parametrize("seed", [0, 1])

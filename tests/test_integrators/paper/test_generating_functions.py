@@ -152,16 +152,3 @@ def test_contraction_is_of_first_order(seed):
     for first, second in zip(*errors, strict=True):
         assert 0 < first < 1e-5
         assert 1.99 < first / second < 2.01
-
-
-def test_contraction_squares(p):
-    """(5.2.12)–(5.2.14): ζ_1² and ζ_2² in the variables of the top, z_2² = ζ_2² − ε s̃_2⁺ s_2⁻; the morphism (2.20)."""
-    lam, c1, c2, (xm, Jm), (xp, Jp), k = arguments(p)
-    eps, J2 = (lam * 0 + 1) / 8, p.number()
-    sites, squares, minus, plus, near = gf.contraction_arguments(c1, c2, J2, (xm, Jm), (xp, Jp), k, eps)
-    p.same((eps * minus[1], sum(minus), eps * plus[1], sum(plus)), (xm, Jm, xp, Jp))
-    zeta = squares + lam * plus * minus
-    expanded = Jm * Jp - (Jp * xm + Jm * xp) / eps + xm * xp / eps**2
-    p.same(zeta, (squares[0] + lam * expanded, (c1 + lam * xm * xp) / eps**2))
-    z = gf.roots_z(lam, sites, squares, minus, plus, near)
-    p.same(z[1] ** 2, zeta[1] - eps * plus[1] * minus[1])

@@ -78,14 +78,6 @@ def test_gaudin_r_matrix_algebra(p, n):
         assert largest(defect) > 1e-3 * largest(brackets)
 
 
-def test_L_is_in_su2_for_real_data():
-    """(2.15), (2.16), (2.17): i L_G is anti-Hermitian and traceless for real sites, spins and u."""
-    L = 1j * lax.gaudin_matrix(0.7, (0.0, 0.4), np.random.default_rng(1).normal(size=(5, 2, 3)), 1.3)
-    assert L.shape == (5, 2, 2)
-    assert np.array_equal(L, -np.conj(np.swapaxes(L, -1, -2)))
-    assert np.array_equal(np.trace(L, axis1=-2, axis2=-1), np.zeros(5))
-
-
 def test_two_spins_are_o4(p):
     """(2.17): at ε = 1 J and J − 2x have the brackets of o(4), the antisymmetric matrices of four dimensions."""
     E = np.zeros((6, 4, 4))
