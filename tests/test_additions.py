@@ -27,7 +27,7 @@ CHECKS = [  # that name every method or every experiment
     *("test_docs", "test_integrators/test_contract", "test_experiments/test_round_off"),
     *("test_experiments/test_experiments", "test_report/test_claims", "test_report/test_readme"),
 ]
-CHOSEN = ("suzuki4", "golden", "ends", "confirmed_by", "documents", "changes_no_verdict")
+CHOSEN = ("suzuki4", "golden", "ends", "confirmed_by", "documents")
 
 
 @pytest.mark.slow

@@ -140,13 +140,6 @@ def test_the_reference_is_written_without_a_warning(tmp_path):
     assert [page.name for page in pages if remote.search(page.read_text(encoding="utf-8"))] == []
 
 
-def test_the_printed_page_names_figures_that_exist():
-    paper = script(DOCS / "print_exact_step.py")
-    named = [name for name, _ in paper.FIGURE.findall(paper.PAGE.read_text(encoding="utf-8"))]
-    assert len(named) > 3
-    assert all(name.partition("_")[0] in EXPERIMENTS for name in named)
-
-
 def test_the_notebook_shows_what_its_cells_do():
     """Texts as when run, one picture for each figure. If not: python docs/notebook/build.py."""
     import matplotlib.pyplot as plt

@@ -1,6 +1,5 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored; and the sections of `paper`."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from tempfile import TemporaryDirectory
@@ -9,11 +8,11 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, paper, paper_sections, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
-from lagrange_bench.experiments.measuring import reductions, states, timing
-from lagrange_bench.integrators import METHODS, TOPS, GaudinMagnet, available
+from lagrange_bench.experiments.measuring import reductions, timing
+from lagrange_bench.integrators import TOPS, available
 from lagrange_bench.integrators.paper import one_point, two_point
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
@@ -140,14 +139,6 @@ def test_the_quick_profile_is_a_part_of_the_full_one(name):
     assert shared or name == "work_precision", "what was computed for one profile serves the other"
 
 
-def test_an_exact_step_that_is_off_shows_in_the_rows(monkeypatch):
-    cell = {"part": "magnet", "spins": 2, "units": 5.0, "seed": 0}
-    assert paper.measure(cell)[0]["error"] < 1e-14
-    right = GaudinMagnet.exact_step
-    monkeypatch.setattr(GaudinMagnet, "exact_step", lambda magnet, s, h: right(magnet, s, h * (1 + 1e-11)))
-    assert paper.measure(cell)[0]["error"] > 1e-13
-
-
 def test_perturbed_tops_say_who_wins_and_who_loses():
     ours = [(perturbed.OURS, 1e-9, 1.0, 0.5), (perturbed.OURS, 1e-5, 0.25, 0.5)]
     runs = [*ours, ("taylor", 1e-11, 3.0, 0.0), ("rk4", 1e-3, 0.1, 0.0)]
@@ -189,13 +180,6 @@ def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):
     path = tmp_path / "picture.svg"
     assert len(answer("paper", "separation", "--output", path)["residuals"]) > 5
     assert path.read_text("utf-8").startswith("<?xml")
-
-
-def test_implicit_methods_in_the_interpreter_take_a_tenth_of_the_steps():
-    implicit = replace(METHODS["rk45"], family="implicit")
-    steps = [states.affordable(method, 10**7, full) for method in (METHODS["rk45"], implicit) for full in (False, True)]
-    assert steps == [2000, 20_000, 200, 2000]
-    assert states.affordable(METHODS["gauss4"], 10**7, False) == 10**7
 
 
 @pytest.mark.slow

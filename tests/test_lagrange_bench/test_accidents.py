@@ -111,21 +111,6 @@ def test_interrupt(tmp_path, whom):
     assert nobody_left(run.pid)
 
 
-def test_two_runs_into_one_store_at_once(toy, in_process, tmp_path):
-    gate = tmp_path / "gate"
-    cells = [{"do": "wait for lines", "i": 100, "file": str(gate), "lines": 1}, *squares(*range(24))]
-    runs = [start(cells, tmp_path / "shared", "--time-limit", "1e7", jobs=1) for _ in range(2)]  # the longest there is
-    for run in runs:
-        wait_for_worker(run)
-    gate.write_text("both have begun\n")
-    assert [finish(run)[0] for run in runs] == [0, 0]
-    records, problems = Store(tmp_path / "shared").read(TOY)
-    assert problems == []
-    assert [r["cell"]["i"] for r in records].count(100) == 2  # they did meet
-    toy(cells)
-    assert comparable(tmp_path / "shared") == comparable(tmp_path / "here")
-
-
 def test_a_run_that_meets_a_full_disk(toy, in_process, run, monkeypatch):
     """What was confirmed is whole, and the next run goes on."""
     cells, write = squares(*range(60)), os.write

@@ -2,10 +2,7 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
-from importlib.metadata import EntryPoint
-from types import ModuleType
 
 import numpy as np
 import pandas as pd
@@ -16,12 +13,10 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
 from lagrange_bench.integrators import METHODS, integrate
-from lagrange_bench.integrators.registry import BUILT_IN
 from lagrange_bench.report import chooser, claims, lists, origin, own, page, panels, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.report.headlines import HEADLINES, headline
 from lagrange_bench.report.origin import Origin
-from lagrange_bench.results import store
 from lagrange_bench.results.store import default_results
 
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
@@ -207,19 +202,6 @@ def test_times_are_judged_as_ratios():
     assert promises.batch_ratios(runs, ["taylor"]) == pytest.approx([150.0, 90.0])
 
 
-def test_a_new_method_without_rows_changes_no_verdict(monkeypatch, stored, judged):
-    module = ModuleType("somebody_elses")
-    module.METHOD = replace(METHODS["rk4"], name="mine")
-    monkeypatch.setitem(sys.modules, "somebody_elses", module)
-    monkeypatch.setitem(METHODS._entries, "mine", EntryPoint("mine", "somebody_elses:METHOD", METHODS.group))
-    monkeypatch.setitem(BUILT_IN, "mine", "somebody_elses:METHOD")
-    assert "mine" in METHODS
-    of_all = [claim for claim in promises.CLAIMS if any(callable(bound.measure) for bound in claim.bounds)]
-    monkeypatch.setattr(promises, "CLAIMS", of_all)
-    verdicts = {each.claim.id: each.verdict for each in judged}
-    assert [each.verdict for each in page.judge(stored)] == [verdicts[claim.id] for claim in of_all]
-
-
 RUNS = [  # method, h, error, seconds, set-up
     ("rk4", 0.5, 3e-5, 1e-3, 0.0),
     ("rk4", 0.1, 3e-9, 5e-3, 0.0),
@@ -325,16 +307,6 @@ def test_curves_of_a_plug_in_in_any_field(monkeypatch):
     assert tide["drift"] == {"mine": [20, -120]}  # J3 is not conserved there
     kept = json.loads(panels.script(rows))["kept"]["mine"]
     assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (random tops)"]]
-
-
-def test_the_profile_is_known_by_the_cells():
-    module = ModuleType("study")
-    module.cells = lambda profile: [{"h": h} for h in ((0.1, 1.0) if profile == "quick" else (0.01, 0.1))]
-    for h, known in ((0.1, ("quick", "full")), (1.0, ("quick",)), (0.01, ("full",)), (7.0, ())):
-        assert origin.profiles_of(module, [{"cell": store.clean({"h": h})}]) == known
-    assert Origin("my out").run("drift") == "lagrange-bench run drift --results 'my out'"
-    del module.cells
-    assert origin.profiles_of(module, []) is None
 
 
 def test_the_profile_of_a_folder(tmp_path, monkeypatch):
