@@ -54,10 +54,9 @@ def blocks(page: str) -> list[Block]:
     for match in FENCED.finditer(page):
         kind, text = match.groups()
         if kind.startswith("text"):
-            assert found
             assert not page[end : match.start()].strip(), f"output of nothing: {text!r}"
-            above, varies = found.pop(), kind == "text varies"
-            found.append(Block(above.kind, above.text, above.line, None if varies else text, varies, match.span(2)))
+            varies = kind == "text varies"
+            found.append(found.pop()._replace(shown=None if varies else text, varies=varies, place=match.span(2)))
         else:
             found.append(Block(kind, text, page.count("\n", 0, match.start()) + 1))
         end = match.end()
