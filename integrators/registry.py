@@ -307,22 +307,12 @@ def _meant(name: str, error: Exception, registry: Registry) -> str:
     return ""
 
 
-def find_stored_method(name: str) -> Method:
-    """`find_method` for a name in stored results: it imports no module for `module:METHOD`."""
-    _check_imported(name, METHODS)
-    return find_method(name)
-
-
-def find_stored_potential(name: str) -> Any:
-    """`find_potential` for a name in stored results: it imports no module for `module:POTENTIAL`."""
-    _check_imported(name, POTENTIALS)
-    return find_potential(name)
-
-
-def _check_imported(name: str, registry: Registry) -> None:
+def find_stored(name: str, registry: Registry) -> Any:
+    """The method or potential of a name in stored results, else ValueError; it imports no module for `module:NAME`."""
     module, colon, _ = name.partition(":")
     if colon and module not in sys.modules:
         raise ValueError(f"unknown {registry.word} {name!r}; if it is your own, add --module {module}")
+    return _load(name, registry)
 
 
 def available(method: Method) -> bool:

@@ -150,9 +150,6 @@ GROUPS = {
     "to look something up": "methods tops potentials case errata paper",
     "to work with results": "figure compare verify",
 }
-COMMANDS = tuple(
-    importlib.import_module(f"lagrange_bench.commands.{name}") for name in " ".join(GROUPS.values()).split()
-)
 
 
 def parser() -> Parser:
@@ -161,22 +158,19 @@ def parser() -> Parser:
     top.add_argument("--version", action="store_true", help="print the version and stop")
     top.set_defaults(command="", flags=top._option_string_actions)
     commands = top.add_subparsers(metavar="COMMAND", prog=top.prog, help=argparse.SUPPRESS)
-    for module in COMMANDS:
-        name = module.__name__.rpartition(".")[2]
-        command = commands.add_parser(name, text=(module.__doc__ or "").partition("\n\n")[2])
-        command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
-        command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
-        command.add_argument("--quiet", action="store_true", help="print nothing on stderr but errors")
-        if hasattr(module, "add_options"):
-            module.add_options(command)
-    top.description = "\n\n".join([top.description or "", *map(listed, GROUPS)])
+    for heading, names in GROUPS.items():
+        top.description = f"{top.description}\n\n{heading}:"
+        for name in names.split():
+            module = importlib.import_module(f"lagrange_bench.commands.{name}")
+            summary, _, text = (module.__doc__ or "").partition("\n\n")
+            top.description += f"\n  {name:<12}{summary.rstrip('.')}"
+            command = commands.add_parser(name, text=text)
+            command.set_defaults(run=module.run, command=name, flags=command._option_string_actions)
+            command.add_argument("--json", action="store_true", help="print JSON, and nothing else, on stdout")
+            command.add_argument("--quiet", action="store_true", help="print nothing on stderr but errors")
+            if hasattr(module, "add_options"):
+                module.add_options(command)
     return top
-
-
-def listed(heading: str) -> str:
-    """The commands of a group, each with the first sentence of its help."""
-    summaries = {m.__name__.rpartition(".")[2]: (m.__doc__ or "").partition("\n")[0].rstrip(".") for m in COMMANDS}
-    return "\n".join([f"{heading}:", *(f"  {name:<12}{summaries[name]}" for name in GROUPS[heading].split())])
 
 
 if __name__ == "__main__":

@@ -45,10 +45,10 @@ class Judgement:
     hints: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     curves: dict[str, Array] = field(default_factory=dict, repr=False)
-    file: str | None = None
-    columns: str = ""
     turns: float = 0.0
     sizes: dict[str, float] = field(default_factory=dict)
+    file: str | None = None
+    columns: str = ""
 
     @property
     def step(self) -> float:

@@ -113,21 +113,17 @@ def judge(
 def judge_file(path: Path, what: Request, convention: Convention, how: reading.Options) -> Judgement:
     """The judgement of a file. what : the motion to compare it with. how : the file is written like this."""
     try:
-        judgement = _as_laid_out(reading.survey(path, how), what, convention)
+        layout, way = reading.survey(path, how), ""
+        angles, quat = layout.how.angles or convention.angles, layout.quat or convention.quat
+        if layout.quat == "wxyz":  # by names: --quat has no effect there
+            w, x, y, z = layout.groups["quaternion"]
+            way = f"--columns qw={z},qx={w},qy={x},qz={y}"
+        blocks, convention = partial(reading.blocks, layout), replace(convention, angles=angles, quat=quat)
+        judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
     except (ValueError, EOFError, StepError) as error:
         clock = "; perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
         raise ValueError(f"{path}: {error}{clock * isinstance(error, StepError)}") from None
-    return replace(judgement, file=str(path))
-
-
-def _as_laid_out(layout: reading.Layout, what: Request, convention: Convention) -> Judgement:
-    how, way, blocks = layout.how, "", partial(reading.blocks, layout)
-    convention = replace(convention, angles=how.angles or convention.angles, quat=layout.quat or convention.quat)
-    if layout.quat == "wxyz":  # by names: --quat has no effect there
-        w, x, y, z = layout.groups["quaternion"]
-        way = f"--columns qw={z},qx={w},qy={x},qz={y}"
-    judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
-    return replace(judgement, notes=[*layout.notes, *judgement.notes], columns=layout.columns)
+    return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
 
 
 def request_of(case: str | Case | None, body: str | Case | RigidBody | None, start: str) -> Request:
@@ -232,19 +228,8 @@ def _judged(
             start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
     whole = rows if rows is not None and rows.rows == run.rows else None
     turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], whole)
-    judged = Judgement(
-        case.name,
-        run.rows,
-        (first, end),
-        errors,
-        start,
-        floors,
-        hints,
-        notes,
-        measured.curves,
-        turns=turns,
-        sizes=frames.sizes,
-    )
+    curves, sizes = measured.curves, frames.sizes
+    judged = Judgement(case.name, run.rows, run.span, errors, start, floors, hints, notes, curves, turns, sizes)
     if own_start:
         return judged
     if first == 0 and not hints and any(error > RIGHT * frames.sizes[name] for name, error in off.items()):

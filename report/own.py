@@ -9,7 +9,7 @@ from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators.interface import INVARIANTS
-from lagrange_bench.integrators.registry import BUILT_IN, find_stored_method
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored
 from lagrange_bench.report import panels
 from lagrange_bench.results.store import REFERENCE, Store
 
@@ -40,7 +40,7 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
 
 def _claims(name: str) -> str:
     try:
-        record = find_stored_method(name)
+        record = find_stored(name, METHODS)
     except Exception:  # somebody else's module may raise anything
         return ""
     kept = [word for word in INVARIANTS if word in record.claims.conserves] + list(record.claims.conserves_own)

@@ -18,7 +18,7 @@ import pandas as pd
 from matplotlib.colors import to_rgb
 
 from lagrange_bench.experiments.drawing.canvas import ARCHIVED, HIGHLIGHTED, plain, printable, title
-from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored_method, without_archive
+from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored, without_archive
 
 CONTRAST = 4.5  # of coloured text on white; WCAG asks for it
 
@@ -69,7 +69,7 @@ def _look(method: str) -> dict[str, Any]:
     if method not in mine and ":" not in method:
         return look
     with suppress(Exception):  # a method that cannot be loaded here keeps its name in the rows
-        look = {**look, "label": find_stored_method(method).label}
+        look = {**look, "label": find_stored(method, METHODS).label}
     place = mine.index(method) if method in mine else _digest(method)
     marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
     return {"label": look["label"], "color": OWN, "marker": marker, "linestyle": dashes, "linewidth": 1.8}

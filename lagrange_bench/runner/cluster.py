@@ -18,7 +18,7 @@ from typing import Any, Self
 
 from lagrange_bench import arguments
 from lagrange_bench.results import provenance
-from lagrange_bench.runner import memory, workers
+from lagrange_bench.runner import workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 from lagrange_bench.support import interrupts
 
@@ -151,7 +151,7 @@ def compute(
 @cache
 def look(experiment: str = "") -> dict[str, Any]:
     """The versions of packages that decide about rows. ModuleNotFoundError if the module of an experiment is missing."""
-    memory.limit()  # ValueError for a wrong one
+    workers.memory_limit()  # ValueError for a wrong one
     if "." in experiment and importlib.util.find_spec(experiment) is None:
         raise ModuleNotFoundError(f"no module {experiment}")
     return {package: provenance.version(package) for package in provenance.DECISIVE}

@@ -17,7 +17,7 @@ from lagrange_bench.experiments.catalogue import load, missing_package, with_uni
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
-from lagrange_bench.runner import cluster, memory, progress, workers
+from lagrange_bench.runner import cluster, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from lagrange_bench.support import interrupts, machine
 from lagrange_bench.support.source_digest import Sources
@@ -116,7 +116,7 @@ def run(
     KeyboardInterrupt : Ctrl-C. The workers have ended, finished cells are stored, and the message says so.
     """
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
-    memory.limit()  # ValueError for a wrong one
+    workers.memory_limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
     listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
     choice.check(cell for some in listed.values() for cell in some)

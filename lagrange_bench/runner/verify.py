@@ -3,14 +3,13 @@
 import random
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, load_stored, missing_package
-from lagrange_bench.integrators.registry import find_stored_method, find_stored_potential
+from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available, find_stored
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
 from lagrange_bench.results.compare import differences, is_time
@@ -97,7 +96,7 @@ def _judge(result: Verification, old: Record, new: Record, here: Sources) -> Non
 
 
 def _tolerance(method: Any) -> Any:
-    compiled = isinstance(method, str) and getattr(_found(find_stored_method, method), "engine", None) == "numba"
+    compiled = isinstance(method, str) and find_stored(method, METHODS).engine == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
 
@@ -152,15 +151,13 @@ def _comparable(record: Record, own: Iterable[str]) -> bool:
 
 
 def _absent(cell: dict[str, Any]) -> str | None:
-    """The method or potential of a stored cell that is not here, or is somebody's own and was not imported."""
-    for word, find in (("method", find_stored_method), ("potential", find_stored_potential)):
-        if isinstance(name := cell.get(word), str) and _found(find, name) is None:
-            return name
-    return None
-
-
-def _found(find: Any, name: str) -> Any:
-    """A stored method or potential; None if it is not here."""
-    with suppress(ValueError):
-        return find(name)
+    """The method or potential of a stored cell that cannot run here, or is somebody's own and was not imported."""
+    for registry in (METHODS, POTENTIALS):
+        if isinstance(name := cell.get(registry.word), str):
+            try:
+                found = find_stored(name, registry)
+            except ValueError:
+                return name
+            if registry is METHODS and not available(found):
+                return name
     return None

@@ -7,6 +7,7 @@ same rows.
 
 import faulthandler
 import gc
+import math
 import multiprocessing
 import os
 import signal
@@ -25,7 +26,6 @@ from typing import Any, Protocol, Self
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
-from lagrange_bench.runner import memory
 from lagrange_bench.support import announce, interrupts
 from lagrange_bench.support.source_digest import IMPORTED_SOURCES
 
@@ -36,6 +36,8 @@ HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 GRACE = 30.0  # s after the limit; then a worker whose parent did not end it ends itself
+MEMORY = "LAGRANGE_BENCH_MEMORY"  # in the environment: GB for one worker
+ENOUGH = 4.0  # GB, by default; a worker that has compiled every method takes 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +103,6 @@ def _stream(
 def failed_by(outcome: Outcome, reason: str) -> bool:
     """Whether the cell failed for this reason: DIED (its process ended) or OTHER_SOURCES."""
     return outcome["status"] == "failed" and outcome["error"]["type"] == reason
-
-
-# ---------------------------------------------------------------- on this machine
 
 
 class Local:
@@ -181,16 +180,11 @@ class _Worker:
         return failure(*error, "", monotonic() - self.begin)
 
     def _reason(self) -> str:
-        """Why the process ended."""
         self.process.join(1)
         code = self.process.exitcode
-        if code is None:
-            return "the worker process died"
-        if code >= 0:
+        if code is None or code >= 0:
             return f"the worker process ended itself with exit code {code}"
-        with suppress(ValueError):  # a real-time signal has no name
-            return f"the worker process was killed by {signal.Signals(-code).name}"
-        return f"the worker process was killed by signal {-code}"
+        return f"the worker process was killed by {signal.Signals(-code).name}"
 
     def end(self) -> None:
         """Kill the process, even if it is in compiled code."""
@@ -215,13 +209,9 @@ def _one_thread_each() -> Iterator[None]:
         os.environ.update(before)
 
 
-# ---------------------------------------------------------------- inside a worker
-
-
 def _serve(pipe: Any) -> None:
-    """Compute the cells that come through a pipe."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    memory.restrain()
+    _limit_memory()
     announce.quiet = True  # the parent shows the progress
     gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
     os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
@@ -233,10 +223,32 @@ def _serve(pipe: Any) -> None:
 
 def _end_with_parent() -> None:
     """End this worker when its parent ends, even if the parent was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+    multiprocessing.parent_process().join()  # type: ignore[union-attr]
+    os._exit(1)
+
+
+def memory_limit() -> float:
+    """How many GB a worker may take."""
+    text = os.environ.get(MEMORY, "")
+    with suppress(ValueError):
+        value = float(text or ENOUGH)
+        if 0 < value < math.inf:
+            return value
+    raise ValueError(f"{MEMORY} must be a positive number of GB for each worker process; got {text!r}")
+
+
+def _limit_memory() -> None:
+    """Limit the memory of this process, if the system can. To take more raises MemoryError.
+
+    The limit counts memory that is written to (RLIMIT_DATA). Compilers and threads reserve much more, which does not count.
+    """
+    with suppress(ImportError):  # Windows
+        import resource
+
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        wanted = int(1e9 * memory_limit())
+        soft = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, expected: str | None = None) -> Outcome:
@@ -272,7 +284,7 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
     except BaseException as error:  # SystemExit, too, must end neither the worker nor the run
         message = text_of(error)
         if isinstance(error, MemoryError):
-            message = f"more than {memory.limit():g} GB; {memory.VARIABLE} in the environment, in GB, allows more"
+            message = f"more than {memory_limit():g} GB; {MEMORY} in the environment, in GB, allows more"
         return failure(type(error).__name__, message, traceback.format_exc(), 0.0)
     finally:
         faulthandler.cancel_dump_traceback_later()
@@ -280,7 +292,6 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
 
 
 def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
-    """The outcome of a cell that failed."""
     trace = trace.replace(HOME, "")  # the folder differs between machines, and is private
     error = {"type": type_, "message": message, "traceback": text_of(trace[-TRACEBACK:])}
     return {"status": "failed", "rows": [], "error": error, "warnings": [], "seconds": round(seconds, 3)}

@@ -29,7 +29,7 @@ from lagrange_bench.runner import engine
 from tests.mutants import ROOT
 from tests.reference import free_body
 
-COMMANDS = tuple(module.__name__.rpartition(".")[2] for module in cli.COMMANDS)
+COMMANDS = tuple(" ".join(cli.GROUPS.values()).split())
 SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 

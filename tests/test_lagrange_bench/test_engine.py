@@ -13,7 +13,7 @@ from faults import TOY, nobody_left, squares, start
 from lagrange_bench.integrators import registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store
-from lagrange_bench.runner import engine, memory, progress, workers
+from lagrange_bench.runner import engine, progress, workers
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
 
@@ -48,7 +48,7 @@ def test_cells_that_die_hang_chatter_or_take_too_much_memory_fail_alone_and_timi
     odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("segfault", "compiled loop", "wrong clock", "warn"))]
     odd += [{"do": "memory", "GB": size, "i": i} for size, i in ((0.1, 110), (0.6, 111))]
     timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
-    variables = {"OMP_NUM_THREADS": "7", memory.VARIABLE: "0.5"}
+    variables = {"OMP_NUM_THREADS": "7", workers.MEMORY: "0.5"}
     cells = [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing]
     run = start(cells, tmp_path, "--json", "--time-limit", "15", **variables)
     out, err = run.communicate(timeout=300)  # the loop would take ten minutes
@@ -152,7 +152,7 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
         with pytest.raises(ValueError, match=message):
             toy(cells)
     for text in ("0", "inf", "nan", "four"):
-        monkeypatch.setenv(memory.VARIABLE, text)
+        monkeypatch.setenv(workers.MEMORY, text)
         with pytest.raises(ValueError, match=f"LAGRANGE_BENCH_MEMORY must be a positive number of GB.*got '{text}'"):
             toy(squares(1))
 

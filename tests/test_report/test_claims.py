@@ -272,7 +272,7 @@ def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
     assert places[1e-10].startswith("not within 0.02 s; ")
     assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
     stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
-    monkeypatch.setattr(own, "find_stored_method", lambda name: METHODS["rk4"])
+    monkeypatch.setattr(own, "find_stored", lambda name, registry: METHODS["rk4"])
     (claiming,) = own.methods({"work_precision": stranger})
     assert (mine.claims, claiming.claims) == ("", "order 4, and to keep J3"), "the first cannot be loaded here"
 
