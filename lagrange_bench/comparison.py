@@ -1,7 +1,7 @@
 """`Comparison`: rows of methods on tops, as a frame, and any column of it against any other as a figure."""
 
 import textwrap
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -104,7 +104,7 @@ class Comparison:
         y: str | None = None,
         methods: Names = None,
         tops: Names = None,
-        ax: Axes | Sequence[Axes] | None = None,
+        ax: Axes | Sequence[Axes] | Callable[[list[str]], Any] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
         names: str | bool = "right",
@@ -121,8 +121,9 @@ class Comparison:
             Names of columns of numbers.
         methods, tops : list of str, optional
             Draw these only.
-        ax : Axes, or a list of them, optional
-            Your own: as many as tops, or one for all. By default those of a new figure of pyplot.
+        ax : Axes, a list of them, or a function, optional
+            Your own: as many as tops, or one for all; or what makes them from the names of the tops. By default those of a new
+            figure of pyplot.
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
         names : "right", "legend" or False
@@ -145,8 +146,10 @@ class Comparison:
         x, y = x or self.x, y or self.y
         if x == "h_scaled" and x not in self.frame:
             x = "h"  # rows in the tops' own units
-        methods, tops = _listed(methods), _listed(tops)
-        rows, panels = self._rows(x, y, methods, tops), self.tops(x, y, methods, tops)
+        tops = _listed(tops)
+        rows = self._rows(x, y, methods, tops)
+        named = list(dict.fromkeys(rows["top"]))
+        panels = named if tops is None else [top for top in tops if top in named]
         axes = _axes(ax, panels)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
         with METHODS.temporarily_registered(*self.methods):
@@ -163,25 +166,6 @@ class Comparison:
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
                 style.set_limits(one, limits)
         return axes[0] if len(axes) == 1 else np.array(axes)
-
-    def tops(self, x: str, y: str, methods: Names = None, tops: Names = None) -> list[str]:
-        """The tops that `plot` has panels for.
-
-        Parameters
-        ----------
-        x, y : str
-            Names of columns of numbers.
-        methods, tops : list of str, optional
-            These only.
-
-        Returns
-        -------
-        list of str
-            Their names.
-        """
-        chosen = _listed(tops)
-        named = list(dict.fromkeys(self._rows(x, y, methods, chosen)["top"]))
-        return named if chosen is None else [top for top in chosen if top in named]
 
     def _rows(self, x: str, y: str, methods: Names, tops: Names) -> pd.DataFrame:
         """The rows to draw; ValueError if there are none."""
@@ -279,12 +263,13 @@ def _methods(rows: pd.DataFrame) -> pd.Series:
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:
-    """A panel for each top, or one for all."""
-    if ax is None:
+    if ax is None or callable(ax):
         from matplotlib import pyplot as plt
 
         if len(tops) > MOST:
-            raise ValueError(f"tops: there are {len(tops)}; choose at most {MOST}, as tops={tops[:2]}")
+            raise ValueError(f"tops: there are {len(tops)}; choose at most {MOST}, such as {','.join(tops[:2])}")
+        if ax is not None:
+            return list(np.ravel(ax(tops)))
         columns = min(len(tops), 2)
         rows = -(-len(tops) // columns)
         width, height = plt.rcParams["figure.figsize"]

@@ -83,7 +83,9 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str) -> bytes:
     """A figure of two columns, as the bytes of a file, from the rows of an experiment or of the named figure."""
-    from lagrange_bench.comparison import MOST, Comparison
+    import numpy as np
+
+    from lagrange_bench.comparison import Comparison
     from lagrange_bench.data import load
     from lagrange_bench.experiments.drawing import figures, style
 
@@ -93,14 +95,13 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
     part = options.name.removeprefix(names[-1]).removeprefix("_") if names else ""
     if "part" in frame and part in set(frame["part"]):
         frame = frame[frame["part"] == part]
-    drawn = Comparison(frame)
+
+    def panels(tops: list[str]) -> Any:
+        return style.panels(tops, 2, (0.4, 2.7), "", "")[1]
+
     with style.apply(options.width, choice.highlight):
-        tops = drawn.tops(options.x, options.y, choice.methods or None, choice.tops or None)
-        if len(tops) > MOST:
-            raise ValueError(f"--tops: there are {len(tops)}; choose at most {MOST}, as --tops {','.join(tops[:2])}")
-        figure, axes = style.panels(tops, 2, (0.4, 2.7), "", "")
-        drawn.plot(options.x, options.y, choice.methods or None, tops, axes)
-        return figures.FORMATS[kind](figure)
+        axes = Comparison(frame).plot(options.x, options.y, choice.methods or None, choice.tops or None, panels)
+        return figures.FORMATS[kind](np.ravel(axes)[0].figure)
 
 
 def _format(options: argparse.Namespace) -> str:
