@@ -31,6 +31,7 @@ DOUBLE = 17  # digits from which a double can be read back exactly
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators import CASES
+    from lagrange_bench.integrators.cases.standalone import standalone
     from lagrange_bench.judging import find
     from lagrange_bench.support.files import replace_file
 
@@ -44,28 +45,20 @@ def run(options: argparse.Namespace) -> Answer:
         words = ("name", "title", "until", "source", "remarks")
         return Answer("\n".join(lines), [{word: getattr(case, word) for word in words} for case in CASES.values()])
     case = find(options.name)
-    if options.code is not None:
-        return code(case, options)
-    rows = rows_of(case, options.until, options.every, options.digits or DOUBLE)
+    data: dict[str, Any] = {"case": case.name}
+    if options.code is None:
+        rows = rows_of(case, options.until, options.every, options.digits or DOUBLE)
+        text, count, about = "\n".join((*head(case), *rows, "")), f" ({len(rows)} rows)", {"rows": len(rows)}
+        data |= {"columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
+    else:
+        if extra := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
+            raise ValueError(f"--{extra[0]} is for rows; --code gives the motion at any time: take one of the two")
+        text, count, about = standalone(case, options.code, facts(case)), "", {"language": options.code}
+        data |= {"language": options.code, "text": text}
     if options.output is None:
-        data = {"case": case.name, "columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
-        return Answer("\n".join((*head(case), *rows)), data)
-    done = replace_file(options.output, "\n".join((*head(case), *rows, "")))
-    return Answer(f"{done} ({len(rows)} rows)", {"case": case.name, "rows": len(rows), "file": str(options.output)})
-
-
-def code(case: Any, options: argparse.Namespace) -> Answer:
-    """The file that follows the case by itself."""
-    from lagrange_bench.integrators.cases.standalone import standalone
-    from lagrange_bench.support.files import replace_file
-
-    if extra := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
-        raise ValueError(f"--{extra[0]} is for rows; --code gives the motion at any time: take one of the two")
-    text = standalone(case, options.code, facts(case))
-    data = {"case": case.name, "language": options.code}
-    if options.output is None:
-        return Answer(text.rstrip("\n"), {**data, "text": text})
-    return Answer(replace_file(options.output, text), {**data, "file": str(options.output)})
+        return Answer(text.rstrip("\n"), data)
+    done = replace_file(options.output, text)
+    return Answer(f"{done}{count}", {"case": case.name, **about, "file": str(options.output)})
 
 
 def facts(case: Any) -> list[str]:

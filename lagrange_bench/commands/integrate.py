@@ -79,7 +79,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def times(text: str) -> list[float]:
-    """t0:t1:n, or a list."""
     if ":" not in text:
         return arguments.numbers(text)
     parts = text.split(":")
@@ -138,7 +137,7 @@ def run(options: argparse.Namespace) -> Answer:
     facts |= {"parameters": list(getattr(top, "parameters", ()))}
     facts |= {} if options.physical is None else {"physical": options.physical}
     facts |= {"h": options.h, "h_scaled": options.h and options.h / top.scales(y0)[2]}
-    facts |= {"steps": options.steps, "every": grid.get("every"), "work": vars(trajectory.work)}
+    facts |= {"steps": options.steps, "every": grid["every"], "work": vars(trajectory.work)}
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
@@ -172,7 +171,6 @@ def _follow(word: str, method: Any, top: Any, y0: Any, settings: dict[str, Any])
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
-    """Name, top and initial state, from the options."""
     from lagrange_bench.integrators import LagrangeTop
     from lagrange_bench.integrators.checks import check_state
     from lagrange_bench.integrators.registry import find_top
@@ -218,19 +216,12 @@ def _of_body(
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `lagrange_bench.integrate` that set the times."""
-    if options.times is not None:
-        flags = ("h", "h-scaled", "steps", "every")
-        if extra := [flag for flag in flags if vars(options)[flag.replace("-", "_")] is not None]:
-            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0]}")
-        return {"t": options.times}
-    if options.h is None or options.steps is None:
-        raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
-    if options.h == 0.0:
-        raise ValueError("--h must not be 0")
+    """The arguments of `lagrange_bench.integrate` that set the times; it checks whether they fit each other."""
     every = options.every
-    if every is None:
-        every = 1 if options.output or options.draw else max(options.steps, 1)
-    if every < 1 or options.steps % every:
-        raise ValueError(f"--every {every} does not divide --steps {options.steps}")
-    return {"h": options.h, "steps": options.steps, "every": every}
+    if options.times is None:
+        if options.h is None or options.steps is None:
+            raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
+        if every is None:
+            every = 1 if options.output or options.draw else max(options.steps, 1)
+    words = ("h", "h_scaled", "steps")
+    return {"t": options.times, "every": every, **{word: getattr(options, word) for word in words}}
