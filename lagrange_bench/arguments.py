@@ -98,7 +98,6 @@ def results_folder(text: str) -> Path:
 
 
 def limits(text: str) -> tuple[float, float]:
-    """The two ends of an axis."""
     ends = numbers(text)
     if len(ends) != 2 or ends[0] == ends[1]:
         raise ValueError(f"must be two numbers, as 1e-3,10; got {text!r}")

@@ -252,8 +252,6 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
 
 @dataclass(frozen=True)
 class _NamedProblem:
-    """A problem and a state under a name."""
-
     name: str
     label: str
     top: Any
@@ -271,8 +269,6 @@ class _NamedProblem:
 
 
 class _Request:
-    """Methods and tops that were checked."""
-
     def __init__(self, methods: Any, tops: Any):
         if not isinstance(methods, str | Method | Iterable):
             raise ValueError(f"methods must be names or Method objects; got {methods!r}")
@@ -362,7 +358,6 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
 def _race(
     request: _Request, measure: Measure, fields: Cell, span: Callable[[float], float], longest: float, x: str
 ) -> Comparison:
-    """Work against precision of each method on each top."""
     if not check_real(longest, "longest") > 0:
         raise ValueError(f"longest must be positive; got {longest!r}")
     for top in request.tops:

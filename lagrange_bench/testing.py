@@ -50,7 +50,6 @@ class Run(NamedTuple):
     names: tuple[str, ...]
 
     def drift(self, invariant: str) -> np.ndarray:
-        """The drift of one invariant, (N,)."""
         return self.ulps[:, self.names.index(invariant)]
 
     def largest(self, invariant: str) -> tuple[float, int]:
@@ -214,23 +213,26 @@ def drifts(
                 yield Run(label, step, counts, ulps, top.names)
 
 
-def find(word: Top) -> Named:
-    """A label for messages, the problem and its state, from the name of a top or from a pair (problem, y0)."""
-    if isinstance(word, str):
-        return word, *check.find(word)
-    problem: Any = word[-2] if isinstance(word, (tuple, list)) and len(word) in (2, 3) else None
-    if not hasattr(problem, "check_state") or not (len(word) == 2 or isinstance(word[0], str)):
-        raise ValueError(f"tops: a top is a name, or (problem, y0), or (name, problem, y0); got {word!r}")
-    y0 = problem.check_state(word[-1])
-    return f"{f'{word[0]}, ' * (len(word) == 3)}{problem} from {y0.tolist()}", problem, y0
-
-
 def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:
-    """`find` for each top of a sequence. ValueError if it is no sequence, or if a top does not conserve an invariant."""
+    """A label for messages, the problem and its state, of each top of a sequence. ValueError if one lacks an invariant."""
     if isinstance(tops, str) or not isinstance(tops, Iterable):
         raise ValueError(f"tops must be a sequence of tops; got {tops!r}")
-    named = [find(word) for word in tops]
-    for label, problem, _ in named:
+    named: list[Named] = []
+    for word in tops:
+        if isinstance(word, str):
+            label, problem, y0 = word, *check.find(word)
+        else:
+            pair = isinstance(word, (tuple, list)) and len(word) in (2, 3)
+            if (
+                not pair
+                or not hasattr(word[-2], "check_state")
+                or not isinstance(word[0] if len(word) == 3 else "", str)
+            ):
+                raise ValueError(f"tops: a top is a name, or (problem, y0), or (name, problem, y0); got {word!r}")
+            *name, problem, y0 = word
+            y0 = problem.check_state(y0)
+            label = f"{', '.join([*name, str(problem)])} from {y0.tolist()}"
+        named.append((label, problem, y0))
         for name in invariants:
             if name not in problem.names:
                 hint = suggestion(str(name), problem.names)

@@ -60,7 +60,6 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
-    """One line that says how many cells of which parts were added or removed."""
     if not cells:
         return []
     parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)

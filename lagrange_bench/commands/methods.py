@@ -24,7 +24,6 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List every method, in the order of legends. A method that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
     from lagrange_bench.integrators.interface import needed
     from lagrange_bench.integrators.registry import ARCHIVE, find_top

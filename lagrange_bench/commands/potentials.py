@@ -23,7 +23,6 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List every potential. A potential that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import POTENTIALS
 
     data: list[dict[str, Any]] = []

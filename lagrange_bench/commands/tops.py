@@ -25,7 +25,6 @@ from lagrange_bench.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
-    """List the named tops of both kinds. A top that cannot be loaded is listed with the reason."""
     from lagrange_bench.integrators import INVARIANTS
     from lagrange_bench.integrators.registry import NAMED_TOPS
     from lagrange_bench.integrators.truth import exact

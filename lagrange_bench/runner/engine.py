@@ -45,8 +45,6 @@ class Counts:
 
 @dataclass
 class Summary:
-    """The summary of a run."""
-
     results: Path
     profile: str
     experiments: dict[str, Counts] = field(default_factory=dict)

@@ -26,7 +26,6 @@ class Cells:
         self.fifth: tuple[float, float] | None = None
 
     def begin(self, experiment: str) -> None:
-        """Say that a cell of this experiment begins."""
         if experiment not in self.last:
             self.last[experiment] = monotonic()
             self.bars.start_task(self.tasks[experiment])
@@ -36,7 +35,6 @@ class Cells:
                 print(text, file=sys.stderr, flush=True)
 
     def advance(self, experiment: str, failed: bool) -> None:
-        """Say that a cell of this experiment is finished."""
         self.failed[experiment] += failed
         failures = f"{self.failed[experiment]} failed" if self.failed[experiment] else ""
         self.bars.update(self.tasks[experiment], advance=1, failures=failures)

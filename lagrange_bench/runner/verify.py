@@ -30,8 +30,6 @@ EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must 
 
 @dataclass
 class Verification:
-    """What the cells that were computed again say."""
-
     stored: Counter[str] = field(default_factory=Counter)  # all stored cells, by `sources.judge`
     cells: int = 0
     identical: int = 0

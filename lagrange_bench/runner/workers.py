@@ -42,8 +42,6 @@ ENOUGH = 4.0  # GB, by default; a worker that has compiled every method takes 0.
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One cell to compute."""
-
     experiment: str
     version: int
     position: int
@@ -198,7 +196,6 @@ _STARTING = threading.Lock()  # one process is started at a time, since all shar
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started in the block use one thread each."""
     before = {name: os.environ[name] for name in THREADS if name in os.environ}
     os.environ.update(dict.fromkeys(THREADS, "1"))
     try:
