@@ -146,7 +146,11 @@ class Registry(Mapping[str, Any]):
         if name not in self._entries:
             close = suggestion(str(name), self._entries)
             whole = f"All: lagrange-bench {self.word}s"
-            known = whole if close.endswith("?") else f"Known: {', '.join(self._entries)}"
+            known = (
+                whole
+                if close.endswith("?")
+                else f"Known: {', '.join(self._entries) or f'your own, as mine:{self.word.upper()}'}"
+            )
             raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
         loaded = self._loaded.get(name)
@@ -164,7 +168,7 @@ class Registry(Mapping[str, Any]):
     def include(self, name: str) -> None:
         """Register `module:NAME` under these very words in this process, without an entry point; ValueError if it cannot be."""
         if name not in self._entries:
-            _load(name, self)
+            find(name, self)
             self._entries = {**self._entries, name: EntryPoint(name, name, self.group)}
 
     def module(self, name: str) -> str:
@@ -237,7 +241,7 @@ def find_method(method: str | Method) -> Method:
 
     ValueError if there is none, or it cannot be loaded; NotInstalled if it needs another package.
     """
-    record = _load(method, METHODS) if isinstance(method, str) else method
+    record = find(method, METHODS) if isinstance(method, str) else method
     if not isinstance(record, Method):
         raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
     if not available(record):
@@ -259,7 +263,7 @@ copyreg.pickle(Method, _reduced)
 def find_potential(potential: str | Any) -> Any:
     """The potential of a name in POTENTIALS or of `package.module:POTENTIAL`, or the potential itself; else ValueError."""
     if isinstance(potential, str):
-        return _load(potential, POTENTIALS)
+        return find(potential, POTENTIALS)
     if not isinstance(potential, POTENTIALS.kind):
         raise ValueError(
             f"potential must be a name in POTENTIALS, package.module:POTENTIAL or a Potential; got {potential!r}"
@@ -269,10 +273,11 @@ def find_potential(potential: str | Any) -> Any:
 
 def find_top(name: str) -> Any:
     """The named top of a name in NAMED_TOPS or of `package.module:TOP`; else ValueError."""
-    return _load(name, NAMED_TOPS)
+    return find(name, NAMED_TOPS)
 
 
-def _load(name: str, registry: Registry) -> Any:
+def find(name: str, registry: Registry) -> Any:
+    """What has a name in the registry, or `module:NAME`; ValueError if there is none, or it cannot be loaded."""
     word = registry.word
     path, colon, attribute = name.partition(":")
     if path.endswith(".py"):
@@ -312,7 +317,7 @@ def find_stored(name: str, registry: Registry) -> Any:
     module, colon, _ = name.partition(":")
     if colon and module not in sys.modules:
         raise ValueError(f"unknown {registry.word} {name!r}; if it is your own, add --module {module}")
-    return _load(name, registry)
+    return find(name, registry)
 
 
 def available(method: Method) -> bool:

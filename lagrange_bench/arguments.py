@@ -137,26 +137,13 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     return choice
 
 
-def own(word: str, what: str) -> Any:
-    """The object `module:NAME`. ValueError if it cannot be loaded."""
-    from lagrange_bench.integrators.own_modules import import_own
-
-    module, _, name = word.partition(":")
-    try:
-        return getattr(import_own(module), name)
-    except Exception as error:  # somebody's own module may raise anything
-        missing = isinstance(error, ModuleNotFoundError) and error.name == module
-        where = f"; there is no {module.replace('.', '/')}.py in {Path.cwd()}" if missing else ""
-        raise ValueError(f"{what} {word} cannot be loaded: {type(error).__name__}: {error}{where}") from error
-
-
 def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
     """The problem `module:PROBLEM` and its state. ValueError if it cannot be loaded, or if there is no state."""
+    from lagrange_bench.integrators.registry import Registry, find
+
     if state is None:
         raise ValueError("--problem needs --state, the numbers of a state")
-    problem = own(word, "--problem")
-    if not hasattr(problem, "offers"):
-        raise ValueError(f"--problem {word} must be a Problem or a top; it is a {type(problem).__name__}")
+    problem = find(word, Registry("problem", {}, "lagrange_bench.integrators:Problem"))
     return problem, problem.check_state(state, "--state")
 
 

@@ -12,11 +12,10 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import reading, row_blocks
-from lagrange_bench.arguments import own
 from lagrange_bench.consistency import Rows, rate_notes
 from lagrange_bench.conventions import ATTITUDES, GROUPS, Convention, Exact, Frames
 from lagrange_bench.hints import CLOCKS, RIGHT, SINGLE, START, Hints, find_hints, own_hints
-from lagrange_bench.integrators import CASES, Case, RigidBody, StepError
+from lagrange_bench.integrators import CASES, Case, RigidBody, StepError, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judgement import Judgement
@@ -145,7 +144,7 @@ def find(case: str | Case, start: bool = True) -> Case:
     if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
         return read_case(Path(case), start)
     if isinstance(case, str) and ":" in case:
-        case = own(case, "case")
+        return registry.find(case, registry.Registry("case", {}, "lagrange_bench.integrators:Case"))  # type: ignore[no-any-return]
     if not isinstance(case, str | Case):
         raise ValueError(f"case must be a name or a Case; got {case!r}")
     try:

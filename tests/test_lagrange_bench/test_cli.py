@@ -349,7 +349,7 @@ def test_a_problem_of_ones_own(answer, run, folder):
         code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
         assert (code, said in err) == (2, True)
     code, _, err = run("integrate", "--problem", "posed:Q", "--state", "1,2,3", "--h", "1", "--steps", "1")
-    assert (code, "--problem posed:Q cannot be loaded" in err) == (2, True)
+    assert (code, "problem posed:Q cannot be loaded" in err) == (2, True)
 
 
 def test_where_and_when_a_trajectory_is(answer):

@@ -285,7 +285,7 @@ def test_a_case_of_ones_own_is_named_by_its_module(folder):
     words = "from lagrange_bench import CASES\nCASE = CASES['bruels']\nOTHER = 5\n"
     (folder / "my_own_case.py").write_text(words, encoding="utf-8")
     assert judge(T, X, case="my_own_case:CASE").position.max < 1e-12
-    for name, message in (("my_own_case:NONE", "cannot be loaded"), ("my_own_case:OTHER", "must be a name or a Case")):
+    for name, message in (("my_own_case:NONE", "cannot be loaded"), ("my_own_case:OTHER", "not a lagrange_bench.Case")):
         with pytest.raises(ValueError, match=message):
             judge(T, X, case=name)
 
