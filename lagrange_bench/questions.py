@@ -35,7 +35,7 @@ from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
 from lagrange_bench.experiments.measuring import check, states
 from lagrange_bench.experiments.measuring.reductions import worst
-from lagrange_bench.integrators import METHODS, Method, StepError
+from lagrange_bench.integrators import METHODS, Method, Problem, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
 from lagrange_bench.integrators.interface import Array, StepWarning
 from lagrange_bench.integrators.problem import kinds
@@ -277,7 +277,7 @@ class _Request:
         names = [method.name for method in self.methods]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"methods: give at least one, and each name once; got {names}")
-        pair = isinstance(tops, tuple) and len(tops) in (2, 3) and _problem(tops[-2]) is not None
+        pair = isinstance(tops, tuple) and len(tops) in (2, 3) and isinstance(tops[-2], Problem)
         one = isinstance(tops, str) or hasattr(tops, "state") or pair
         if not one and not isinstance(tops, Iterable):
             raise ValueError(f"tops must be names, or pairs of a problem and a state; got {tops!r}")
@@ -329,18 +329,13 @@ def _named(top: Any) -> _NamedProblem:
         if top.name in NAMED_TOPS and NAMED_TOPS[top.name] == top:
             return _named(top.name)
         top = top.name, top.top, top.state
-    if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or (problem := _problem(top[-2])) is None:
+    if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or not isinstance(top[-2], Problem):
         raise ValueError(f"tops: a top is a name, or a pair of a problem and a state; got {top!r}")
-    *name, given, y0 = top
-    label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(given), 60, placeholder=" …")
+    *name, problem, y0 = top
+    label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(problem), 60, placeholder=" …")
     if label in NAMED_TOPS or states.is_drawn(label):
         raise ValueError(f"tops: the bench has a top named {label}; give yours another name: ('mine', problem, y0)")
     return _NamedProblem(label, label, problem, problem.check_state(y0))
-
-
-def _problem(thing: Any) -> Any:
-    """A top, a problem or a body; None if it is none of these."""
-    return thing if hasattr(thing, "check_state") and hasattr(thing, "scales") else None
 
 
 def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:

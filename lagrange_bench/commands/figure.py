@@ -52,8 +52,6 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.runner import progress
     from lagrange_bench.support.files import replace_file
 
-    if options.list and (extra := [word for word in ("output", "format", "width") if getattr(options, word)]):
-        raise ValueError(f"--{extra[0]} is for figures that are drawn, and --list draws none")
     if (options.x is None) != (options.y is None) or (options.x and options.name is None):
         raise ValueError("--x and --y go together, with the name of a figure or of an experiment")
     results = find_results(options.results)

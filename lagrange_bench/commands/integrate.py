@@ -99,7 +99,7 @@ def physical(text: str) -> dict[str, float]:
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench import summary
     from lagrange_bench.integrators.api import default_method, own_step
-    from lagrange_bench.integrators.registry import METHODS, find_method
+    from lagrange_bench.integrators.registry import METHODS, find_method, without_archive
     from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
@@ -111,12 +111,8 @@ def run(options: argparse.Namespace) -> Answer:
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
     if reason := method.takes(top):
-        words = [f"--{word} {getattr(options, word)}" for word in ("top", "potential") if getattr(options, word)]
-        words += [f"--parameters {','.join(map(repr, options.parameters))}"] if options.parameters else []
-        names = f"lagrange-bench methods {' '.join(words)}"
-        if options.problem is not None:
-            names = ", ".join(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)
-        raise ValueError(f"--method: {reason} (those that take it: {names})")
+        others = without_archive(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)
+        raise ValueError(f"--method: {reason} (these take it: {', '.join(others)})")
     if options.times is None:
         method.prepare_for(top, settings)
     elif method.evaluate_for(top, settings) is None:

@@ -81,7 +81,7 @@ BAD = {  # words → what the line must name
     f"{I} --output folder.csv": "folder.csv: this is not a file",
     f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
     f"{I} --top magnet": "no exact one is known here; name one, such as taylor",
-    f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "methods --potential tide --parameters 0.1,1.0,0.0,0.0)",
+    f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "(these take it: backlund_splitting, taylor, ",
     f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
     "case --until 3": "--until belongs to the NAME of a case",
@@ -344,7 +344,7 @@ def test_a_problem_of_ones_own(answer, run, folder):
     for more, said in (
         ("--draw x.svg", "no axis on a sphere"),
         ("--top slow", "not allowed with argument --state"),
-        ("--method backlund", "(those that take it: taylor, "),
+        ("--method backlund", "(these take it: taylor, "),
     ):
         code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
         assert (code, said in err) == (2, True)
