@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lagrange_bench.experiments.measuring import check, metrics, states
-from lagrange_bench.integrators import METHODS, Method, StepError
+from lagrange_bench.integrators import METHODS, Method, Problem, StepError
 from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
 from lagrange_bench.integrators.problem import kinds
@@ -222,12 +222,8 @@ def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:
         if isinstance(word, str):
             label, problem, y0 = word, *check.find(word)
         else:
-            pair = isinstance(word, (tuple, list)) and len(word) in (2, 3)
-            if (
-                not pair
-                or not hasattr(word[-2], "check_state")
-                or not isinstance(word[0] if len(word) == 3 else "", str)
-            ):
+            pair = isinstance(word, (tuple, list)) and len(word) in (2, 3) and isinstance(word[-2], Problem)
+            if not pair or (len(word) == 3 and not isinstance(word[0], str)):
                 raise ValueError(f"tops: a top is a name, or (problem, y0), or (name, problem, y0); got {word!r}")
             *name, problem, y0 = word
             y0 = problem.check_state(y0)
