@@ -145,12 +145,8 @@ class Registry(Mapping[str, Any]):
             return own[name]
         if name not in self._entries:
             close = suggestion(str(name), self._entries)
-            whole = f"All: lagrange-bench {self.word}s"
-            known = (
-                whole
-                if close.endswith("?")
-                else f"Known: {', '.join(self._entries) or f'your own, as mine:{self.word.upper()}'}"
-            )
+            names = ", ".join(self._entries) or f"your own, as mine:{self.word.upper()}"
+            known = f"All: lagrange-bench {self.word}s" if close.endswith("?") else f"Known: {names}"
             raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
         loaded = self._loaded.get(name)

@@ -214,7 +214,7 @@ def drifts(
 
 
 def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:
-    """A label for messages, the problem and its state, of each top of a sequence. ValueError if one lacks an invariant."""
+    """A label for messages, the problem and its state, of each top. ValueError if one does not conserve an invariant."""
     if isinstance(tops, str) or not isinstance(tops, Iterable):
         raise ValueError(f"tops must be a sequence of tops; got {tops!r}")
     named: list[Named] = []
