@@ -48,8 +48,6 @@ def test_an_addition_is_a_file_and_a_line(tmp_path):
     here = {"cwd": copy, "env": {**os.environ, "PYTHONPATH": str(copy)}, "timeout": 1800}
     done = python("-m", "lagrange_bench", "run", "ends", "--results", "out", "--jobs", "1", "--quiet", **here)
     assert done.returncode == 0, done.stderr
-    units = "from lagrange_bench import load; f = load('out')['ends']; print(set(f.h_scaled), len(set(f.h)))"
-    assert python("-c", units, **here).stdout.split() == ["{0.1}", "2"]
     words = ("-m", "pytest", "-q", "-p", "no:cacheprovider", "-n0", "-rp", "-k", " or ".join(CHOSEN))
     words += tuple(f"tests/{name}.py" for name in CHECKS)
     done = python(*words, **here)

@@ -122,11 +122,6 @@ def test_links_resolve_and_commands_exist(page):
         assert (ROOT / file).exists(), file
 
 
-def test_an_unknown_command_is_found_out():
-    text = "    lagrange-bench dance\n`lagrange-bench run drift --fast`, `lagrange-bench run drfit`, `--no-such`"
-    assert unknown(text) == ["dance", "run --fast", "run drfit", "--no-such"]
-
-
 @pytest.mark.processes
 @pytest.mark.skipif(importlib.util.find_spec("pdoc") is None, reason="needs pdoc: pip install 'lagrange-bench[docs]'")
 @pytest.mark.slow

@@ -114,31 +114,6 @@ def test_no_number_is_made_up_where_one_is_missing(name):
                 assert table[column].isna().all(), column
 
 
-SWEEP = {"longest", "per_octave", "decades"}  # of a curve of error and cost
-SHORTER = {  # fields in which cells of the quick profile differ from their like of the full one: the length of the runs
-    "drift": {"steps"},
-    "phase": {"steps"},
-    "cost": {"time"},
-    "work_precision": SWEEP,
-    "perturbed": {"steps", *SWEEP, "tops"},
-    "round_off": {"steps"},
-}
-
-
-@each
-def test_the_quick_profile_is_a_part_of_the_full_one(name):
-    module, lengths = load(name), SHORTER.get(name, set())
-    quick, full = module.cells("quick"), module.cells("full")
-
-    def keys(cells, without=frozenset()):
-        return {str(sorted((k, v) for k, v in cell.items() if k not in without)) for cell in cells}
-
-    assert len(keys(full)) == len(full)
-    assert keys(quick, lengths) <= keys(full, lengths)
-    shared = keys(quick) & keys(full)
-    assert shared or name == "work_precision", "what was computed for one profile serves the other"
-
-
 def test_perturbed_tops_say_who_wins_and_who_loses():
     ours = [(perturbed.OURS, 1e-9, 1.0, 0.5), (perturbed.OURS, 1e-5, 0.25, 0.5)]
     runs = [*ours, ("taylor", 1e-11, 3.0, 0.0), ("rk4", 1e-3, 0.1, 0.0)]

@@ -80,20 +80,6 @@ def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkey
     assert not any(word in files["pdf"] for word in (b"/Type3", b"CreationDate"))
 
 
-def test_two_points_or_one_column_are_not_worth_a_figure_of_the_page():
-    def worth(draw):
-        figure, ax = style.figure("column")
-        ax.axhline(1.0)
-        draw(ax)
-        return figures.worth_a_look(figure)
-
-    assert not worth(lambda ax: ax.plot([1, 2, 3], [1, 2, np.nan]))
-    assert worth(lambda ax: ax.plot([1, 2, 3], [1, 2, 3]))
-    assert not worth(lambda ax: ax.imshow(np.ones((5, 1))))
-    assert worth(lambda ax: ax.imshow(np.ones((5, 2))))
-    assert worth(lambda ax: ax.scatter([1, 2, 3], [1, 2, 3]))
-
-
 def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
     fig, ax = style.figure("column")
     ax.plot([1, 2], [1, 2], **style.thin("rk4"))

@@ -130,8 +130,6 @@ def test_what_an_engine_tends_to():
     lines = engine_figures.overview(rows, kinds).set_index("engine")
     assert lines.limit.to_dict() == {f"{name}, 1": limit for name, (_, limit) in kinds.items() if limit}
     assert lines.loc["right, 1"].tolist()[:4] == ["default", 1.0, 0.25, 0.5]
-    few = pd.DataFrame(stored("right", "best", falling)[:1])
-    assert np.isnan(engine_figures.overview(few, ["right"])["1/1024 s"].iloc[0])
     part = engine_figures.overview(pd.DataFrame(stored("MJX", "best", falling)), ["MJX"])
     assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2]  # Euler and RK4
     found = [[name for name, _, _ in family] for family in engine_figures.families(rows)]

@@ -137,6 +137,8 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     _, ax = plt.subplots()
     made().plot(ax=ax)
     assert (len(ax.get_lines()), ax.get_title()) == (4, "generic unit top, fast top")
+    ax = made().plot(tops=["generic"], names="legend")
+    assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
 def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
@@ -157,19 +159,6 @@ def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
     figure.canvas.draw()
     height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
     assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
-
-
-def test_beside_an_axis_on_the_right_names_are_inside_or_in_a_legend_or_nowhere():
-    figure, ax = plt.subplots(figsize=(9, 4))
-    figure.subplots_adjust(right=0.6)  # there would be room beside the panel
-    made().plot(tops=["generic"], ax=ax)
-    twin = ax.twinx()
-    made().plot(y="height", tops=["generic"], ax=twin, names=False, linestyle=":")
-    assert ({line.get_linestyle() for line in twin.lines}, list(twin.texts), twin.get_title()) == ({":"}, [], "")
-    figure.canvas.draw()
-    assert all(text.get_window_extent().x1 <= ax.bbox.x1 for text in ax.texts)
-    ax = made().plot(tops=["generic"], names="legend")
-    assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]

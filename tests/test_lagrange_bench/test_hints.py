@@ -103,12 +103,6 @@ def test_two_axes_angles_in_degrees_and_the_start_of_another_case_are_named(tmp_
     (found,) = answer("judge", counted, "--case", "bruels")["files"]
     assert found["hints"] == ["the quaternions are in the order wxyz: --quat wxyz, or other names."]
     flying = CASES["flying_box"].solution(5 * T)
-    for off, words in (
-        (np.arange(1, 4), "off by (1, 2, 3) m"),
-        (flying.rotation.apply((0, 0, 1)), "the point (0, 0, 1) m of"),
-    ):
-        (hint,) = judge(5 * T, flying.position + off, flying.rotation, case="flying_box").hints
-        assert words in hint
     for up, end in ((None, "(x, z, y)."), ("y", "(x, z, y), without --up.")):
         mirrored = flying.position @ MIRROR, MIRROR @ flying.rotation.as_matrix() @ MIRROR
         (hint,) = judge(5 * T, *mirrored, case="flying_box", up=up).hints

@@ -219,7 +219,6 @@ def test_whatever_is_typed_in_is_drawn_or_refused(browser):
     ):
         move(browser, top="generic", **typed)
         assert answer in css(browser, "#live .told").text
-    move(browser, top="generic", h=0.4)
 
 
 def test_the_tide_of_the_live_top(browser):
