@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lagrange_bench as lb
-from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, StepError
+from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError
 from lagrange_bench.integrators import (
     Problem,
     RigidBody,
@@ -151,6 +151,10 @@ OTHERS = [  # a call, words in the message
     (lambda: reference.solution(TIDE, Y0 * np.repeat((1e200, 1), 3), [1e-200]), ".*less extreme units"),
     (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
+    *(
+        (lambda V=V: prepare(PerturbedTop(TOP, Potential("mine", V)), Y0, 0.1), "y0: the potential mine is not finite")
+        for V in (lambda x1, x2, x3, p: NAN * x1, lambda x1, x2, x3, p: x1 / 0.0)
+    ),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
     (lambda: BODY.top, ".*no Lagrange top is in a body"),
     (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),

@@ -23,13 +23,6 @@ from tests.reference import turned
 from tests.test_integrators.paper.tools import largest
 
 
-def test_complex_formulas_agree_with_the_top():
-    top, y = TOPS["figure1"].top, TOPS["figure1"].state
-    assert np.array_equal(vector_field(top, y), top.rhs(y))
-    assert np.array_equal(np.array(invariants(top, y)), top.invariants(y))
-    assert np.array_equal(poisson_tensor(y), top.poisson(y))
-
-
 def test_ladder_brackets(p):
     """(1.3), (1.4): all brackets of J3, J±, x3, x±."""
     J3, Jm, Jp, x3, xm, xp = ladder(p.y)
