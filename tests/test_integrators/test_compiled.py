@@ -187,6 +187,29 @@ def test_kept_code_depends_on_kernels_that_come_as_arguments(monkeypatch):
     assert len({*digests, _sources(loops.__name__)}) == 3
 
 
+# last states of runs that begin one after the other, and whether their set-up is compiled at the end
+RUNS = """
+import sys
+from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, integrate
+from lagrange_bench.integrators.compiling import interpreted
+from lagrange_bench.integrators.methods import backlund
+method = sys.argv[1]
+named, h = (TOPS["generic"], 20.0) if method == "backlund" else (PERTURBED_TOPS["weak_tide"], 0.1)
+ends = {integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex() for _ in range(int(sys.argv[2]))}
+print(*ends, bool(backlund.real_map.exact_constants.overloads))
+interpreted.PATIENCE = 0.0
+print(integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex())
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", ["backlund", "backlund_splitting"])
+def test_a_script_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_path, method):
+    first, second = (python(RUNS, method, calls, cache=tmp_path).split() for calls in ("50", "1"))
+    assert first == [first[0], "False", first[0]]
+    assert second == [first[0], str(method == "backlund"), first[0]]  # out of the cache, from the first call on
+
+
 def test_where_python_raises_compiled_code_begins_anew(monkeypatch):
     """And finds its arrays as they were."""
     monkeypatch.setattr(interpreted, "PATIENCE", 10.0)  # 0 where times are measured

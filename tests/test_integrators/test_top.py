@@ -7,6 +7,8 @@ import sys
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, LagrangeTop, PerturbedTop, Potential, integrate
 from lagrange_bench.integrators import Problem, RigidBody, cos, exp, log, sin, sqrt
@@ -146,6 +148,35 @@ def test_scales_of_a_weightless_top_are_those_of_its_field(J):
     assert heavy.invariant_scales((J, 0.0, 0.0, 0.6, 0.0, 0.8))[0] == pytest.approx(J * J / 2 + 2.0 + 0.18)
 
 
+FORMULA = st.recursive(
+    st.sampled_from(("x1", "x2", "x3", "p[0]", "0.0", "1.0", "-1.0", "inf", "nan")),
+    lambda part: st.one_of(
+        st.builds("({} {} {})".format, part, st.sampled_from("+-*/"), part),
+        st.builds("sqrt({})".format, part),
+        st.builds("({}) ** {}".format, part, st.sampled_from((2, 3, -1, 0.5, 1.5, 0, 0.3))),
+    ),
+    max_leaves=8,
+)
+
+
+@pytest.mark.interpreted
+@settings(max_examples=60, derandomize=True, deadline=None)
+@given(FORMULA, st.floats(allow_nan=False, allow_infinity=False))
+def test_any_formula_gives_a_finite_force_or_is_refused_by_name(formula, number):
+    value = eval(f"lambda x1, x2, x3, p: {formula}", {"sqrt": sqrt, "inf": math.inf, "nan": math.nan})
+    message = None
+    try:
+        top = PerturbedTop(TOP, Potential("of mine", value), (number,))
+        top.check_state(Y)  # as `integrate` does
+    except ValueError as error:
+        message = str(error)
+    if message is None:
+        assert np.isfinite(top.force(Y)).all()
+    else:
+        assert "potential of mine" in message
+        assert "\n" not in message
+
+
 # ---------------------------------------------------------------- symmetries: none but the plain ones are seen
 
 
@@ -191,14 +222,18 @@ def test_a_narrow_feature_off_the_axis_is_seen(seed):
 
 AXISYMMETRIC = [  # a formula, its numbers, whether it is quadratic
     (lambda x, y, z, p: x**2 + 2 * y**2 - y * y, (), True),
+    (lambda x, y, z, p: ((x + y) ** 2 + (x - y) ** 2) / 2, (), True),
     (lambda x, y, z, p: x * x / 0.6 + y * y * (1 / 0.6) + z, (), True),
     (lambda x, y, z, p: 0.1 * x * x + 0.2 * x * x + 0.3 * y * y, (), True),
     (lambda x, y, z, p: p[0] * x * x - p[1] * y * y, (0.3, -0.3), True),
     (lambda x, y, z, p: z * z + p[0] * exp(x / 0.01), (0.0,), True),
+    (lambda x, y, z, p: z**4 + p[0] * z**6, (0.7,), False),
     (lambda x, y, z, p: (x * cos(z) + y * sin(z)) ** 2 + (y * cos(z) - x * sin(z)) ** 2, (), True),
     (lambda x, y, z, p: cos(x - y) ** 2 + sin(y - x) ** 2 + z, (), True),
     (lambda x, y, z, p: 1 / sqrt(x * x + y * y + (z - p[0]) ** 2) + log(x * x + y * y + 1), (1.5,), False),
+    (lambda x, y, z, p: sqrt(x * x + y * y) ** 2 + z, (), True),
     (lambda x, y, z, p: exp(-((x / 0.3) ** 2)) * exp(-((y / 0.3) ** 2)), (), False),
+    (lambda x, y, z, p: sum(1 / sqrt(x * x + y * y + (z - k / 10) ** 2) for k in range(20)), (), False),
 ]
 
 
