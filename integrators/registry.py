@@ -302,7 +302,8 @@ def _meant(name: str, error: Exception, registry: Registry) -> str:
     if isinstance(error, ModuleNotFoundError) and error.name == module and "." not in module:
         files = [path.stem for path in Path.cwd().glob("*.py")]
         return f"; there is no {module}.py in {Path.cwd()}{suggestion(module, files).rstrip('.')}"
-    keyword = re.search(r"(\w+)\.__init__\(\) got an unexpected keyword argument '(\w+)'", str(error))
+    # Python 3.13 says itself what was perhaps meant
+    keyword = re.search(r"(\w+)\.__init__\(\) got an unexpected keyword argument '(\w+)'$", str(error))
     if keyword and keyword[1] == registry.kind.__name__:
         return suggestion(keyword[2], inspect.signature(registry.kind).parameters).rstrip(".")
     return ""
