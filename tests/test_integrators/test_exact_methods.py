@@ -98,6 +98,16 @@ def test_next_to_a_root_of_q_the_map_keeps_the_invariants(name, lam):
     assert np.max(drift(named.top, named.state, image)) < 4e-15
 
 
+def test_papers_figures():
+    """On Figure 2, with a large λ, the paper's program loses more than nine digits of |x|²; the real form loses none."""
+    for name, lam, steps, lost in (("figure1", 0.02j, 1000, 0), ("figure2", 500 + 5000j, 4000, 1e-7)):
+        named = TOPS[name]
+        for method in ("backlund", "backlund_textbook"):
+            y = prepare(named.top, named.state, 1.0, method, lam=lam).record(named.state, steps, 1)
+            largest = np.max(drift(named.top, named.state, y))
+            assert largest < 1e-11 if method == "backlund" or not lost else largest > lost
+
+
 @pytest.mark.parametrize("h", [1e-300, 1e-30, 1e-12, 1e10, -1e13])
 def test_extreme_steps(h):
     named = TOPS["generic"]
