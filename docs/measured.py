@@ -79,11 +79,12 @@ def defaults() -> list[str]:
     exact = errors[errors.integrator == "backlund"].iloc[0]
     lines = []
     for engine, rows in errors[errors.engine != exact.engine].groupby("engine", sort=False):
-        chosen = (rows[rows.setting.str.contains(word, na=False)] for word in ("default", "best"))
-        found = (
-            [f"{row.integrator}: {metres(row[position], 'gave up')}" for _, row in some.iterrows()] for some in chosen
-        )
-        lines.append([f"{engine}, {rows.version.iloc[0]}", *("; ".join(words) or "–" for words in found)])
+        cells = [f"{engine}, {rows.version.iloc[0]}"]
+        for setting in ("default", "best"):
+            chosen = rows[rows.setting.str.contains(setting, na=False)]
+            errors_of = [f"{row.integrator}: {metres(row[position], 'gave up')}" for _, row in chosen.iterrows()]
+            cells.append("; ".join(errors_of) or "–")
+        lines.append(cells)
     lines.append(["this bench", "", f"`backlund`, any step: {metres(exact[position])}"])
     return table("program | default | best", lines)
 

@@ -95,6 +95,11 @@ def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[
         worst = max(changes, key=lambda difference: difference.relative)
         sizes = (f"{max(difference.absolute for difference in changes):.1e}", f"{worst.relative:.1e}")
         counts = (str(len(changes)), str(sum(difference.rows for difference in changes)))
-        rows.append((column, *counts, *sizes, f"{worst.old!s:.60}", f"{worst.new!s:.60}"))
+        rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
     cells = listed(experiment, "changed", [each["cell"] for each in changed])
     return ["", f"changed in {experiment}:", *table(rows), *cells]
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= 60 else f"{text[:59]}…"

@@ -57,6 +57,8 @@ def run(options: argparse.Namespace) -> Answer:
     results = find_results(options.results)
     choice = choice_of(options, None if options.x else results)
     if options.list:
+        if extra := [word for word in ("output", "format", "width") if getattr(options, word)]:
+            raise ValueError(f"--{extra[0]} is for figures that are drawn, and --list draws none")
         with progress.waiting("figures are drawn to see which there are", show=not (options.quiet or options.json)):
             figures = export.names(results, choice)
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})

@@ -214,7 +214,11 @@ def _of_body(
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `lagrange_bench.integrate` that set the times; it checks whether they fit each other."""
     every = options.every
-    if options.times is None:
+    if options.times is not None:
+        flags = ("h", "h-scaled", "steps", "every")
+        if extra := [flag for flag in flags if vars(options)[flag.replace("-", "_")] is not None]:
+            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0]}")
+    else:
         if options.h is None or options.steps is None:
             raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
         if every is None:

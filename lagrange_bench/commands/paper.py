@@ -38,6 +38,8 @@ def run(options: argparse.Namespace) -> Answer:
 
     known = paper_sections.SECTIONS
     if options.section is None:
+        if options.top or options.output:
+            raise ValueError(f"{'--top' if options.top else '--output'} belongs to a SECTION: {', '.join(known)}")
         listed = [("section", "in the paper", "what it shows")]
         listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
         data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]

@@ -153,9 +153,9 @@ def _absent(cell: dict[str, Any]) -> str | None:
     for registry in (METHODS, POTENTIALS):
         if isinstance(name := cell.get(registry.word), str):
             try:
-                found = find_stored(name, registry)
+                record = find_stored(name, registry)
             except ValueError:
                 return name
-            if registry is METHODS and not available(found):
+            if registry is METHODS and not available(record):
                 return name
     return None

@@ -37,7 +37,7 @@ DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 GRACE = 30.0  # s after the limit; then a worker whose parent did not end it ends itself
 MEMORY = "LAGRANGE_BENCH_MEMORY"  # in the environment: GB for one worker
-ENOUGH = 4.0  # GB, by default; a worker that has compiled every method takes 0.6
+DEFAULT_MEMORY = 4.0  # GB; a worker that has compiled every method takes 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ def memory_limit() -> float:
     """How many GB a worker may take."""
     text = os.environ.get(MEMORY, "")
     with suppress(ValueError):
-        value = float(text or ENOUGH)
+        value = float(text or DEFAULT_MEMORY)
         if 0 < value < math.inf:
             return value
     raise ValueError(f"{MEMORY} must be a positive number of GB for each worker process; got {text!r}")

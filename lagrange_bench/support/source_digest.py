@@ -22,9 +22,10 @@ from typing import Any, NamedTuple
 
 BENCH = "lagrange_bench"
 PUBLIC_MODULES = (BENCH, f"{BENCH}.integrators")  # they pass on names of other modules
-# these decide about no row: the list of methods, the look of figures, what `engines` shows, how cells are run, and this file
+# these decide about no row: the list of methods, the look of figures, how cells are run, and this file.
+# A module of experiments whose name ends in _figures only shows rows.
 IGNORED_MODULES = re.compile(
-    rf"{BENCH}(\.(integrators(\.registry)?|experiments(\.(drawing(\..*)?|engine_figures))?|support(\.(announce|lazy|source_digest))?"
+    rf"{BENCH}(\.(integrators(\.registry)?|experiments(\.(drawing(\..*)?|\w+_figures))?|support(\.(announce|lazy|source_digest))?"
     r"|(?!integrators|experiments|support)\w+(\..*)?))?"
 )
 # it has an entry for each method, but a cell depends on its own method only
