@@ -4,7 +4,7 @@ BIN := .venv/bin
 # byte code is kept: without it every process compiles the bench anew, and pytest all assertions, for ten seconds
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs print web clean
+.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs web clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
@@ -17,8 +17,7 @@ help:
 	@echo "make mutants   make one mistake after the other in a copy, and see that a test fails (an hour)"
 	@echo "make full    set up, run the full profile (about an hour), draw the report and print where it is"
 	@echo "make report  draw the committed reference run again, computing nothing"
-	@echo "make docs    write the reference of all modules to build/docs, to be read offline"
-	@echo "make print   docs/exact-step.md as LaTeX and PDF in build/exact-step; needs pandoc and xelatex"
+	@echo "make docs    write the reference of all public names to build/docs, to be read offline"
 	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
 	@echo "make web     install the engines of the web (npm), follow bodies in them, and store the rows in results/local/full"
 	@echo "make lint    ruff and mypy"
@@ -84,11 +83,10 @@ dist:
 	$$bench run paper --profile quick --results rows --quiet && $$bench report --results rows --quiet
 	@ls dist/*
 
+# without JIT kernels are Python functions, with a signature and a docstring; NumPy before 2.1 runs lscpu
 docs: .venv/ready
-	$(BIN)/python docs/reference.py
-
-print: .venv/ready
-	$(BIN)/python docs/print_exact_step.py
+	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench lagrange_bench.testing
+	@echo build/docs/lagrange_bench.html
 
 # engines that run in node; their rows are judged and stored by the experiment, like all others
 web: .venv/bench

@@ -10,7 +10,6 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from faults import python
 from packaging.requirements import Requirement
 from packaging.version import Version
 
@@ -120,19 +119,6 @@ def test_links_resolve_and_commands_exist(page):
         assert any(f"def {test}(" in code for code in TESTS) or (ROOT / "tests" / f"{test}.py").exists(), test
     for file in re.findall(r"`((?:tests|experiments|integrators|report|docs)/[\w/.-]+)`", text):
         assert (ROOT / file).exists(), file
-
-
-@pytest.mark.processes
-@pytest.mark.skipif(importlib.util.find_spec("pdoc") is None, reason="needs pdoc: pip install 'lagrange-bench[docs]'")
-@pytest.mark.slow
-def test_the_reference_is_written_without_a_warning(tmp_path):
-    """In a process of its own, in which kernels are Python functions. No page asks the network for anything."""
-    done = python(DOCS / "reference.py", tmp_path, timeout=600)
-    assert done.returncode == 0, done.stderr
-    pages = list(tmp_path.rglob("*.html"))
-    assert {"integrators.html", "exact.html", "two_point.html", "drift.html"} <= {page.name for page in pages}
-    remote = re.compile(r"(?:src=|<link[^>]*href=|url\(|@import )[\"']?https?://[^\"')\s]+")
-    assert [page.name for page in pages if remote.search(page.read_text(encoding="utf-8"))] == []
 
 
 def test_the_notebook_shows_what_its_cells_do():
