@@ -1,8 +1,8 @@
 """Experiments. Each file asks one question about the methods, measures rows, and draws them."""
 
 EXPERIMENTS = (
-    "drift", "phase", "cost", "work_precision", "perturbed", "driven",
-    "round_off", "ensemble", "engines", "heavy_top", "paper",
+    "drift", "phase", "cost", "work_precision", "perturbed", "round_off",
+    "ensemble", "engines", "heavy_top", "paper",
 )  # fmt: skip
 
 PROFILES = ("quick", "full")

@@ -42,7 +42,7 @@ class Results(Mapping[str, pd.DataFrame]):
             for problem in journal.problems:
                 warnings.warn(problem, RuntimeWarning, stacklevel=2)
             rows = journal.rows()
-            rows = rows.rename(columns=dict.fromkeys(("state", "case", "problem"), "top"))
+            rows = rows.rename(columns=dict.fromkeys(("state", "case"), "top"))
             if {"seconds", "setup_seconds"} <= set(rows):
                 rows["total"] = rows["seconds"] + rows["setup_seconds"]
             if scaled := declared(experiment, "SCALED_TIMES"):
@@ -75,10 +75,10 @@ def load(results: str | Path = "reference") -> Results:
     Returns
     -------
     Results
-        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`,
-        `case` and `problem` are called `top`. `total` is the sum of `seconds` and `setup_seconds`. `h`, `t` and `span` are in the
-        top's own unit of time, as in `integrate`. `h_scaled`, `t_scaled` and `span_scaled` are in its time scale, if the
-        experiment stores them so.
+        A mapping from the names of experiments to frames. results/README.md explains the columns, with three changes. `state`
+        and `case` are called `top`. `total` is the sum of `seconds` and `setup_seconds`. `h`, `t` and `span` are in the top's
+        own unit of time, as in `integrate`. `h_scaled`, `t_scaled` and `span_scaled` are in its time scale, if the experiment
+        stores them so.
 
     Raises
     ------

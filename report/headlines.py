@@ -65,14 +65,16 @@ def _profile(rows: pd.DataFrame, tables: Tables) -> str:
     return f"Set-up counted, the Bäcklund step is the cheapest in {won} of {len(races)} races"
 
 
-def _races(rows: pd.DataFrame, tables: Tables, **where: float) -> str:
+def _races(rows: pd.DataFrame, tables: Tables, **where: Any) -> str:
     races = _where(tables["winners"], **where)["cheapest"]
     won = races.eq("backlund_splitting").sum()
     return f"The exact step inside a splitting is the cheapest in {won} of {len(races)} races"
 
 
 def _gain(rows: pd.DataFrame, tables: Tables) -> str:
-    races = tables["winners"].set_index(["state", "span"])["times as long as the exact step inside"]
+    races = _where(tables["winners"], part="work").set_index(["state", "span"])[
+        "times as long as the exact step inside"
+    ]
     (state, span), gain = races.idxmax(), races.max()
     return f"Inside a splitting the exact step gains most for “{states.label(state)}” and t = {show(span)}: {gain:.0f} times"
 
@@ -119,9 +121,9 @@ HEADLINES: dict[str, Callable[[pd.DataFrame, Tables], str]] = {
     "phase_theory": _theory,
     "cost_steps": _steps,
     "work_precision_profile": _profile,
-    **{f"perturbed_work_t{span}": partial(_races, span=float(span)) for span in (1000, 10000, 100000)},
+    **{f"perturbed_work_t{span}": partial(_races, part="work", span=float(span)) for span in (1000, 10000, 100000)},
     "perturbed_winner": _gain,
-    "driven_work": _races,
+    "perturbed_driven": partial(_races, part="driven"),
     "round_off_forms": _forms,
     "ensemble_throughput": _throughput,
     "ensemble_rivals": _batches,

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed
+from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed, perturbed_figures
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, timing
@@ -22,7 +22,7 @@ each = pytest.mark.parametrize("name", EXPERIMENTS)
 
 
 SMALL = {"steps": 64, "span": 16.0, "time": 100.0, "longest": 0.01, "repeats": 1, "budget": 1e5}
-STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide")
+STATES = ("generic", "random000", "random001", "random002", "random003", "wide000", "weak_tide", "kapitza")
 
 
 def kinds():
@@ -119,7 +119,9 @@ def test_perturbed_tops_say_who_wins_and_who_loses():
     runs = [*ours, ("taylor", 1e-11, 3.0, 0.0), ("rk4", 1e-3, 0.1, 0.0)]
     rows = pd.DataFrame(runs, columns=["method", "error", "seconds", "setup_seconds"])
     rows = rows.assign(part="work", status="done", state="weak_tide", span=1e3)
-    table = perturbed.winners(rows).set_index("error at most")
+    both = perturbed_figures.winners(pd.concat([rows, rows.assign(part="driven")]))
+    assert both.part.tolist() == ["work"] * 4 + ["driven"] * 4, "one race each"
+    table = perturbed_figures.winners(rows).set_index("error at most")
     ratios = table["times as long as the exact step inside"].tolist()
     assert ratios == pytest.approx([4.0, 2.0, 2.0, float("nan")], nan_ok=True)
     assert table.cheapest.tolist() == [perturbed.OURS] * 3 + ["taylor"]

@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagrange_bench import Problem, RigidBody
-from lagrange_bench.experiments import driven as driven_tops
+from lagrange_bench.experiments.perturbed import DRIVEN as DRIVEN_TOPS
 from lagrange_bench.integrators import cos, integrate, kirchhoff_body, orbiting_tide, reference, sin
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
@@ -220,8 +220,8 @@ SCHEMES = [
 CASES = [  # a problem, a state, a time, numbers of steps, a scheme, its order, options
     *((DRIVEN, Y0, UNTIL, 48, *scheme) for scheme in SCHEMES),
     *(
-        (problem, driven_tops.start(name), driven_tops.SPANS[name] / 4, 256 if name == "kapitza" else 64, *scheme)
-        for name, problem in driven_tops.PROBLEMS.items()
+        (problem, np.array(start), span / 4, 256 if name == "kapitza" else 64, *scheme)
+        for name, (problem, start, span, _) in DRIVEN_TOPS.items()
         for scheme in SCHEMES[:2]
     ),
 ]

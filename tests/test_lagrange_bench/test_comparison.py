@@ -186,13 +186,13 @@ def test_stored_rows_are_frames_in_both_units(folder):
     assert frame.top.tolist() == ["generic"] * 2
     assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
     assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
-    driven = {"problem": "strong_tide", "method": "rk4", "h": 0.1}
-    Store(folder).append(make_record("driven", 1, 0, driven, rows=ROWS))
-    frame = load(folder)["driven"]
+    driven = {"part": "driven", "state": "kapitza", "method": "rk4", "h": 0.1}
+    Store(folder).append(make_record("perturbed", 1, 0, driven, rows=ROWS))
+    frame = load(folder)["perturbed"]
     Store(folder).append(make_record("nobody.knows", 1, 0, driven, rows=ROWS))
     assert "h_scaled" not in load(folder)["nobody.knows"], "as stored"
     ax = Comparison(frame).plot()
-    assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("strong_tide", True), "no top of the bench"
+    assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("kapitza", True), "no top of the bench"
     own = stored["phase"]
     own["h"] = 0
     assert stored["phase"].h.all(), "a frame of one's own"

@@ -343,11 +343,11 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
 
 def test_rows_are_a_link_away(browser, stored, tmp_path):
     browser.execute_cdp_cmd("Browser.setDownloadBehavior", {"behavior": "allow", "downloadPath": str(tmp_path)})
-    browser.execute_script("document.getElementById('driven').open = true")
-    css(browser, "#driven a.rows").send_keys(Keys.ENTER)
-    file = tmp_path / "driven.csv"
+    browser.execute_script("document.getElementById('work_precision').open = true")
+    css(browser, "#work_precision a.rows").send_keys(Keys.ENTER)
+    file = tmp_path / "work_precision.csv"
     until(browser, lambda _: file.exists() and file.stat().st_size)
-    assert pd.read_csv(file).error.dropna().tolist() == stored["driven"].error.dropna().tolist()
+    assert pd.read_csv(file).error.dropna().tolist() == stored["work_precision"].error.dropna().tolist()
 
 
 AXE = """
