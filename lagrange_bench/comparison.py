@@ -144,7 +144,7 @@ class Comparison:
         if names not in ("right", "legend", False):
             raise ValueError(f"names: 'right', 'legend' or False; got {names!r}")
         x, y = x or self.x, y or self.y
-        if x == "h_scaled" and x not in self.frame:
+        if x == "h_scaled" and _lack(self.frame, x):
             x = "h"  # rows in the tops' own units
         tops = _listed(tops)
         rows = self._rows(x, y, methods, tops)
@@ -205,7 +205,7 @@ class Comparison:
         good = rows[rows[x].notna() & rows[y].notna()]
         if race and len(good):
             draw_front(ax, good[x], good[y])
-        own = () if "span_scaled" in rows else ("span",)  # of rows in the tops' own units
+        own = ("span",) if _lack(rows, "span_scaled") else ()  # of rows in the tops' own units
         apart = [name for name in (*APART, *own, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
         if race:
             each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
@@ -246,6 +246,11 @@ class Comparison:
         ours = NAMED_TOPS if scaled else {}  # rows without scaled times are of other problems, perhaps of the same name
         named = [self.labels.get(top) or (ours[top].label if top in ours else top) for top in tops]
         return style.plain(textwrap.shorten(", ".join(named), 60, placeholder=" …"))
+
+
+def _lack(rows: pd.DataFrame, name: str) -> bool:
+    """Whether no row has a value in this column."""
+    return name not in rows or bool(rows[name].isna().all())
 
 
 def _listed(names: Names) -> list[str] | None:

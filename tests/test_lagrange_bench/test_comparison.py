@@ -186,13 +186,15 @@ def test_stored_rows_are_frames_in_both_units(folder):
     assert frame.top.tolist() == ["generic"] * 2
     assert stored["heavy_top"][["top", "h"]].to_numpy().tolist() == [["bruels", 0.1]]
     assert Comparison(frame).plot(y="off").get_title() == "generic unit top"
-    driven = {"part": "driven", "state": "kapitza", "method": "rk4", "h": 0.1}
-    Store(folder).append(make_record("perturbed", 1, 0, driven, rows=ROWS))
+    driven = {"part": "driven", "state": "kapitza", "method": "rk4", "h": 0.1, "span": 32.0}
+    longer = {**driven, "span": 256.0}
+    Store(folder).append(*(make_record("perturbed", 3, 0, cell, rows=ROWS) for cell in (driven, longer)))
     frame = load(folder)["perturbed"]
     Store(folder).append(make_record("nobody.knows", 1, 0, driven, rows=ROWS))
     assert "h_scaled" not in load(folder)["nobody.knows"], "as stored"
     ax = Comparison(frame).plot()
     assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("kapitza", True), "no top of the bench"
+    assert len(ax.lines) == 2, "one for each length"
     own = stored["phase"]
     own["h"] = 0
     assert stored["phase"].h.all(), "a frame of one's own"
