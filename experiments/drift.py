@@ -1,34 +1,43 @@
-"""Drift: do H, J3, C1 and C2 stay constant, and whatever else a method claims to conserve?
+"""Drift: do H, J3, C1 and C2 stay constant, with which way of writing a step, and over how many steps?
 
 Every method follows sixteen random tops and the named ones. The relative error of each invariant is recorded at log-spaced
 times. Its root mean square over the sixteen tops grows like t^p. The verdict is bounded (p near 0), a random walk of round-off
 (p near 1/2, Brouwer's law) or biased (p near 1). A quantity that a method itself claims to conserve, such as a modified energy,
 is followed, too.
 
-A second part varies h at a fixed length of run. A third part takes exact Bäcklund steps of about half a nutation period and
-more, on tops of every kind. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+The part `h` varies h at a fixed length of run. The part `long` takes exact Bäcklund steps of about half a nutation period and
+more, on tops of every kind. The part `form` compares ways to write the exact Bäcklund step, which are the same map but for
+rounding: how the errors grow, and how far the phase is off. The part `form_cost` times them. The part `longest` takes a thousand
+million exact steps, and gives heyoka the same wall time. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-import numpy as np
-import pandas as pd
+from functools import partial
+from time import perf_counter
 
-from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
-from lagrange_bench.experiments.measuring import metrics, states
-from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
-from lagrange_bench.integrators.interface import INVARIANTS
+import numpy as np
+
+from lagrange_bench.experiments.drift_figures import draw as draw
+from lagrange_bench.experiments.drift_figures import tables as tables
+from lagrange_bench.experiments.measuring import metrics, states, timing
+from lagrange_bench.experiments.step_forms import FORM_INVARIANTS, FORMS, OWN, PROGRAM
+from lagrange_bench.integrators import prepare
+from lagrange_bench.integrators.interface import INVARIANTS, Array
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
+from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
 
-VERSION = 2
+VERSION = 3
 SCALED_TIMES = True
+FORM_ERRORS = ("t", *FORM_INVARIANTS, "time", "angle", "error")
 MEASURED = {  # part → the numbers that each of its rows must have, see `reductions`
     "time": ("t", *INVARIANTS),
     "h": INVARIANTS,
     "long": ("fraction", *INVARIANTS),
+    "form": FORM_ERRORS,
+    "form_cost": ("ns_per_step", "ns_per_step_median"),
+    "longest": FORM_ERRORS,
 }
 
-KEPT = "kept: "  # before the name of a quantity that a method itself conserves: its column
 STEP = 0.125  # of the runs against time
 STEPS = (10**5, 10**7)  # how many steps, in the quick and in the full profile
 NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # named tops of the quick profile
@@ -36,47 +45,71 @@ SIZES = {"quick": (1 / 4, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3
 SPAN = 10**4  # length of the runs against h
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
-LONG = {
-    "quick": (16, 10**4),
-    "full": (len(states.WIDE), 10**6),
-}  # how many tops take long steps, and how many steps each takes
-FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that stays below is round-off, whatever its slope
+LONG_TOPS = {"quick": 16, "full": len(states.WIDE)}  # how many tops take long steps
+LONG_STEPS = {"quick": 10**4, "full": 10**6}  # how many long steps each takes, of each method and each form
+FORM_STEPS = {"quick": {STEP: 2 * 10**4}, "full": {STEP: 10**7, 1.0: 2 * 10**6}}  # h → how many steps each form takes
+FORM_STATE = "generic"  # of the timed steps, and of the longest run
+LONGEST = {"quick": 10**6, "full": 10**9}  # steps of the longest run
 
 
 def cells(profile: str) -> list[dict]:
+    return _cells_of_methods(profile) + _cells_of_forms(profile)
+
+
+def _cells_of_methods(profile: str) -> list[dict]:
     methods, full = states.methods_on(), profile == "full"
     listed = []
     # state by state, so that two workers do not compile the same method at the same time
     for state in (*states.RANDOM, *(TOPS if full else NAMED)):
         for name, method in methods.items():
             steps = states.affordable(method, STEPS[full], full)
-            if (
-                state in TOPS and method.order is not None
-            ):  # only methods exact in time take all steps on each named top
+            # only methods exact in time take all steps on each named top
+            if state in TOPS and method.order is not None:
                 steps //= 10
             listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
     for state in H_STATES[profile]:
         for name in (name for name, method in methods.items() if method.control == "step"):
             for h in SIZES[profile]:
                 listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
-    tops, steps = LONG[profile]
     exact_steps = [name for name, method in methods.items() if method.family == "backlund" and method.order is None]
-    for state in states.WIDE[:tops]:
-        listed += [{"part": "long", "method": name, "state": state, "steps": steps} for name in exact_steps]
+    for state in states.WIDE[: LONG_TOPS[profile]]:
+        for name in exact_steps:
+            listed.append({"part": "long", "method": name, "state": state, "steps": LONG_STEPS[profile]})
     return listed
 
 
+def _cells_of_forms(profile: str) -> list[dict]:
+    sizes = FORM_STEPS[profile]
+    runs = [(form, {"h": h}, steps) for h, steps in sizes.items() for form in FORMS]
+    # the paper's program has no turn about e3, which long steps need
+    long = [form for form in FORMS if form != PROGRAM]
+    runs += [(form, {"fraction": fraction}, LONG_STEPS[profile]) for fraction in FRACTIONS for form in long]
+    listed: list[dict] = [
+        {"part": "form", "form": form, "state": state, **step, "steps": steps}
+        for form, step, steps in runs
+        for state in states.RANDOM
+    ]
+    listed += [{"part": "form_cost", "timing": True, "h": h} for h in sizes]
+    longest = {"part": "longest", "timing": True, "state": FORM_STATE, "h": STEP, "steps": LONGEST[profile]}
+    return [*listed, longest]
+
+
 def measure(cell: dict) -> list[dict]:
+    part = cell["part"]
+    if part == "form_cost":
+        return _form_cost(cell["h"])
     top, y0 = states.of_cell(cell)
-    if cell["part"] == "long":
+    if part == "long":
         period, counts = exact.nutation_period(top, y0), states.log_counts(cell["steps"], per_octave=1)
         return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
-    h = cell["h"] * top.scales(y0)[2]
-    steps = cell["steps"] if cell["part"] == "time" else round(cell["span"] / cell["h"])
+    h = cell["fraction"] * exact.nutation_period(top, y0) if "fraction" in cell else cell["h"] * top.scales(y0)[2]
+    if part == "longest":
+        return _longest(top, y0, h, states.log_counts(cell["steps"], per_octave=1))
+    steps = round(cell["span"] / cell["h"]) if part == "h" else cell["steps"]
     counts = states.log_counts(steps, per_octave=4)
-    if cell["part"] == "h":
-        return [_largest(cell, top, y0, h, counts)]
-    return against_steps(cell, top, y0, h, counts)
+    if part == "form":
+        return _stepped(top, y0, FORMS[cell["form"]](top, y0, h), h, counts)
+    return [_largest(cell, top, y0, h, counts)] if part == "h" else against_steps(cell, top, y0, h, counts)
 
 
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
@@ -99,117 +132,80 @@ def followed(
 
     times, after = states.sample(top, y0, cell["method"], h, counts, **states.options_of(cell))
     y = np.vstack((y0, after))
-    values = top.invariants(y, np.concatenate(((0.0,), times)))
-    drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
-    columns = dict(zip(top.names, drift[1:].T, strict=True))
-    own_quantities = (
-        METHODS[cell["method"]].claims.conserves_own if kinds.uniform(top) else {}
-    )  # these hold in a uniform field
+    columns = _of_invariants(top, times, y)
+    # these hold in a uniform field
+    own_quantities = METHODS[cell["method"]].claims.conserves_own if kinds.uniform(top) else {}
     for own, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
-        columns[KEPT + own] = (values[1:] - values[0]) / size
+        columns[OWN + own] = (values[1:] - values[0]) / size
     return times, after, columns
 
 
-@of_part(
-    "time",
-    "How each invariant's error grows: sixteen random tops. Other quantities (e.g. a modified energy) are those a method itself "
-    "claims to conserve",
-)
-def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each method and quantity."""
-    from lagrange_bench.integrators import METHODS
-
-    rows = indexed(rows[rows.state.isin(states.RANDOM)])
-    own = [name for name in rows.columns if name.startswith(KEPT)]
-    table = []
-    for method, group in rows.groupby("method", sort=False):
-        record = METHODS.get(method)
-        t = np.sort(group.groupby("t_index").t.median().to_numpy())
-        has = {KEPT + quantity for quantity in record.claims.conserves_own} if record else set()
-        for name in (*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())):
-            errors = group.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
-            growth = metrics.growth_exponent(t, errors)
-            most = largest(errors)
-            quantity = name.removeprefix(KEPT)
-            claimed = record is not None and (name.startswith(KEPT) or name in record.conserves_on(LagrangeTop()))
-            table.append(
-                {
-                    "method": method,
-                    "invariant": quantity,
-                    "claimed": claimed,
-                    "largest relative error": most,
-                    "length of run": float(t[-1]),
-                    "exponent": growth.p,
-                    "low": growth.low,
-                    "high": growth.high,
-                    "verdict": metrics.verdict(*growth, most, floor=FLOOR),
-                }
-            )
-    return pd.DataFrame(table)
+def _of_invariants(top, times: Array, y: Array) -> dict[str, Array]:
+    """The relative error of each invariant at `times` (N,). y : the states from the start on, (N + 1, n)."""
+    values = top.invariants(y, np.concatenate(((0.0,), times)))
+    drift = metrics.relative_drift(values, top.invariant_scales(y[0]))
+    return dict(zip(top.names, drift[1:].T, strict=True))
 
 
-def indexed(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the position of each sample in its run, which is the same for all states of a method."""
-    return rows.assign(t_index=rows.groupby("key", sort=False).cumcount())
+def _stepped(top, y0: Array, stepper, h: float, counts: list[int]) -> list[dict]:
+    """Rows of the errors of a stepper of the exact map, one after each of `counts` steps."""
+    after = np.array([y for y, _ in states.follow(stepper, y0, counts)])
+    return _errors(top, y0, h * np.array(counts, dtype=float), after, exact.after_steps(top, y0, h, counts))
 
 
-@of_part("time", "Largest relative error of H, J3, C1 and C2 on the named tops, and the top where it is")
-def named_tops(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each method."""
-    named = rows[rows.state.isin(TOPS)].reset_index(drop=True)
-    named = named.assign(error=worst(named, INVARIANTS).fillna(np.inf))
-    table = named.loc[named.groupby("method", sort=False).error.idxmax(), ["method", "steps", "error", "state"]]
-    return table.rename(columns={"error": "largest error", "state": "worst top"})
+def _errors(top, y0: Array, times: Array, after: Array, truth: Array) -> list[dict]:
+    """Rows of the relative errors of the invariants, the phase errors (time, angle) and the whole error, in scaled units."""
+    rate = top.scales(y0)[0]
+    split = metrics.phase_split(top, truth, after - truth)
+    drift = _of_invariants(top, times, np.vstack((y0, after)))
+    columns = {"t": times * rate, **{name: drift[name] for name in FORM_INVARIANTS}}
+    columns |= {"time": split["time"] * rate, "angle": split["angle"]}
+    columns["error"] = metrics.scaled_error(top, y0, after, truth)
+    return states.as_rows(columns)
 
 
-@of_part("long", "Largest relative error of each invariant where steps are long: tops of every kind")
-def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each method and each length of step."""
-    grouped = rows.groupby(["method", "fraction"], sort=False)
-    table = grouped[list(INVARIANTS)].agg(largest)
-    table.insert(0, "tops", grouped.state.nunique())
-    table.insert(1, "steps", grouped.steps.max())
-    return table.reset_index().rename(columns={"fraction": "step / nutation period"})
+def _form_cost(h_scaled: float) -> list[dict]:
+    """Time all forms in turn in one process."""
+    top, y0 = states.find(FORM_STATE)
+    h, n = h_scaled * top.scales(y0)[2], 20_000
+    runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in FORMS.items()}
+    timed = timing.interleave(runs, min_time=0.01, repeats=7)
+    return [
+        {
+            "form": name,
+            "ns_per_step": states.rounded(t.min / n * 1e9),
+            "ns_per_step_median": states.rounded(t.median / n * 1e9),
+            "samples_ns": [states.rounded(sample / n * 1e9) for sample in t.samples],
+        }
+        for name, t in timed.items()
+    ]
 
 
-@of_part("time", failed=True)
-def _draw_time(rows: pd.DataFrame, style):
-    random = rows[rows.state.isin(states.RANDOM)]
-    rows = indexed(rows if random.empty else random)
-    done = rows[rows.status == "done"]
-    runs = [done.method, done.t_index]
-    squares = mean_square(done.H, runs)
-    lines = pd.DataFrame({"t": done.groupby(runs).t.median(), "error": np.sqrt(squares.where(squares > 0))})
-    lines = lines.reset_index().assign(status="done")
-    lines = pd.concat([lines, rows[~rows.method.isin(done.method)][["method", "status"]]])
-    label = f"RMS error of {rows.state.nunique()} tops"
-    fig, axes = style.by_family(lines, "t", "error", style.TIME, label, (1e-17, 1.0), marker="none")
-    for ax in axes:
-        style.ulp_line(ax)
-    style.slope_guide(axes[0], 0.5, (1e0, 1e-9), 1e4, "√t")  # once: the panels have one scale
-    style.slope_guide(axes[0], 1.0, (1e0, 1e-9), 1e4, "t")
-    fig.caption = (
-        f"Relative error of the energy H against time, root mean square over {rows.state.nunique()} tops, step 1/8 or the "
-        "default tolerance, one panel for each family of methods; pale blue: the exact Bäcklund step. The thin line is one ulp; "
-        "dotted, in the first panel: growth like √t and t. A cross before a name: the method declined the step or failed. "
-        "The other invariants are in the table."
-    )
-    return fig
+def _longest(top, y0: Array, h: float, counts: list[int]) -> list[dict]:
+    """Run the exact Bäcklund map over all steps, then heyoka, for the same wall time and at most as far.
 
+    heyoka shortens its own steps only to end at the times 16 h, 32 h, 64 h and so on.
+    """
+    from lagrange_bench.integrators.methods import taylor
 
-@of_part("h", failed=True)
-def _draw_h(rows: pd.DataFrame, style):
-    state = rows.state.iloc[0]
-    here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
-    ylabel = "largest error of H, J3, C1, C2"
-    fig, _ = style.by_family(here, "h", "worst", style.STEP, ylabel, (1e-17, 1e2))
-    fig.caption = (
-        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step; pale blue: "
-        "the exact Bäcklund step. Crosses, in its colour: a method declined the step or failed. Errors above 100 are cut off."
-    )
-    return fig
-
-
-tables = tabulated(verdicts, named_tops, long_steps)
-draw = drawn(time=_draw_time, h=_draw_h)
+    stepper = prepare(top, y0, h, "backlund")
+    stepper.advance(y0, 1000)
+    start = perf_counter()
+    rows = [{"method": "backlund", **row} for row in _stepped(top, y0, stepper, h, counts)]
+    allowed = perf_counter() - start
+    try:
+        heyoka = taylor.integrator_here(taylor.EPS, False)
+    except ImportError:
+        return rows
+    heyoka.time, heyoka.state[:], heyoka.pars[0] = 0.0, y0, top.alpha
+    times, after, clock, t = [], [], 0.0, 16 * h
+    start = perf_counter()
+    while clock < allowed and t <= counts[-1] * h:
+        heyoka.propagate_until(t)
+        after.append(heyoka.state.copy())
+        times.append(t)
+        clock = perf_counter() - start
+        t *= 2
+    found = _errors(top, y0, np.array(times), np.array(after), exact.solution(top, y0, times))
+    return rows + [{"method": "taylor", **row} for row in found]

@@ -12,9 +12,9 @@ from matplotlib.axes import Axes
 
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.drawing.tables import heading
-from lagrange_bench.experiments.drift import KEPT
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
+from lagrange_bench.experiments.step_forms import OWN
 from lagrange_bench.experiments.work_precision import WALL, draw_front
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
@@ -231,7 +231,7 @@ class Comparison:
         return len(sizes) > 0 and (self._is_error(name) or name in STEPS or bool(several))
 
     def _is_error(self, name: str) -> bool:
-        return name in (*self.invariants, *ERRORS) or name.startswith(KEPT)
+        return name in (*self.invariants, *ERRORS) or name.startswith(OWN)
 
     def _label(self, name: str) -> str:
         if name in self.invariants:

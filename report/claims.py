@@ -68,11 +68,19 @@ class Bound:
     ranged: bool = False
 
     def missing(self, rows: pd.DataFrame) -> str:
-        """Which of its runs are not among these rows, or the cells of a profile; "" if none is."""
-        here = select(rows, **{name: wanted for name, wanted in self.where.items() if name in rows})
-        for name, wanted in self.where.items():
-            present = set(here[name].unique()) if name in here else set(_all(wanted))
-            if absent := [value for value in _all(wanted) if value not in present]:
+        """Which of its runs are not among these rows, or the cells of a profile; "" if none is.
+
+        A field that no run of the part has is not looked at: cells of a profile lack what is measured.
+        """
+        here = rows
+        where = {name: wanted for name, wanted in self.where.items() if name in rows}
+        for name, wanted in where.items():
+            if here[name].notna().any():
+                here = select(here, **{name: wanted})
+        for name, wanted in where.items():
+            present = set(here[name].dropna())
+            absent = [value for value in _all(wanted) if value not in present]
+            if absent and (present or here.empty):
                 return f"a run with {name} = {show(absent[0])} is missing"
         if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
             return f"no run of {show(self.steps)} steps is stored"

@@ -124,7 +124,7 @@ HEADLINES: dict[str, Callable[[pd.DataFrame, Tables], str]] = {
     **{f"perturbed_work_t{span}": partial(_races, part="work", span=float(span)) for span in (1000, 10000, 100000)},
     "perturbed_winner": _gain,
     "perturbed_driven": partial(_races, part="driven"),
-    "round_off_forms": _forms,
+    "drift_forms": _forms,
     "ensemble_throughput": _throughput,
     "ensemble_rivals": _batches,
     "heavy_top_steps": _bodies,

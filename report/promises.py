@@ -206,7 +206,7 @@ def batch_ratios(rows: pd.DataFrame, rivals: Sequence[str]) -> np.ndarray:
 
 def long_run_lead(rows: pd.DataFrame) -> Reading:
     """Both had the same hours: the error of the exact step at its last time, over the error of heyoka at its last time."""
-    runs = [select(rows, part="long", method=name).sort_values("t") for name in ("backlund", "taylor")]
+    runs = [select(rows, part="longest", method=name).sort_values("t") for name in ("backlund", "taylor")]
     if any(run.empty for run in runs):
         raise NoData("the exact step and heyoka did not both run")
     far, near = (run.iloc[-1] for run in runs)

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import cost, ensemble, round_off, work_precision
+from lagrange_bench.experiments import cost, drift, ensemble, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import prepare
@@ -74,7 +74,7 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
         {"ns_per_step": STEP, "ns_per_step_median": STEP, "ns_per_time": 2 * STEP, "setup_us": 3e3},
     ),
     "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
-    "round_off cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
+    "drift form_cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
     "ensemble bound": ({}, {"pinned_ns": BOUND, "free_bound_ns": BOUND, "free_ratio": 1.0}),
     "ensemble lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
@@ -111,7 +111,7 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
         monkeypatch.setattr(module, "prepare", prepared)
     monkeypatch.setattr(ensemble, "perf_counter", itertools.count(0.0, CALL).__next__)
     monkeypatch.setattr(work_precision, "_seconds", lambda *_: CALL)
-    monkeypatch.setattr(round_off, "FORMS", {"increments": round_off.FORMS["increments"]})
+    monkeypatch.setattr(drift, "FORMS", {"increments": drift.FORMS["increments"]})
     module = load(name)
     row = module._run(cell) if module is work_precision else module.measure({"part": part, **cell})[0]
     assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-3)

@@ -1,6 +1,6 @@
-"""Bits written down in golden.json, and that the forms compared in the experiment are one map."""
+"""That the forms of a step that `drift` compares are one map; and bits written down in golden.json."""
 
-from lagrange_bench.experiments import round_off
+from lagrange_bench.experiments import drift
 from lagrange_bench.experiments.measuring import bits, metrics
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS
@@ -13,16 +13,16 @@ def runs():
     """A top, its state, a step, and the forms that are compared there."""
     for state, span in (("generic", 0.125), ("random003", 0.125), ("random003", 1.0)):
         top, y0 = find(state)
-        yield top, y0, span * top.scales(y0)[2], set(round_off.FORMS)
-    for fraction in round_off.FRACTIONS:
-        forms = {c["form"] for c in round_off.cells("quick") if c.get("fraction") == fraction}
+        yield top, y0, span * top.scales(y0)[2], set(drift.FORMS)
+    for fraction in drift.FRACTIONS:
+        forms = {c["form"] for c in drift.cells("quick") if c.get("fraction") == fraction}
         yield top, y0, fraction * exact.nutation_period(top, y0), forms
 
 
 def test_forms_are_one_map_but_for_round_off():
     for top, y0, h, forms in runs():
         truth = exact.after_steps(top, y0, h, [STEPS])[0]
-        ends = [round_off.FORMS[form](top, y0, h).advance(y0, STEPS) for form in forms]
+        ends = [drift.FORMS[form](top, y0, h).advance(y0, STEPS) for form in forms]
         assert max(metrics.scaled_error(top, y0, y, truth) for y in ends) < 1e-10
         assert len({y.tobytes() for y in ends}) > 1
 
