@@ -65,10 +65,8 @@ MEASURED = {
     "driven": ("error", "seconds", "setup_seconds"),
 }
 
-QUICK = (
-    "weak_tide",
-    "kapitza",
-)  # in the quick profile: each field has kernels of its own, which take seconds to compile
+# in the quick profile: each field has kernels of its own, which take seconds to compile
+QUICK = ("weak_tide", "kapitza")
 # part “drift”
 DRIFT_STEP = 0.125
 DRIFT_STEPS = {"quick": 10**4, "full": 10**6}
