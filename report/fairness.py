@@ -5,7 +5,7 @@ from typing import Any
 
 import pandas as pd
 
-from lagrange_bench.experiments.cost import quickest
+from lagrange_bench.experiments.cost_figures import quickest
 from lagrange_bench.experiments.measuring.reductions import done
 from lagrange_bench.experiments.measuring.states import methods_on
 from lagrange_bench.integrators.compiling.compiled import OPTIONS

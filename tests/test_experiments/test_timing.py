@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import cost, drift, ensemble, work_precision
+from lagrange_bench.experiments import cost, cost_figures, drift, ensemble, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import prepare
@@ -130,7 +130,7 @@ def test_curves_of_exact_methods_go_on_to_a_state_every_unit(monkeypatch):
 
 
 def test_labels_name_the_units():
-    assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
+    assert cost_figures.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
     rows = [
         {"part": "tops", "tops": 32, "threads": 1, "ns_per_step_and_core": 5.0},
         {"part": "setup", "h": 0.1, "setup_us": 3.0},
