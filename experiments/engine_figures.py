@@ -5,9 +5,9 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import heavy_top
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.experiments.heavy_top_figures import measured_orders
 from lagrange_bench.experiments.programs import AXIS, BEST, DEFAULT, ENGINES, METHODS, OURS, POWERS, RACKET, UNTIL
 
 SHOWN = 1 / 1024  # s, the step whose errors tables show beside the smallest step
@@ -110,7 +110,7 @@ OVERVIEW_CAPTION = (
 @by_group(("case", "engine", "integrator"), "", CAPTION)
 def orders(case: str, engine: str, kind: str, group: pd.DataFrame) -> dict:
     last, at, quantities = group.loc[group.h.idxmin()], group[group.h == SHOWN], ("position", "rotation")
-    line = {"setting": last.setting, "version": last.version, "measured": last.date, **heavy_top.measured_orders(group)}
+    line = {"setting": last.setting, "version": last.version, "measured": last.date, **measured_orders(group)}
     line |= {f"{name}, h = 1/1024": at[name].iloc[0] if len(at) else np.nan for name in quantities}
     line |= {"smallest h": last.h} | {f"{name} there": last[name] for name in quantities}
     return line | {"ns per step": group.ns_per_step.min(), "overhead, ns": group.overhead_ns_per_step.min()}

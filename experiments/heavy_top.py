@@ -6,40 +6,27 @@ Every method with a fixed step that takes a `RigidBody` follows four motions. `b
 Rows hold the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
 Beside them are the largest errors of the energy and of the momentum about the vertical, relative to their terms. The truth is the
 closed form. For Kovalevskaya's body it is a Taylor series in integers, and her integral K is one more test.
-
-If A = B = 2C and the centre of mass is on the first axis, K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|² is constant.
-
-Source of K: Kowalevski, Acta Math. 12 (1889) 177.
 """
 
-from fractions import Fraction
-from functools import cache
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.heavy_top_figures import draw as draw
+from lagrange_bench.experiments.heavy_top_figures import tables as tables
+from lagrange_bench.experiments.heavy_top_motions import UNTIL, end, kovalevskaya, motion
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import rounded
-from lagrange_bench.integrators import CASES, METHODS, RigidBody, available, integrate, prepare
-from lagrange_bench.integrators.interface import Array, Method
-from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+from lagrange_bench.integrators import METHODS, available, integrate, prepare
+from lagrange_bench.integrators.interface import Method
 
 VERSION = 1
 MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
 
-# mass, centre of mass, moments of inertia about it, gravity. About the fixed point A = B = 2 and C = 1
-KOVALEVSKAYA = (1, (0.5, 0, 0), (2, 1.75, 0.75), (0, 0, -9.81))
-# rotation, body to world; angular velocity in the body
-START = (((1, 0, 0), (0, 0.8, -0.6), (0, 0.6, 0.8)), (1.5, -1.0, 2.0))
-UNTIL = {"bruels": 2.0, "slow": 2.0, "simo_wong": 10.0, "kovalevskaya": 10.0}
 # runs take 2^k steps
 POWERS = {"bruels": range(9, 17), "slow": range(5, 13), "simo_wong": range(8, 16), "kovalevskaya": range(6, 14)}
 QUICK = ("bruels", "kovalevskaya")  # motions of the quick profile
 CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "generalized_alpha")  # methods of it
-NAMED = ("rk4", "rattle", "simo_wong", "generalized_alpha", "verner9_fixed", "strang")  # named in the figure
-FLOOR = 1e-13  # smaller errors do not show the order
 TIMED = 2000  # most steps in a call that is timed
 
 
@@ -62,32 +49,6 @@ def cells(profile: str) -> list[dict]:
     ]
 
 
-def motion(case: str) -> tuple[RigidBody, Array]:
-    """The body and its state at t = 0."""
-    if case == "kovalevskaya":
-        body = RigidBody(*KOVALEVSKAYA)
-        return body, body.state(rotation=np.array(START[0]), omega_body=START[1])
-    return CASES[case].body, CASES[case].state
-
-
-@cache
-def end(case: str) -> Array:
-    """The rotation matrix at the end."""
-    if case != "kovalevskaya":
-        return CASES[case].solution([UNTIL[case]]).rotation.as_matrix()[0]
-    rotation = [[Fraction(v).limit_denominator(10) for v in row] for row in START[0]]
-    ((R, _),) = rigid_motion(*KOVALEVSKAYA, rotation, START[1], [UNTIL[case]], digits=20)
-    return np.array([[float(v) for v in row] for row in R])
-
-
-def kovalevskaya(y: Array) -> Array:
-    """Kovalevskaya's integral K (N,) at states (N, 7) of her body."""
-    body = motion("kovalevskaya")[0]
-    omega, up = body.angular_velocity(y), body.rotations(y).apply((0.0, 0.0, 1.0), inverse=True)
-    z = (omega[:, 0] + 1j * omega[:, 1]) ** 2 - body.weight[0] / body.inertia[2] * (up[:, 0] + 1j * up[:, 1])
-    return np.abs(z) ** 2
-
-
 def measure(cell: dict) -> list[dict]:
     case, h = cell["case"], cell["h"]
     steps = round(UNTIL[case] / h)
@@ -104,72 +65,3 @@ def measure(cell: dict) -> list[dict]:
         K = kovalevskaya(run.y)
         row["K"] = rounded(np.max(np.abs(K / K[0] - 1.0)))
     return [row]
-
-
-@by_group(
-    ("case", "method"),
-    "",
-    "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then errors with the "
-    "smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K",
-)
-def orders(case: str, method: str, group: pd.DataFrame) -> dict:
-    record, columns = METHODS.get(method), ("h", "position", "rotation", "energy", "momentum", "K")
-    line = {"order": record.order if record else None, **measured_orders(group)}
-    return {**line, **group.loc[group.h.idxmin(), [name for name in columns if name in group]]}
-
-
-def measured_orders(group: pd.DataFrame) -> dict[str, float]:
-    """The orders of both errors. The step with the least error separates order from round-off: smaller steps show its size."""
-    orders = {}
-    for name in ("position", "rotation"):
-        error = group[name]
-        best = group.h[error == error.min()].max()
-        floor = max(FLOOR, error[group.h < best].max())
-        orders[f"order of {name}"] = metrics.order(group.h, error, floor=floor).p
-    return orders
-
-
-@of_part(failed=True)
-def _draw_steps(rows: pd.DataFrame, style):
-    steps = _draw_errors(rows, "h", "step, s", style)
-    steps.caption = (
-        "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
-        "before the axis: compare the columns. Crosses: a method declined the step. "
-        f"{style.naming(rows.method, 'some are named')}."
-    )
-    return steps
-
-
-@of_part(failed=True)
-def _draw_work(rows: pd.DataFrame, style):
-    seconds = rows.ns_per_step * 1e-9 * rows.case.map(UNTIL) / rows.h
-    work = _draw_errors(rows.assign(seconds=seconds), "seconds", "wall time of the run, s", style)
-    work.caption = (
-        "The same errors against the wall time of the run: its steps times the least time of a step; down and left is better. "
-        f"{style.naming(rows.method, 'some are named')}."
-    )
-    return work
-
-
-def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
-    """Draw both errors against the column `column`, with a row of panels for each case."""
-    cases, quantities = [case for case in POWERS if case in set(rows.case)], {"position": "m", "rotation": "rad"}
-    looks = style.looks(rows.method, NAMED)
-    size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}
-    fig, grid = style.figure("page", 0.9 + 2.2 * len(cases), **size)
-    for line, case in zip(grid, cases, strict=True):
-        for ax, (name, unit) in zip(line, quantities.items(), strict=True):
-            for method, look in looks.items():
-                run = rows[(rows.case == case) & (rows.method == method)]
-                run = run.sort_values("h", ascending=column == "h")  # names stand where lines end: at the right
-                good = run[run.status == "done"]
-                if not good.empty:
-                    ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
-                style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
-            ax.set(title=f"{case}, t = {UNTIL[case]:g} s", xlabel=text, ylabel=f"error of {name}, {unit}")
-    style.label_ends(grid[:, -1])
-    return fig
-
-
-tables = tabulated(orders)
-draw = drawn(steps=_draw_steps, work=_draw_work)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
-from lagrange_bench.experiments.heavy_top import UNTIL, motion
+from lagrange_bench.experiments.heavy_top_motions import UNTIL, motion
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.registry import ARCHIVE
