@@ -5,11 +5,11 @@ from functools import partial
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.work_precision_figures import APART, TARGETS, against_ours, best, draw_panels, useful
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.interface import INVARIANTS
 
@@ -65,8 +65,8 @@ def orders(part: str, state: str, method: str, scheme: str, run: pd.DataFrame) -
 )
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each top, length of run and target error."""
-    good = work_precision.useful(rows[rows.part.isin(("work", "driven"))])
-    return work_precision.against_ours(good, ["part", *work_precision.APART], work_precision.TARGETS, OURS)
+    good = useful(rows[rows.part.isin(("work", "driven"))])
+    return against_ours(good, ["part", *APART], TARGETS, OURS)
 
 
 @by_group(
@@ -96,20 +96,19 @@ def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
 @of_part()
 def _draw_work(rows: pd.DataFrame, style, part: str, span: float | None = None):
     """Draw error against time, with a panel for each top. span : of the runs; None: each has a panel of its own."""
-    good = work_precision.useful(rows[(rows.part == part) & (rows.span.eq(span) if span else True)])
+    good = useful(rows[(rows.part == part) & (rows.span.eq(span) if span else True)])
     if good.empty:
         return None
 
     def named(here: pd.DataFrame) -> list[str]:
-        best = work_precision.best(here, 1e-8, "total").method
-        return [OURS, *best[best != OURS][:2]]
+        quickest = best(here, 1e-8, "total").method
+        return [OURS, *quickest[quickest != OURS][:2]]
 
-    apart = work_precision.APART
     titles = {
         (length, state): numbers_in(states.label(state)) if span else f"{state.replace('_', ' ')}, t = {length:g}"
-        for (length, state), _ in good.groupby(apart, sort=False)
+        for (length, state), _ in good.groupby(APART, sort=False)
     }
-    fig = work_precision.draw_panels(good, titles, apart, (2, 2.6), style, named, sharex=bool(span), sharey=True)
+    fig = draw_panels(good, titles, APART, (2, 2.6), style, named, sharex=bool(span), sharey=True)
     which = f"in a potential, t = {show(span)}" if span else "with a Hamiltonian that depends on time"
     fig.caption = (
         f"Error at the end against wall time, set-up included, for tops {which}; down and left is better. "

@@ -15,7 +15,7 @@ from lagrange_bench.experiments.drawing.tables import heading
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
 from lagrange_bench.experiments.step_forms import OWN
-from lagrange_bench.experiments.work_precision import WALL, draw_front
+from lagrange_bench.experiments.work_precision_figures import WALL, draw_front
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.support.words import suggestion

@@ -5,10 +5,10 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.heavy_top_motions import UNTIL, motion
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
+from lagrange_bench.experiments.work_precision_figures import TARGETS, races, useful
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.registry import ARCHIVE
 
@@ -64,7 +64,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     for field, value in place.where.items():
         rows = rows[rows[field] == value]
     body = "case" in place.where
-    good = _priced_body(rows) if body else work_precision.useful(rows)
+    good = _priced_body(rows) if body else useful(rows)
     good = good.rename(columns={"total": "price"})
     good = good[~good.method.isin(ARCHIVE)]
     if good.empty:
@@ -74,7 +74,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     unit = 1.0 if body else problem.scales(y0)[2]
     conserved = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
-    for fields, best in work_precision.races(good, ["span"], work_precision.TARGETS, "price"):
+    for fields, best in races(good, ["span"], TARGETS, "price"):
         length, target = fields.values()
         when = tables.show(length) + " s" * body
         for demand, names in _demands(problem).items():

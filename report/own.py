@@ -5,9 +5,9 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import states
+from lagrange_bench.experiments.work_precision_figures import APART, TARGETS, best, useful
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored
 from lagrange_bench.report import panels
@@ -31,7 +31,7 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
     names = [name for name in _names(rows) if name not in BUILT_IN]
     if not names:
         return []
-    findings, published = panels.findings(rows), work_precision.useful(Store(REFERENCE).rows("work_precision"))
+    findings, published = panels.findings(rows), useful(Store(REFERENCE).rows("work_precision"))
     timed = rows.get("work_precision", pd.DataFrame())
     found = {name: pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]) for name in names}
     places = {name: pd.DataFrame(_places(name, timed, published)) for name in names}
@@ -63,15 +63,15 @@ def _places(name: str, rows: pd.DataFrame, published: pd.DataFrame) -> Iterator[
     """A line for each top, length and error: the time, and how many of the published methods are faster."""
     if rows.empty:
         return
-    for (span, state), run in rows[rows.method == name].groupby(work_precision.APART, sort=False):
-        good, others = work_precision.useful(run), published[(published.span == span) & (published.state == state)]
-        for target in work_precision.TARGETS if len(others) else ():
-            own, best = (work_precision.best(runs, target, "total") for runs in (good, others))
+    for (span, state), run in rows[rows.method == name].groupby(APART, sort=False):
+        good, others = useful(run), published[(published.span == span) & (published.state == state)]
+        for target in TARGETS if len(others) else ():
+            own, rivals = (best(runs, target, "total") for runs in (good, others))
             line = {"top": states.label(state), "length": span, "error at most": target}
             if own.empty:
-                yield {**line, "place": f"not within {run.longest.iloc[0]:g} s; {len(best)} methods reach it"}
+                yield {**line, "place": f"not within {run.longest.iloc[0]:g} s; {len(rivals)} methods reach it"}
                 continue
-            time, first = own.total.iloc[0], best.iloc[0]
-            place = f"{1 + int((best.total < time).sum())} of {1 + len(best)}"
+            time, first = own.total.iloc[0], rivals.iloc[0]
+            place = f"{1 + int((rivals.total < time).sum())} of {1 + len(rivals)}"
             fastest = f"{style.label(first.method)}, {tables.show(states.rounded(1e3 * first.total, 2))} ms"
             yield {**line, "place": place, "time, ms": states.rounded(1e3 * time, 2), "fastest published": fastest}

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring.reductions import done, worst
+from lagrange_bench.experiments.work_precision_figures import useful
 from lagrange_bench.integrators.interface import INVARIANTS, needed
 from lagrange_bench.integrators.registry import METHODS, NAMED_TOPS
 from lagrange_bench.report.claims import NoData
@@ -55,7 +55,7 @@ def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:
         "label": numbers_in(NAMED_TOPS[state].label),
         "h": _curves(errors, "h", "error"),
         "drift": _curves(_largest_so_far(drift, state), "t", "error"),
-        "work": _curves(work_precision.useful(work) if len(work) else work, "total", "error"),
+        "work": _curves(useful(work) if len(work) else work, "total", "error"),
         "span": show(float(work.span.iloc[0])) if len(work) else "",
     }
 

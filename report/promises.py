@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, RELEASED, SPINNING, WIDE, methods_on
+from lagrange_bench.experiments.work_precision_figures import APART, TARGETS, best, useful
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
@@ -153,16 +153,16 @@ def lead(
     time. every : the longest step that counts. The ratio is 0 where no Bäcklund map gets there, ∞ where no other method does.
     """
     ratios = {}
-    runs = work_precision.useful(all_methods(rows))
+    runs = useful(all_methods(rows))
     if "h" in runs:
         runs = runs[~(runs.h > every)]  # of a tolerance every run counts
     asked = {"backlund", *(name for name in published() if closed and METHODS[name].family == "closed-form")}
-    groups = runs.groupby(work_precision.APART, sort=False)
-    for ((span, state), group), target in product(groups, work_precision.TARGETS):
+    groups = runs.groupby(APART, sort=False)
+    for ((span, state), group), target in product(groups, TARGETS):
         if any(span == length and least <= target <= most for length, most, least in errors):
             if missing := sorted(asked - set(group.method)):
                 raise NoData(f"a run with method = {missing[0]} over t = {show(span)} on {state} is missing")
-            race = work_precision.best(group, target, "total")
+            race = best(group, target, "total")
             rivals = race.family == "closed-form" if closed else ~race.family.isin(EXACT)
             ours, others = race[race.family == "backlund"].total, race[rivals].total
             ratio = others.min() / ours.min() if len(ours) and len(others) else np.inf if len(ours) else 0.0

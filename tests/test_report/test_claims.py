@@ -8,10 +8,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
+from lagrange_bench.experiments.work_precision_figures import TARGETS
 from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.report import chooser, claims, lists, origin, own, page, panels, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
@@ -231,7 +231,7 @@ def test_the_cheapest_with_set_up_that_reaches_the_error_and_claims_to_conserve_
 def test_the_line_of_python_gives_the_promised_error(stored):
     answers = chooser.answers({"work_precision": stored["work_precision"]})
     answers = answers[answers["length of the run"] != "10⁶"].drop_duplicates("python", keep="last")
-    targets = {tables.show(target): target for target in work_precision.TARGETS}
+    targets = {tables.show(target): target for target in TARGETS}
     assert set(answers["length of the run"]) == {"10", "100", "10⁴"}, "how many lines differ depends on times"
     for line, target in zip(answers.python, answers["error at most"].map(targets), strict=True):
         assert eval(line, {"integrate": integrate}).error()[-1] <= target, line
