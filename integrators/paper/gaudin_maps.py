@@ -32,12 +32,6 @@ def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
     return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
 
-def one_point_inverse(magnet: Any, spins: Any, lam: Any, v: Any) -> Numbers:
-    """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
-    mirror = np.array((1, -1, 1))
-    return one_point(magnet, magnet.check_spins(spins) * mirror, lam, v=v) * mirror
-
-
 def two_point_textbook(magnet: Any, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
     """The two-point map of (λ1, v1), (λ2, v2) as in section 5.5, (5.5.2)–(5.5.6): complex, with its divisions.
 

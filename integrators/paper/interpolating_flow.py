@@ -91,22 +91,6 @@ def time_and_turn(top: LagrangeTop, y: Any, lam1: Any, lam2: Any = None, sheet: 
     return lax.check_sheet(sheet) * T, sheet * top.alpha * turn
 
 
-def attitude_angle(top: LagrangeTop, y: Any, lam: Any) -> Any:
-    """χ of the body: g̃ = q rot(x/|x|, χ) g, q = (−Re λ, −w)/|λ|, g the attitude of the frame that turns with J.
-
-    g̃ = rot(e3, Θ) g(T) in general, and χ = 2π − 2 arg λ − 2√C1 Im ∫_0^λ (1/√Q − 1/√C1) du/u, the same at every step:
-    with 2π, g̃ is continuous from g at λ = 0. For a real state, Im λ > 0, sheet 1.
-    """
-    check_parameter(lam)
-    q = lax.spectral_polynomial(top, phase_space.numbers(y))
-    r = mp.sqrt(q[0])
-
-    def integrand(u: Any, m: Any) -> Any:  # without the cancellation at u = 0
-        return -(q[1] + u * (q[2] + u * (q[3] + u * q[4]))) / (r * m * (r + m))
-
-    return 2 * mp.pi - 2 * mp.arg(lam) - 2 * r * clock.integral(q, lam, integrand).imag
-
-
 def hamiltonian(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1) -> Any:
     """H_int = ∫_{λ1}^{λ2} μ dλ, (5.6.11) corrected, up to a function of C1 and C2 (the residue of μ at 0)."""
     if lam1 == 0 or lam2 == 0:

@@ -168,11 +168,6 @@ def lax_gradient(u: Any) -> Numbers:
     return np.concatenate((1j * PAULI / u, 1j * PAULI / (u * u)))
 
 
-def gaudin_gradient(sites: ArrayLike, u: Any) -> Numbers:
-    """∂L_G(u)/∂(s_1, …, s_n), (3n, 2, 2)."""
-    return np.concatenate([PAULI / (u - a) for a in np.asarray(sites)])
-
-
 def linear_algebra_defect(brackets: Numbers, Lu: Numbers, Lv: Numbers, r: Numbers) -> Numbers:
     """{L¹(u), L²(v)} − [r(u − v), L¹(u) + L²(v)], (4, 4): zero by (2.5) for L_G with factor i, for L with −1."""
     one = np.eye(2, dtype=int)

@@ -12,7 +12,7 @@ from lagrange_bench.integrators.compiling.double_double import dd
 from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_roots, spectral_polynomial
-from lagrange_bench.integrators.paper.gaudin_maps import one_point, one_point_inverse, two_point, two_point_textbook
+from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, two_point_textbook
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import gradient
@@ -84,6 +84,12 @@ def test_sheets():
         assert abs(1e-9j * v - np.linalg.norm(spins[site])) < 1e-8
     v = np.array([eigenvalue(magnet, spins, magnet.sites[0] + t * (1 + 2j)) for t in np.linspace(0.05, 1, 200)])
     assert np.max(np.abs(np.diff(v)) / np.abs(v[1:])) < 0.5
+
+
+def one_point_inverse(magnet, spins, lam, v):
+    """The spins that `one_point` sends to `spins`: its mirror image τ B τ, τ: s² → −s², which transposes L."""
+    mirror = np.array((1, -1, 1))
+    return one_point(magnet, spins * mirror, lam, v=v) * mirror
 
 
 @SIZES
