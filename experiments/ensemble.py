@@ -20,10 +20,10 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
-from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
-from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.experiments.ensemble_figures import draw as draw
+from lagrange_bench.experiments.ensemble_figures import tables as tables
+from lagrange_bench.experiments.ensemble_sizes import FEW, FIELD_JUDGED, FIELD_SPAN, FIELD_TOPS, JUDGED, RIVALS
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import options_of, rounded, truth
 from lagrange_bench.integrators import (
@@ -36,7 +36,7 @@ from lagrange_bench.integrators import (
     prepare,
 )
 from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.lanes import LANES, run_lanes
+from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.backlund import SHORT
 from lagrange_bench.integrators.methods.taylor import equations
@@ -61,12 +61,9 @@ STEP = 0.1
 BUDGET = 2e7  # steps of all tops together in one sample
 TOPS = {"quick": (32, 8192), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
 WIDTHS = {"quick": (8, 32), "full": (8, 16, 32, 64, 128, 256)}
-FEW = 8  # steps of a short run
 MANY = {"quick": (10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
 SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
 SPAN = 10_000.0  # length of the rivals' runs
-RIVALS = {"numba": 128, "heyoka": 64}  # how many tops, by engine
-JUDGED = 8  # errors are measured on the first so many tops
 TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.2,)},
     "full": {
@@ -89,7 +86,6 @@ IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of a
         "sofroniou_spaletta10": (0.15,),
     },
 }
-FIELD_SPAN, FIELD_TOPS, FIELD_JUDGED = 1000.0, 512, 3  # the truth takes some 3 s for each top
 STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half of it, up and down
 
 
@@ -377,115 +373,3 @@ MEASURES = {
     "jump": _measure_jump,
     "perturbed": _measure_perturbed,
 }
-
-
-@of_part(
-    "rival",
-    f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or tolerance the "
-    f"median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest exact step that "
-    "is no less accurate",
-)
-def rivals(runs: pd.DataFrame) -> pd.DataFrame:
-    exact_steps = runs[runs.method == "backlund"]
-
-    def times(run: pd.Series) -> float:
-        as_good = exact_steps[exact_steps.error <= run.error]
-        return rounded(run.ns_per_time / as_good.ns_per_time.min(), 3) if len(as_good) else float("nan")
-
-    runs = runs.assign(**{"times the exact step": [times(run) for _, run in runs.iterrows()]})
-    columns = ["method", *(name for name in ("h", "tol") if name in runs), "error", "largest_error", "us_per_top"]
-    return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
-
-
-SHOWN = {  # part → its columns in a table, and the caption
-    "bound": (MEASURED["bound"], "One top: nanoseconds per step, pinned or not (free), and those of a loop of only the "
-              "operations that must wait for each other; no code can be faster"),
-    "tops": (("tops", "threads", *MEASURED["tops"]),
-             "Many tops in one call: nanoseconds per step and top, on all cores and for one; set-up in µs per top"),
-    "lanes": (("lanes", "pinned_ns_per_step", "free_ns_per_step"),
-              "How many tops a core takes at once, and nanoseconds per step and top"),
-    "setup": (("h", "setup_us", "first_step_us"),
-              "Set-up of each top, λ(h) and the constants of its step, in µs, by step size"),
-    "many": (("tops", *MEASURED["many"]),
-             "A large ensemble: seconds in all, µs per top, memory in units of one array of states"),
-    "jump": (("span", "error", "largest_error", "us_per_top"),
-             f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of "
-             f"{JUDGED} of them"),
-    "perturbed": (("method", "h", "error", "largest_error", "setup_us", "us_per_top", "ns_per_time", "ns_per_kick"),
-                  f"{FIELD_TOPS} tops in a weak tide, on one core: the median and the largest error of "
-                  f"{FIELD_JUDGED} of them at t = {FIELD_SPAN:g}; set-up, and all, in µs per top; nanoseconds per top and unit "
-                  "of time, and per kick with the flow before it, without set-up"),
-}  # fmt: skip
-
-
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    frames = {}
-    for part, (columns, caption) in SHOWN.items():
-        here = rows[(rows.part == part) & (rows.status == "done")]
-        if len(here):
-            frames[part] = here[list(columns)]
-            frames[part].attrs["caption"] = caption
-    return frames | tabulated(rivals)(rows)
-
-
-@of_part()
-def _draw_throughput(good: pd.DataFrame, style):
-    if not (good.part == "tops").any():
-        return None
-    fig, (steps, setups, growth) = style.figure("page", 2.6, ncols=3)
-    look = {**style.of("backlund"), "label": "_one"}
-    runs = good[good.part == "tops"].sort_values("tops")
-    for i, (threads, group) in enumerate(runs.groupby("threads")):
-        text = "1 thread" if threads == 1 else f"{threads:.0f} threads, time × {threads:.0f}"
-        colours, markers = style.FAMILIES["backlund"]
-        steps.loglog(group.tops, group.ns_per_step_and_core, color=colours[-i], marker=markers[i],
-                     linestyle=style.DASHES[i], label=text)  # fmt: skip
-    bound = good[good.part == "bound"]
-    if not bound.empty:
-        alone = float(bound.pinned_ns.min())
-        steps.axhline(alone, color=style.FAINT, linewidth=0.8)
-        steps.annotate("one top alone", (0.98, alone), (0, -2), textcoords="offset points", fontsize=7, ha="right",
-                       va="top", xycoords=("axes fraction", "data"))  # fmt: skip
-    style.few_decades(steps.yaxis)
-    steps.set(title="a step of many tops", xlabel="tops", ylabel="ns per step of a top, one core")
-    setups.set(title="the set-up of one", xlabel="step h", ylabel="µs per set-up, one core")
-    growth.set(title="a short run of many", xlabel="tops", ylabel=f"µs per top, {FEW} steps, all cores")
-    steps.legend(loc="upper right", bbox_to_anchor=(1.0, 0.88))
-    for ax, part, across, up in ((setups, "setup", "h", "setup_us"), (growth, "many", "tops", "us_per_top")):
-        chosen = good[good.part == part].sort_values(across)
-        if not chosen.empty:
-            ax.semilogx(chosen[across], chosen[up], **look)
-            ax.set_ylim(0, 1.1 * chosen[up].max())
-    fig.caption = (
-        f"A step of the exact map against the number of tops, {LANES} of them to a SIMD block; few tops leave lanes empty. "
-        "Set-up of a top, λ(h) and constants, against the step in the tops' units of time; of long steps "
-        "it includes the period and the turn of a nutation. Short runs of very many tops, set-up included."
-    )
-    return fig
-
-
-@of_part()
-def _draw_rivals(good: pd.DataFrame, style):
-    runs = good[good.part == "rival"]
-    if runs.empty:
-        return None
-    fig, ax = style.figure("page", 3.4)
-    for method in style.ordered(runs.method):
-        chosen = runs[runs.method == method].sort_values([name for name in ("h", "tol") if name in runs])
-        ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))
-    jump = good[good.part == "jump"]
-    if not jump.empty:
-        look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
-        ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
-    ax.set(xlabel="ns for a top and a unit of time, one core, set-up included")
-    ax.set(ylabel=f"error at the end, median of {JUDGED} tops")
-    style.legend_below(fig)
-    fig.caption = (
-        "Many tops over the same time on one core: the exact step and heyoka's batch mode, in SIMD lanes, and the fixed steps of "
-        f"others, one top after another. The runs are t = {show(float(runs.span.iloc[0]))} long. Along a line "
-        "the step or, for heyoka, the tolerance changes. A jump is one map from the start to the end, not a sequence of steps."
-    )
-    return fig
-
-
-draw = drawn(throughput=_draw_throughput, rivals=_draw_rivals)
