@@ -15,7 +15,7 @@ import numpy as np
 
 from lagrange_bench.experiments.cost_figures import draw as draw
 from lagrange_bench.experiments.cost_figures import tables as tables
-from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring import counters, metrics, timing
 from lagrange_bench.experiments.measuring.states import (
     accuracy_settings,
     find,
@@ -84,10 +84,7 @@ def _measure_step(cell: dict) -> list[dict]:
     stepper = prepare(top, y0, h, cell["method"], **options)
     n = CALL[_kind(METHODS[cell["method"]])]
     stepper.advance(y0, 10)
-    before = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations, stepper.work.rejected)
-    stepper.advance(y0, n)
-    after = (stepper.work.steps, stepper.work.rhs_evals, stepper.work.iterations, stepper.work.rejected)
-    steps, evals, iterations, rejected = (b - a for a, b in zip(before, after, strict=True))
+    steps, evals, iterations, rejected = counters.counted(stepper, lambda: stepper.advance(y0, n))
     timed = timing.time_call(lambda: stepper.advance(y0, n), repeats=cell["repeats"])
     setups = [prepare(top, y0, h, cell["method"], **options).work.setup_seconds for _ in range(5)]
     return [
