@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
+from functools import cache
 from math import tau
 from typing import Any, TypeVar
 
@@ -100,8 +101,9 @@ class Hints:
 
     def _error(self, quantity: str, rows: Any = None, exact: Exact | None = None, **changes: Any) -> float:
         """The largest error of some `rows`, at other times (`exact`) or in another convention."""
-        frames = self.frames.changed(**changes) if changes else self.frames
-        return float(frames.errors(rows or self.trajectory, exact or self.exact)[quantity].max(initial=0.0))
+        frames, rows = self.frames.changed(**changes) if changes else self.frames, rows or self.trajectory
+        rows = {name: rows[name] for name in ("time", *GROUPS[quantity]) if name in rows}
+        return float(frames.errors(rows, exact or self.exact)[quantity].max(initial=0.0))
 
     def _conventions(self) -> Iterator[str]:
         how = self.frames.convention
@@ -254,10 +256,10 @@ class Hints:
         """The start of another case."""
         if self.first and self.t[0] == 0 and not self._starts_as(self.frames):
             how = self.frames.convention
-            for case in CASES.values():
+            for name, case in CASES.items():
                 comparable = how.axis is None or case.body.axis is not None
-                if comparable and self._starts_as(Frames(case.body, how, case=case)):
-                    yield f"this is the start of the case {case.name}."
+                if comparable and self._starts_as(_frames_of(name, how)):
+                    yield f"this is the start of the case {name}."
 
     def first_row(self) -> list[str]:
         """The one convention in which the first row is the start of the case, if it is not so as it stands."""
@@ -320,6 +322,12 @@ class Hints:
                     turn = f"turn the {where} of the rows by the rotation vector {vector}"
                     fits.append(f"the axes of the {where} are others: {turn}.")
         yield from fits if len(fits) == 1 else []
+
+
+@cache
+def _frames_of(name: str, convention: Convention) -> Frames:
+    """The frames of a named case."""
+    return Frames(CASES[name].body, convention, case=CASES[name])
 
 
 def find_hints(

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 
 import pytest
-from faults import HERE, TOY, comparable, nobody_left, python, session, squares, start, wait_for_lines
+from faults import TOY, comparable, nobody_left, session, squares, start, wait_for_lines
 from test_cli import STUDY
 
 from lagrange_bench.results.store import Store
@@ -152,22 +152,22 @@ def measure(cell):
 )
 
 
-@pytest.mark.parametrize("then", [{}, {"END": "yes"}], ids=["the process goes on", "a new one imports the edited file"])
-def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(tmp_path, then):
-    (tmp_path / "own").mkdir()
-    (tmp_path / "own" / "study.py").write_text(EDITS)
-    helper = tmp_path / "own" / "helper.py"
-    helper.write_text("VALUE = 1\n")
+def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(folder, run, monkeypatch):
+    """The process that computes cells goes on; then it ends, and a new one imports the edited file."""
+    (folder / "own").mkdir()
+    (folder / "own" / "study.py").write_text(EDITS)
+    helper = folder / "own" / "helper.py"
 
-    def run(**environment):
-        words = ["-m", "lagrange_bench", "run", "own.study", "--results", "out", "--jobs", "1", "--json"]
-        places = f"{tmp_path}{os.pathsep}{HERE.parent}"
-        done = python(*words, cwd=tmp_path, env={**os.environ, "PYTHONPATH": places, **environment})
-        tally = json.loads(done.stdout)["experiments"]["own.study"]
-        rows = Store(tmp_path / "out").rows("own.study")
-        stored = {row.i: row.value for row in rows.itertuples() if row.status == "done"}
-        return done.returncode, tally["computed"], tally["stored"], tally["set_aside"], stored
+    def found(**environment):
+        helper.write_text("VALUE = 1\n")
+        with monkeypatch.context() as patch:
+            for name, value in environment.items():
+                patch.setenv(name, value)
+            code, out, _ = run("run", "own.study", "--results", "out", "--jobs", "1", "--json")
+        tally = json.loads(out)["experiments"]["own.study"]
+        stored = {row.i: row.value for row in Store("out").rows("own.study").itertuples() if row.status == "done"}
+        return code, tally["computed"], tally["stored"], tally["set_aside"], stored
 
-    assert run(EDIT=str(helper), **then) == (1, 1, 0, 3, {0: 1.0})
-    helper.write_text("VALUE = 1\n")
-    assert run() == (0, 3, 1, 0, dict.fromkeys(range(4), 1.0))
+    assert found(EDIT=str(helper)) == (1, 1, 0, 3, {0: 1.0})
+    assert found(EDIT=str(helper), END="yes") == (1, 0, 1, 3, {0: 1.0})
+    assert found() == (0, 3, 1, 0, dict.fromkeys(range(4), 1.0))

@@ -164,7 +164,7 @@ def test_what_engines_do_to_a_spin_is_named():
         ({"damping": 0.1}, "exp(−0.1 t): damping?"),
         ({"cap": 4.0}, "from 10 to 4 rad/s in the first step: a cap"),
     ):
-        t, x, M, omega = poor(slow, 1 / 240, **engine)
+        t, x, M, omega = poor(slow, 1 / 60, **engine)
         judged = judge(t, x, M, omega, case=slow, omega_frame="world")
         assert any(words in note for note in judged.notes), judged.notes
         assert judged.spin_rate.max > 1.0
