@@ -10,7 +10,7 @@ examples:
   lagrange-bench integrate --state 0.3,-0.4,1.2,0.48,0.6,0.64 --alpha 2 --times 0:1000:11 --output run.csv
   lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
   lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
-  lagrange-bench integrate --problem mine:PROBLEM --state 0.3,-0.4,1.2 --method gauss6 --h 0.1 --steps 1000
+  lagrange-bench integrate --problem mine:PROBLEM --state 0.3,-0.4,1.2 --method rk4 --h 0.1 --steps 1000
   lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
 
 reading what --output wrote, without losing a bit:

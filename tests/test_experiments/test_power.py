@@ -255,7 +255,7 @@ CLAIMED = ("J3", "C1", "C2")
 
 @pytest.fixture
 def short(monkeypatch):
-    monkeypatch.setattr(check, "FIELD_STEPS", 100)
+    monkeypatch.setattr(check, "FIELD_STEPS", 50)
     monkeypatch.setattr(check, "extreme_fields", lambda names: ())
 
 

@@ -173,7 +173,7 @@ WAYS = {  # how text is written → the bytes of the file
     "clocks": lambda: lines("Time,x,y,z", "00:00:0{:.1f},{},{},{}"),
     "a text column": lambda: lines("t,state,x,y,z", "{},run,{},{},{}"),
     "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
-    "JSON in a long line": lambda: json.dumps({"t": T.tolist(), "pos": X.tolist(), "rest": [[0.5] * 10**5] * 12}),
+    "JSON in a long line": lambda: json.dumps({"t": T.tolist(), "pos": X.tolist(), "rest": [[0.5] * 6000] * 12}),
     "JSON of rows": lambda: json.dumps([{"t": t, **dict(zip("xyz", x, strict=True))} for t, x in ROWS], indent=1),
     "JSON of frames": lambda: json.dumps({"dt": 0.1, "frames": [{"t": t, "body": {"pos": x}} for t, x in ROWS]}),
     "JSON of vectors": lambda: json.dumps({"t": T.tolist(), "pos": [dict(zip("xyz", x, strict=True)) for _, x in ROWS]}),
