@@ -52,18 +52,14 @@ FIELD_TOLERANCE = 0.3  # in a potential, which varies over less than |x|: beyond
 EXACT = 1e-12  # an error below this over some hundred steps is round-off
 FLOOR, CEILING = 1e-14, 1e-2  # errors of one step between these show the order: above round-off, below saturation
 POINTS = 8  # of the smallest steps above the floor show the order
-RUN, MOST_STEPS = (
-    4.0,
-    512,
-)  # length in time scales, and most steps, of the runs that show the order of a method with memory
+# length in time scales, and most steps, of the runs that show the order of a method with memory
+RUN, MOST_STEPS = 4.0, 512
 RUN_FLOOR = 1e-12  # least error of these runs
 ORDER_SPANS = 2.0 ** np.arange(2, -18, -0.125)  # steps that are tried for an order
 LOST = 0.1  # of the scales: a run with a larger error says nothing about accuracy
 TOGETHER = 32  # steps that show whether a method has memory: the starter of a method of high order takes several
-NEAR, STEEPER = (
-    0.25,
-    1.25,
-)  # if all steps are longer than NEAR time scales, the slope may exceed the order by up to STEEPER
+# if all steps are longer than NEAR time scales, the slope may exceed the order by up to STEEPER
+NEAR, STEEPER = 0.25, 1.25
 
 
 NOT_CLAIMED = "not claimed"
@@ -172,13 +168,13 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
     if claimed is None:
         return
     if method.control == "tolerance":
-        yield Verdict(f"order {claimed}", None, None, "", "h is only the output grid")
+        yield not_judged(f"order {claimed}", "h is only the output grid")
         return
     points = order_points(method, ORDER_SPANS, names)
     tolerance = TOLERANCE if names == ORDER_STATES else FIELD_TOLERANCE
     claim, bound = f"order {claimed}", f"{claimed} ± {tolerance}"
     if points.exact:
-        yield Verdict(claim, None, None, "", "every step here is exact up to round-off, as at an equilibrium")
+        yield not_judged(claim, "every step here is exact up to round-off, as at an equilibrium")
         return
     if len(points.spans) < 4:
         yield Verdict(claim, False, None, bound, f"fewer than 4 steps have an error between {FLOOR:g} and {CEILING:g}")
@@ -332,7 +328,7 @@ def declines_long_steps(span: float) -> Iterator[None]:
 def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
     if not method.claims.symmetric:
-        yield Verdict("symmetric", None, None, "", NOT_CLAIMED)
+        yield not_judged("symmetric", NOT_CLAIMED)
         return
     worst = Worst()
     for name, span, top, y0, h in steps_on(names):
@@ -350,7 +346,7 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
 def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
     if not method.claims.poisson:
-        yield Verdict("Poisson map", None, None, "", NOT_CLAIMED)
+        yield not_judged("Poisson map", NOT_CLAIMED)
         return
     worst, bound = Worst(), 1e-8
     names = names[:2] if quick else names
@@ -402,19 +398,14 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
             worst[quantity] = worst[quantity].worse_of(size, name, span)
     at = f"largest error over {n} steps, {AT}" + (", where it gets through" if stopped else "")
     for quantity in sorted(method.claims.conserves - set(INVARIANTS) - set(quantities)):
-        yield Verdict(
-            f"conserves {quantity}",
-            None,
-            None,
-            "",
-            f"no problem here has an invariant {quantity}; name one by --problem",
-        )
+        why = f"no problem here has an invariant {quantity}; name one by --problem"
+        yield not_judged(f"conserves {quantity}", why)
     for quantity in dict.fromkeys((*quantities, *claimed)):
         on, claim = claimed.get(quantity, ()), f"conserves {quantity}"
         largest = worst.get(quantity if on else f"({quantity})")
         if largest is None:
             if on or any(quantity in find(name)[0].conserved for name in names):
-                yield Verdict(claim, None, None, "", f"no run gets through {n} steps")
+                yield not_judged(claim, f"no run gets through {n} steps")
             continue
         how = at.format(len(on or names)) + largest.where
         if not on:
@@ -551,7 +542,7 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
     refused = {name: method.takes(find(name)[0]) for name in (*FIELD_ORDER_STATES, *FIELD_STATES)}
     ordered, names = (tuple(n for n in listed if not refused[n]) for listed in (FIELD_ORDER_STATES, FIELD_STATES))
     if not names:
-        yield Verdict("in a field", None, None, "", str(refused[FIELD_STATES[0]]))
+        yield not_judged("in a field", str(refused[FIELD_STATES[0]]))
         return
     yield from _claims(method, quick, "in a field", ordered, names, names)
 
@@ -678,3 +669,7 @@ def same(a: Array, b: Array) -> bool:
 
 def verdict(claim: str, passed: bool, how: str) -> Verdict:
     return Verdict(claim, bool(passed), None, "", how)
+
+
+def not_judged(claim: str, why: str) -> Verdict:
+    return Verdict(claim, None, None, "", why)
