@@ -151,9 +151,13 @@ MARKERS = ("o", "s", "D", "^", "v")
 
 
 def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
-    """The look of each integrator: the exact step blue, other methods of the bench black, each engine in its own colour."""
+    """The look of each integrator: the exact step blue, each engine in its own colour.
+
+    Beside engines other methods of the bench, and older versions of an engine, are thin and grey, without a name.
+    """
     timed = [name for name, engine in ENGINES.items() if engine.timed and name != OURS]
     looks, colours = {}, {OURS: style.INK} | dict(zip(timed, COLOURS, strict=False))
+    engines = set(rows.engine) - {OURS}
     for name, kind in dict.fromkeys(zip(rows.engine, rows.integrator, strict=True)):
         ours, colour = name == OURS, colours.get(name, NEUTRAL)
         if ours and kind in style.EXACT_STEPS:
@@ -162,6 +166,10 @@ def looks(rows: pd.DataFrame, style) -> dict[tuple[str, str], dict]:
         marker = MARKERS[kinds.index(kind) % len(MARKERS)] if kind in kinds else "none"
         text = style.label(kind) if ours else f"{name}, {kind}"
         looks[name, kind] = {"color": colour, "label": style.plain(text), "marker": marker, "markersize": 3.0}
+        older = name.rstrip("0123456789. ") in engines - {name}
+        if engines and ((ours and kind not in style.EXACT_STEPS) or older):
+            thin = {"color": NEUTRAL, "label": "_thin", "marker": "none", "linewidth": 0.7, "zorder": 1}
+            looks[name, kind] = {**thin, "gid": style.title(text)}
     return looks
 
 
@@ -186,7 +194,7 @@ def _draw_steps(rows: pd.DataFrame, style):
         line[0].set_ylabel("error of position, m")
         style.failure_marks(line[0], rows[(rows.case == case) & (rows.status == "failed")].h.unique())
     style.legend_below(fig)
-    best = "Lines that name a program have its best integrator or settings; the others are methods of this bench"
+    best = "Programs have their best integrator or settings; grey: other methods of this bench, and older versions"
     which = "Methods of this bench; no engine ran here" if rows.engine.eq(OURS).all() else best
     same = rows[rows.engine.ne(OURS) & rows.status.eq("done")].groupby(["case", "h"]).position.agg(["min", "max"])
     if (apart := (same["max"] / same["min"]).max()) > ORDERS_APART:

@@ -1,5 +1,7 @@
 """`Comparison`: rows of methods on tops, as a frame, and any column of it against any other as a figure."""
 
+from __future__ import annotations  # signatures show names of types, not what they stand for
+
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

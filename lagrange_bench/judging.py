@@ -1,5 +1,7 @@
 """`judge`: how far the trajectory of any program is from the exact motion of a rigid body."""
 
+from __future__ import annotations  # signatures show names of types, not what they stand for
+
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace

@@ -16,6 +16,8 @@ Steps and times are in two units, and every frame has both: `h`, `t` and `span` 
 `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
 """
 
+from __future__ import annotations  # signatures show names of types, not what they stand for
+
 import textwrap
 import warnings
 from collections.abc import Callable, Iterable
@@ -48,19 +50,21 @@ Measure = Callable[[Cell], list[Cell]]
 Methods = str | Method | Iterable[str | Method]
 Top = str | NamedTop | tuple[Any, Any] | tuple[str, Any, Any]
 Tops = Top | Iterable[Top]
-Given = float | None
+Number = float | None
 SPANS = (1e-3, 1e9)  # of runs, in time scales: shorter ones are a step each, longer ones take seconds only to be tried
 
 
 def drift(
-    methods: Methods, tops: Tops = "generic", *, h: Given = None, h_scaled: Given = None, steps: int = 10_000
+    methods: Methods, tops: Tops = "generic", *, h: Number = None, h_scaled: Number = None, steps: int = 10_000
 ) -> Comparison:
     """How far the invariants of the problem drift along a run.
 
     Parameters
     ----------
-    methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
+    methods : str, Method or list of them
+        Names, also "mine:METHOD", or `Method`.
+    tops : str, NamedTop, tuple or list of them
+        Names, also "mine:TOP", `NamedTop`, (problem, y0) or ("name", problem, y0).
     h : float, optional
         The step in the top's own unit of time.
     h_scaled : float, optional
@@ -85,14 +89,14 @@ def drift(
 
 
 def phase(
-    methods: Methods, tops: Tops = "generic", *, h: Given = None, h_scaled: Given = None, steps: int = 4_000
+    methods: Methods, tops: Tops = "generic", *, h: Number = None, h_scaled: Number = None, steps: int = 4_000
 ) -> Comparison:
     """How far a run is from where it should be, and, of a top in a uniform field, where on its torus.
 
     Parameters
     ----------
-    methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
+    methods, tops : str or list
+        As for `drift`.
     h, h_scaled : float, optional
         The step, as for `drift`; h_scaled = 0.25 if neither is given.
     steps : int
@@ -121,8 +125,8 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
 
     Parameters
     ----------
-    methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
+    methods, tops : str or list
+        As for `drift`.
 
     Returns
     -------
@@ -155,14 +159,14 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
 
 
 def work_precision(
-    methods: Methods, tops: Tops = "generic", *, t: Given = None, t_scaled: Given = None, longest: float = 0.4
+    methods: Methods, tops: Tops = "generic", *, t: Number = None, t_scaled: Number = None, longest: float = 0.4
 ) -> Comparison:
     """What an error costs each method, in runs with ever smaller steps or tolerances.
 
     Parameters
     ----------
-    methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
+    methods, tops : str or list
+        As for `drift`.
     t : float, optional
         Length of the runs in the top's own unit of time.
     t_scaled : float, optional
@@ -187,14 +191,14 @@ def work_precision(
 
 
 def perturbed(
-    methods: Methods, tops: Tops = "weak_tide", *, t: Given = None, t_scaled: Given = None, longest: float = 0.1
+    methods: Methods, tops: Tops = "weak_tide", *, t: Number = None, t_scaled: Number = None, longest: float = 0.1
 ) -> Comparison:
     """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
 
     Parameters
     ----------
-    methods, tops : list
-        Of names, `Method`, `NamedTop` or (problem, state): see the head of this module. A single top need not be in a list.
+    methods, tops : str or list
+        As for `drift`.
     t, t_scaled : float, optional
         Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
     longest : float

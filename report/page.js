@@ -105,7 +105,12 @@ function prepare(svg) {
       hit.removeAttribute("id");
       if (!path.closest("defs")) path.after(hit);
     }
-    for (const text of texts) if (text.textContent.trim() === name) text.dataset.line = name;
+    for (const text of texts) {
+      if (text.textContent.trim() !== name) continue;
+      text.dataset.line = name;
+      const handle = text.closest('[id*="legend"]') && text.parentNode.previousElementSibling;
+      if (handle) handle.dataset.line = name;
+    }
   }
 }
 {
@@ -317,7 +322,7 @@ function fingers(element, { drag, pinch }) {
       return made;
     };
 
-    // An SVG of all curves of a view, this method's black; null if there are none
+    // An SVG of all curves of a view, this method's in its colour; null if there are none
     function plot(key, top) {
       const curves = Object.entries(top[key]), [title, across] = VIEWS[key];
       if (!curves.length) return null;
@@ -332,6 +337,7 @@ function fingers(element, { drag, pinch }) {
         return made;
       };
       const whole = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${labels.get(name)} on ${top.label}` });
+      whole.style.setProperty("--own", data.colours[name] ?? "var(--ink)");
       const sign = (k) => `10${String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])}`;
       const ticks = (low, high) => {
         const [from, to] = [Math.ceil(low / data.parts), Math.floor(high / data.parts)], step = Math.ceil((to - from + 1) / 6);
@@ -425,7 +431,8 @@ function fingers(element, { drag, pinch }) {
   let current = null, waiting = false;
   function mark() {
     waiting = false;
-    const here = parts.filter((part) => part.getBoundingClientRect().top < 0.4 * innerHeight).pop();
+    const end = scrollY > 0 && scrollY + innerHeight > document.documentElement.scrollHeight - 2; // the last part may be short
+    const here = end ? parts.at(-1) : parts.filter((part) => part.getBoundingClientRect().top < 0.4 * innerHeight).pop();
     const link = links.get(here?.id ?? parts[0]?.id);
     if (!link || link === current) return;
     current?.removeAttribute("aria-current");

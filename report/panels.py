@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring.reductions import done, worst
 from lagrange_bench.experiments.work_precision_figures import useful
-from lagrange_bench.integrators.interface import INVARIANTS, needed
+from lagrange_bench.integrators.interface import INVARIANTS, Method, needed
 from lagrange_bench.integrators.registry import METHODS, NAMED_TOPS
 from lagrange_bench.report.claims import NoData
 from lagrange_bench.report.promises import CLAIMS, table
@@ -36,9 +37,19 @@ def script(rows: dict[str, pd.DataFrame]) -> str:
     methods = dict.fromkeys(method for claim in CLAIMS for method in claim.about)
     about = {method: [claim.id for claim in CLAIMS if method in claim.about] for method in methods}
     records = [(name, record) for name, record, _ in METHODS.each() if record]
-    facts = {name: {"engine": m.engine, "needs": needed(m.needs), "source": m.source} for name, m in records}
-    data = {"tops": tops, "facts": facts, "kept": findings(rows), "about": about, "parts": PARTS}
+    facts = {
+        name: {"engine": m.engine, "needs": needed(m.needs), "source": m.source, "to run it": _line(name, m)}
+        for name, m in records
+    }
+    colours = {name: style.of(name)["color"] for name, _ in records}
+    data = {"tops": tops, "facts": facts, "colours": colours, "kept": findings(rows), "about": about, "parts": PARTS}
     return json.dumps(data, ensure_ascii=False, separators=(",", ":"))
+
+
+def _line(name: str, method: Method) -> str:
+    """A line of Python that runs the method: on the generic top, or else on a body."""
+    problem = "kovalevskaya" if method.takes(NAMED_TOPS["generic"].top) else "generic"
+    return f'integrate("{problem}", h=0.1, steps=100, method="{name}")'
 
 
 def _top(state: str, rows: dict[str, pd.DataFrame]) -> dict[str, Any]:

@@ -168,6 +168,12 @@ def functions():
             yield from (f"{item.__module__}.{name}.{word}" for word in words)
 
 
+def test_signatures_can_be_read():
+    public = (getattr(lagrange_bench, name) for name in lagrange_bench.__all__)
+    long = {item.__name__ for item in public if inspect.isfunction(item) and len(str(inspect.signature(item))) > 400}
+    assert long == set()
+
+
 def test_docstrings_say_parameters_and_results():
     # with Sphinx: collecting the tests does not wait for it; with the oldest packages it is not there
     validate = pytest.importorskip("numpydoc.validate").validate

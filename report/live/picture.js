@@ -174,6 +174,9 @@ const Picture = (() => {
       pen.fillStyle = colour;
       pen.fillRect(right - 10, free - 8, 10, 8);
       pen.fillStyle = colours.ink; // coloured letters are hard to read
+      pen.strokeStyle = colours.paper; // a rim, where a name lies on a line
+      pen.lineWidth = 4;
+      pen.strokeText(name, right - 15, free);
       pen.fillText(name, right - 15, free);
     }
   }

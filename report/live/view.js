@@ -124,7 +124,7 @@
     $("h").setAttribute("aria-valuetext", `h = ${h.toPrecision(3)}${share}`);
     $("steps").setAttribute("aria-valuetext", `${steps} steps, t = ${Number(end.toPrecision(3))}`);
     tell(runs, exact, alpha, k, y, h, steps);
-    const colours = { grid: css("--line"), line: css("--soft"), ink: css("--ink") };
+    const colours = { grid: css("--line"), line: css("--soft"), ink: css("--ink"), paper: css("--paper") };
     const axis = (state) => state.slice(3);
     Picture.sphere(globe, {
       eye, colours, radius: Math.hypot(...axis(y)), curve: orbit(alpha, k, y, end).map(axis),

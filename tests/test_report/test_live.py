@@ -14,6 +14,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS, TOPS, RigidBody, StepError, integrate
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import TIDE
@@ -24,6 +25,7 @@ from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.support.color import Color
 from selenium.webdriver.support.ui import WebDriverWait
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
@@ -336,9 +338,28 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
         assert len(lines) > 20
         assert [text for kind, text in lines if kind == "own"] == [METHODS[name].label]
     assert all(word in dialog.text for word in (name, METHODS[name].label, "order 2", "confirmed"))
+    assert f'integrate("generic", h=0.1, steps=100, method="{name}")' in dialog.text
+    own = dialog.find_element(By.CSS_SELECTOR, "svg .own").value_of_css_property("stroke")
+    assert Color.from_string(own).hex == style.of(name)["color"].lower()
     browser.switch_to.active_element.send_keys(Keys.ESCAPE)
     assert not dialog.is_displayed()
     assert browser.switch_to.active_element == button
+
+
+def test_the_last_part_is_marked_at_the_end_of_the_page(browser):
+    marked = "return document.querySelector('nav [aria-current]').textContent"
+    assert browser.execute_script(marked) == "Answer"
+    browser.execute_script("scrollTo(0, document.documentElement.scrollHeight)")
+    until(browser, lambda b: b.execute_script(marked) == "Reference")
+
+
+def test_a_key_names_lines_too(browser):
+    key = "#figure-engines_steps [id*=legend] [data-line]"
+    shown = browser.execute_script(
+        f"return [...document.querySelectorAll('{key}')].map(e => e.tagName + e.dataset.line)"
+    )
+    label = METHODS["backlund"].label
+    assert {f"g{label}", f"text{label}"} <= set(shown)
 
 
 def test_rows_are_a_link_away(browser, stored, tmp_path):
@@ -443,6 +464,8 @@ def test_pointing_at_a_name_fades_the_other_lines_and_a_click_pins_it(browser):
 
     point(name)
     assert (len(faded()) > 4, METHODS["backlund"].label in faded()) == (True, False)
+    leaders = figure.find_element(By.CSS_SELECTOR, "[id*=LineCollection]")  # from lines to their names
+    assert float(leaders.value_of_css_property("opacity")) < 0.5
     point(heading)
     assert faded() == set()
     point(name)
