@@ -21,7 +21,6 @@ class OwnMethod(NamedTuple):
 
     name: str
     label: str
-    claims: str  # in words; "" of one that cannot be loaded here
     findings: pd.DataFrame  # claimed, found
     places: pd.DataFrame  # its times among the published ones
 
@@ -33,18 +32,24 @@ def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
         return []
     findings, published = panels.findings(rows), useful(Store(REFERENCE).rows("work_precision"))
     timed = rows.get("work_precision", pd.DataFrame())
-    found = {name: pd.DataFrame(findings.get(name, []), columns=["claimed", "found"]) for name in names}
+    found = {name: findings.get(name, []) + list(_missing(name, findings.get(name, []))) for name in names}
+    tables = {name: pd.DataFrame(found[name], columns=["claimed", "found"]) for name in names}
     places = {name: pd.DataFrame(_places(name, timed, published)) for name in names}
-    return [OwnMethod(name, style.label(name), _claims(name), found[name], places[name]) for name in names]
+    return [OwnMethod(name, style.label(name), tables[name], places[name]) for name in names]
 
 
-def _claims(name: str) -> str:
+def _missing(name: str, found: list[list[str]]) -> Iterator[list[str]]:
+    """The claims without rows, with the experiment that measures them; none of a method that cannot be loaded here."""
     try:
         record = find_stored(name, METHODS)
     except Exception:  # somebody else's module may raise anything
-        return ""
-    kept = [word for word in INVARIANTS if word in record.claims.conserves] + list(record.claims.conserves_own)
-    return f"{f'order {record.order}' if record.order else 'to be exact in time'}, and to keep {', '.join(kept) or 'nothing'}"
+        return
+    claims = {f"order {record.order}": "phase"} if record.order else {}
+    claims |= {f"{word} kept": "drift" for word in INVARIANTS if word in record.claims.conserves}
+    measured = {claim for claim, _ in found}
+    for claim, experiment in claims.items():
+        if claim not in measured:
+            yield [claim, f"not measured here: lagrange-bench run {experiment} --methods {name}"]
 
 
 def title(rows: Mapping[str, pd.DataFrame], own: list[OwnMethod]) -> str:
