@@ -6,19 +6,21 @@ Every method with a fixed step that takes a `RigidBody` follows four motions. `b
 Rows hold the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
 Beside them are the largest errors of the energy and of the momentum about the vertical, relative to their terms. The truth is the
 closed form. For Kovalevskaya's body it is a Taylor series in integers, and her integral K is one more test.
+
+Source of K: Kowalevski, Acta Math. 12 (1889) 177.
 """
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lagrange_bench.experiments.heavy_top_figures import draw as draw
 from lagrange_bench.experiments.heavy_top_figures import tables as tables
-from lagrange_bench.experiments.heavy_top_motions import UNTIL, end, kovalevskaya, motion
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import rounded
-from lagrange_bench.integrators import METHODS, available, integrate, prepare
-from lagrange_bench.integrators.interface import Method
+from lagrange_bench.integrators import CASES, METHODS, available, integrate, prepare
+from lagrange_bench.integrators.interface import Array, Method
 
 VERSION = 1
 MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
@@ -32,7 +34,7 @@ TIMED = 2000  # most steps in a call that is timed
 
 def methods() -> dict[str, Method]:
     """The methods with a fixed step that take a whole body."""
-    body = motion("kovalevskaya")[0]
+    body = CASES["kovalevskaya"].body
     loaded = ((name, method) for name, method, _ in METHODS.each() if method)  # a plug-in may be broken
     usable = {name: method for name, method in loaded if method.control == "step" and available(method)}
     return {name: method for name, method in usable.items() if method.takes(body) is None}
@@ -41,7 +43,7 @@ def methods() -> dict[str, Method]:
 def cells(profile: str) -> list[dict]:
     full = profile == "full"
     return [
-        {"timing": True, "case": case, "method": name, "h": UNTIL[case] / 2**k}
+        {"timing": True, "case": case, "method": name, "h": CASES[case].until / 2**k}
         for case, powers in POWERS.items()
         if full or case in QUICK
         for name in (methods() if full else CHOSEN)
@@ -49,10 +51,27 @@ def cells(profile: str) -> list[dict]:
     ]
 
 
+@cache
+def end(case: str) -> Array:
+    """The rotation matrix at the end."""
+    return CASES[case].solution([CASES[case].until]).rotation.as_matrix()[0]
+
+
+def kovalevskaya(y: Array) -> Array:
+    """Kovalevskaya's integral K (N,) at states (N, 7) of her body.
+
+    K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|² is constant if A = B = 2C and the centre of mass is on the first axis.
+    """
+    body = CASES["kovalevskaya"].body
+    omega, up = body.angular_velocity(y), body.rotations(y).apply((0.0, 0.0, 1.0), inverse=True)
+    z = (omega[:, 0] + 1j * omega[:, 1]) ** 2 - body.weight[0] / body.inertia[2] * (up[:, 0] + 1j * up[:, 1])
+    return np.abs(z) ** 2
+
+
 def measure(cell: dict) -> list[dict]:
     case, h = cell["case"], cell["h"]
-    steps = round(UNTIL[case] / h)
-    body, y0 = motion(case)
+    body, y0 = CASES[case].body, CASES[case].state
+    steps = round(CASES[case].until / h)
     run = integrate(body, y0, h=h, steps=steps, method=cell["method"], every=steps // 16)
     errors = body.errors(run.y[-1:], end(case)[None])
     drift = dict(zip(body.names, metrics.relative_drift(run.invariants(), body.invariant_scales(y0)).T, strict=True))

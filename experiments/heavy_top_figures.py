@@ -5,9 +5,8 @@ from typing import Any
 import pandas as pd
 
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
-from lagrange_bench.experiments.heavy_top_motions import UNTIL
 from lagrange_bench.experiments.measuring import metrics
-from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators import CASES, METHODS
 
 NAMED = ("rk4", "rattle", "simo_wong", "generalized_alpha", "verner9_fixed", "strang")  # named in the figure
 FLOOR = 1e-13  # smaller errors do not show the order
@@ -49,7 +48,7 @@ def _draw_steps(rows: pd.DataFrame, style):
 
 @of_part(failed=True)
 def _draw_work(rows: pd.DataFrame, style):
-    seconds = rows.ns_per_step * 1e-9 * rows.case.map(UNTIL) / rows.h
+    seconds = rows.ns_per_step * 1e-9 * rows.case.map(lambda case: CASES[case].until) / rows.h
     work = _draw_errors(rows.assign(seconds=seconds), "seconds", "wall time of the run, s", style)
     work.caption = (
         "The same errors against the wall time of the run: its steps times the least time of a step; down and left is better. "
@@ -60,7 +59,7 @@ def _draw_work(rows: pd.DataFrame, style):
 
 def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
     """Draw both errors against the column `column`, with a row of panels for each case."""
-    cases, quantities = [case for case in UNTIL if case in set(rows.case)], {"position": "m", "rotation": "rad"}
+    cases, quantities = list(dict.fromkeys(rows.case)), {"position": "m", "rotation": "rad"}
     looks = style.looks(rows.method, NAMED)
     size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}
     fig, grid = style.figure("page", 0.9 + 2.2 * len(cases), **size)
@@ -73,7 +72,7 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
                 if not good.empty:
                     ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
                 style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
-            ax.set(title=f"{case}, t = {UNTIL[case]:g} s", xlabel=text, ylabel=f"error of {name}, {unit}")
+            ax.set(title=f"{case}, t = {CASES[case].until:g} s", xlabel=text, ylabel=f"error of {name}, {unit}")
     style.label_ends(grid[:, -1])
     return fig
 

@@ -37,7 +37,7 @@ from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
 from lagrange_bench.experiments.measuring import check, states
 from lagrange_bench.experiments.measuring.reductions import worst
-from lagrange_bench.integrators import METHODS, Method, Problem, StepError
+from lagrange_bench.integrators import CASES, METHODS, Method, Problem, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
 from lagrange_bench.integrators.interface import Array, StepWarning
 from lagrange_bench.integrators.problem import kinds
@@ -240,13 +240,13 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
         known = ", ".join(body_experiment.POWERS)
         raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
-    request = _Request(methods, [_NamedProblem(case, case, *body_experiment.motion(case)) for case in cases])
+    request = _Request(methods, [_NamedProblem(case, case, CASES[case].body, CASES[case].state) for case in cases])
     units = {top.name: top.unit for top in request.tops}
 
     def measure(cell: Cell) -> list[Cell]:
         case, rows = cell["state"], []
         for k in body_experiment.POWERS[case]:
-            h = body_experiment.UNTIL[case] / 2**k
+            h = CASES[case].until / 2**k
             measured = _measured(body_experiment.measure, {**cell, "case": case, "h": h})
             rows += [{**row, "h": h / units[case]} for row in measured]
         return rows

@@ -6,10 +6,9 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from lagrange_bench.experiments.drawing import style, tables
-from lagrange_bench.experiments.heavy_top_motions import UNTIL, motion
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
 from lagrange_bench.experiments.work_precision_figures import TARGETS, races, useful
-from lagrange_bench.integrators import METHODS
+from lagrange_bench.integrators import CASES, METHODS
 from lagrange_bench.integrators.registry import ARCHIVE
 
 ASKED = ("problem", "length of the run", "error at most", "must conserve")
@@ -70,7 +69,8 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     if good.empty:
         return
     code = place.where["case" if body else "state"]
-    (problem, y0), title = motion(code) if body else find(code), f"{name} ({code})"
+    problem, y0 = (CASES[code].body, CASES[code].state) if body else find(code)
+    title = f"{name} ({code})"
     unit = 1.0 if body else problem.scales(y0)[2]
     conserved = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
@@ -91,7 +91,8 @@ def _priced_body(rows: pd.DataFrame) -> pd.DataFrame:
     if "ns_per_step" not in good:
         return good[:0]
     good = good.dropna(subset=["ns_per_step"])  # engines have rows without times, too
-    error, span = good[["position", "rotation"]].max(axis=1, skipna=False), good.case.map(UNTIL)
+    error = good[["position", "rotation"]].max(axis=1, skipna=False)
+    span = good.case.map(lambda case: CASES[case].until)
     return good.assign(error=error, span=span, price=1e-9 * good.ns_per_step * span / good.h)
 
 

@@ -10,7 +10,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import judge, row_blocks
-from lagrange_bench.experiments import heavy_top
 from lagrange_bench.integrators import CASES, RigidBody, integrate
 from lagrange_bench.judging import find
 from lagrange_bench.reading import rows as reading_rows
@@ -274,7 +273,7 @@ def test_times_of_few_digits_hide_errors(tmp_path, answer, run):
 
 
 def test_orders_are_those_of_the_method(tmp_path, answer):
-    body, y0 = heavy_top.motion("slow")
+    body, y0 = CASES["slow"].body, CASES["slow"].state
     files = []
     for steps in (100, 200, 400):
         run = integrate(body, y0, 0.4 / steps, steps, "rk4", every=1)
