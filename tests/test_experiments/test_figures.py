@@ -66,8 +66,9 @@ def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkey
     """And the same bytes, whatever the reader's own taste is."""
     monkeypatch.setattr(figures, "DPI", dict.fromkeys(figures.DPI, 100))  # a sixth of it: PNG takes most of the time
     files = printed(width)
-    monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)
-    assert [kind for kind, content in printed(width).items() if content != files[kind]] == []
+    if width == "page":
+        monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)
+        assert [kind for kind, content in printed(width).items() if content != files[kind]] == []
     pixels = matplotlib.image.imread(io.BytesIO(files["png"]))
     widths = [
         float(re.search(rb'viewBox="0 0 ([\d.]+)', files["svg"])[1]) / 72,

@@ -140,22 +140,11 @@ def test_what_a_visitor_compiles_works_beside(tmp_path):
     assert not any((tmp_path / "cache").rglob("visiting*"))
 
 
-# kernels of two rooms: a number, and how many variants of the caller came from the cache
-CALLEE = """
-from lagrange_bench.integrators.compiling.compiled import jit
-
-@jit
-def callee(x):
-    return x * x
-"""
-CALLER = """
-from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.torus.callee import callee
-
-@jit
-def caller(x):
-    return callee(x) * 2.0
-"""
+KERNELS = {  # of two rooms
+    "torus/callee.py": "@jit\ndef callee(x):\n    return x * x\n",
+    "methods/caller.py": "from ..torus.callee import callee\n\n@jit\ndef caller(x):\n    return callee(x) * 2.0\n",
+}
+# a number, and how many variants of the caller came from the cache
 CALL = """
 from lagrange_bench.integrators.methods.caller import caller
 print(caller(3.0), sum(caller.stats.cache_hits.values()))
@@ -173,10 +162,9 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
 
     The process that edits has imported the callee, and not yet the caller: what it keeps is of the callee as it was.
     """
-
     integrators = tree / "lagrange_bench" / "integrators"
-    (integrators / "torus" / "callee.py").write_text(CALLEE)
-    (integrators / "methods" / "caller.py").write_text(CALLER)
+    for file, kernel in KERNELS.items():
+        (integrators / file).write_text(f"from lagrange_bench.integrators.compiling.compiled import jit\n{kernel}")
 
     def run(before=""):
         return python(before + CALL, cache=tree / "cache", cwd=tree, PYTHONPATH=str(tree)).split()
