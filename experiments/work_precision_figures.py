@@ -118,14 +118,13 @@ def draw_frontier(rows: pd.DataFrame, style):
         here = good[good.span == span]
         front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
         draw_runs(ax, here, [*dict.fromkeys([*front.method[::-1], *champions(here)])], style)
-        draw_front(ax, here.seconds, here.error)
         if len(short):
             shade_calls(ax, float(short.seconds.min()), style)
         tried = rows[rows.span == span].method.unique()
         for method in (name for name in named if name in tried and name not in set(here.method)):
             style.failed_label(ax, method)
     style.label_ends(axes)
-    bold = "named: the exact step, what is on the frontier, and the cheapest of families"
+    bold = "named: the exact step, methods that no other beats in both time and error, and the cheapest of families"
     winners = [best(good[good.span == spans[-1]], target).method.iloc[:1] for target in TARGETS[:3]]
     if spans[-1] > SHORT and all(winner.eq(OURS).any() for winner in winners):
         fig.headline = "In long runs the exact step costs least"
@@ -134,8 +133,7 @@ def draw_frontier(rows: pd.DataFrame, style):
     fig.caption = (
         f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
         "better. Each curve shows a method's Pareto-optimal runs. "
-        f"{style.naming(good.method, bold)}. Wide "
-        f"and pale: the efficient frontier, runs that no other run beats in both. {SHADED if len(short) else ''}"
+        f"{style.naming(good.method, bold)}. {SHADED if len(short) else ''}"
         "A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
     )
@@ -171,12 +169,6 @@ def draw_runs(ax, good: pd.DataFrame, named: Sequence[str], style, ours: str = O
         behind = 1.5 if look["label"] == "_thin" else 3
         ax.loglog(runs.seconds, runs.error.clip(lower=1e-17), **look, zorder=6 if method == ours else behind)
     ax.set_ylim(1e-16, 1)
-
-
-def draw_front(ax, seconds: pd.Series, error: pd.Series) -> None:
-    """Draw a wide pale line through the runs that no other run beats in both cost and error."""
-    front = metrics.pareto_front(seconds, error)
-    ax.loglog(seconds.iloc[front], error.iloc[front], color="#dedede", linewidth=9, zorder=1, label="_frontier")
 
 
 def shade_calls(ax, call: float, style) -> None:

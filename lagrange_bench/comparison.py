@@ -17,7 +17,7 @@ from lagrange_bench.experiments.drawing.tables import heading
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
 from lagrange_bench.experiments.step_forms import OWN
-from lagrange_bench.experiments.work_precision_figures import WALL, draw_front
+from lagrange_bench.experiments.work_precision_figures import WALL
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.support.words import suggestion
@@ -205,8 +205,6 @@ class Comparison:
         if log[1] and not self._is_error(y):
             rows = rows.assign(**{y: rows[y].where(rows[y] > 0)})
         good = rows[rows[x].notna() & rows[y].notna()]
-        if race and len(good):
-            draw_front(ax, good[x], good[y])
         own = ("span",) if _lack(rows, "span_scaled") else ()  # of rows in the tops' own units
         apart = [name for name in (*APART, *own, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
         if race:
