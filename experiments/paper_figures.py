@@ -41,7 +41,7 @@ def _draw_orbits(rows: pd.DataFrame, style):
         grid.append(np.outer(np.cos(theta), np.ones_like(phi)) * size)
         ax.plot_wireframe(*grid, color="#dddddd", linewidth=0.3, rstride=3, cstride=4)
         if figure == 1:
-            ax.plot(*x.T, color="#E69F00", linewidth=0.3)
+            ax.plot(*x.T, color="#999999", linewidth=0.5)
         # each point is a very short line: marks or pixels would take many more bytes
         ends = np.repeat(x, 3, axis=0)
         ends[1::3, 0] += 0.006 * size
@@ -57,7 +57,7 @@ def _draw_orbits(rows: pd.DataFrame, style):
         ax.locator_params(nbins=4)
     fig.caption = (
         "The axis of the top, x, on the sphere |x| = constant: left 1000 steps from the data of the paper's "
-        "Figure 1, joined by lines as there; right 4000 steps from those of its Figure 2."
+        "Figure 1, joined by grey lines as there; right 4000 steps from those of its Figure 2."
     )
     return fig
 

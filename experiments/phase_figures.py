@@ -105,7 +105,8 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
 @of_part("h", failed=True)
 def _draw_h(rows: pd.DataFrame, style):
     """Draw the page's first figure. Every method is a thin line; one of each family is bold and named."""
-    tops = [state for state in STATES["quick"] if (rows.state == state).any()] or list(dict.fromkeys(rows.state))[:2]
+    stored = list(dict.fromkeys(rows.state))
+    tops = list(STATES["quick"]) if {*STATES["quick"]} <= {*stored} else stored[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     best = best_of_families(rows[rows.state == tops[0]])
     for ax, state in zip(axes[0], tops, strict=True):
