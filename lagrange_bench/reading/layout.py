@@ -32,9 +32,9 @@ KNOWN = (
     " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz"
 )
 # what --units names -> the groups
-OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "angles", "rotation vector")}
+OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "rotation vector")}
 OF_UNITS |= {"t": ["time"], "length": ["position", "displacement"]}
-OF_UNITS |= {"angle": ["angles", "axis and angle", "rotation vector"]}
+OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
 JUDGED += ["mrp", "omega"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
@@ -259,6 +259,9 @@ def _choose(
             words = " ".join(header[i] for i in group.places)
             either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
             notes.append(f"{words} are no quaternion: {either}")
+    for what, word in how.units.items():
+        if chosen and not {*OF_UNITS.get(what, chosen)} & {*chosen}:
+            raise ValueError(f"--units {what}={word}: the file has no {what}, but {', '.join(chosen)}")
     return chosen
 
 

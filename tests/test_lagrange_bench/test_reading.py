@@ -283,7 +283,7 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
         survey(file, Options(**said))
     assert read(survey(file, Options(**said, where={"0": "10"})))["time"].tolist() == [[0], [0.5]]
     file.write_text(table("t,roll,pitch,yaw", T, X), encoding="utf-8")
-    for unit in ({"omega": "furlong"}, {"o": "s"}):
+    for unit in ({"omega": "furlong"}, {"o": "s"}, {"omega": "deg/s"}):
         with pytest.raises(ValueError, match="--units"):
             survey(file, Options(units=unit))
     for name, value in {"angles": "ZXX", "where": {"a": "b"}, "step": 1.0, "columns": {"t": "4"}}.items():
@@ -303,6 +303,12 @@ def test_digits_of_times_and_positions(tmp_path):
     # x moves by 0.1 a row: the digits of y and z tell how all are printed
     file.write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
     assert survey(file).floor["position"] == pytest.approx(5e-10)
+
+
+def test_angles_are_rotation_vectors_too(tmp_path):
+    file = tmp_path / "run.csv"
+    file.write_text("t,rx,ry,rz\n0,0,0,90\n1,0,90,0\n", encoding="utf-8")
+    assert read(survey(file, Options(units={"angles": "deg"})))["rotation vector"].max() == pytest.approx(np.pi / 2)
 
 
 def test_units():
