@@ -100,7 +100,7 @@ def find_results(chosen: str | Path | None) -> Path:
         close = suggestion(str(folder), NAMES)
         if folder.name in NAMES:
             close = f"; the name {folder.name} alone means {folder_of(folder.name)}."
-        raise FileNotFoundError(f"no such folder of results: {folder}{close} There are {', '.join(there)}")
+        raise FileNotFoundError(f"no such folder of results: {folder}{close} Known: {', '.join(there)}")
     if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
         raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
     return folder

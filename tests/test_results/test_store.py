@@ -299,7 +299,7 @@ def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, c
     fill(local / "full")
     assert store.find_results(None).samefile(store.REFERENCE if clone else local / "full")
     fill(local / "study")
-    with pytest.raises(FileNotFoundError, match=r": nowhere\. There are reference, quick, full, \S*results\S*/study$"):
+    with pytest.raises(FileNotFoundError, match=r": nowhere\. Known: reference, quick, full, \S*results\S*/study$"):
         store.find_results(Path("nowhere"))
 
 
