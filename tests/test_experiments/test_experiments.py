@@ -1,5 +1,6 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored; and the sections of `paper`."""
 
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from tempfile import TemporaryDirectory
@@ -11,8 +12,8 @@ from matplotlib.text import Text
 from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed, perturbed_figures
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
-from lagrange_bench.experiments.measuring import reductions, timing
-from lagrange_bench.integrators import TOPS, available
+from lagrange_bench.experiments.measuring import reductions, states, timing
+from lagrange_bench.integrators import METHODS, TOPS, available
 from lagrange_bench.integrators.paper import one_point, two_point
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
@@ -157,6 +158,12 @@ def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):
     path = tmp_path / "picture.svg"
     assert len(answer("paper", "separation", "--output", path)["residuals"]) > 5
     assert path.read_text("utf-8").startswith("<?xml")
+
+
+def test_an_implicit_method_in_the_interpreter_takes_a_tenth_of_the_steps():
+    methods = METHODS["rk45"], replace(METHODS["rk45"], family="implicit")
+    steps = [states.affordable(method, 10**7, full) for method in methods for full in (True, False)]
+    assert steps == [20_000, 2_000, 2_000, 200]
 
 
 @pytest.mark.slow
