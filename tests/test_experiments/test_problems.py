@@ -223,13 +223,8 @@ def test_each_engine_says_what_it_needs():
 
 ORDERS = [
     ("MuJoCo", "RK4", 4),
-    ("MuJoCo 3", "RK4", 2),
     ("Exudyn", "generalized-alpha", 2),
     ("Exudyn", "RK67", 6),
-    ("Drake", "runge_kutta3", 3),
-    ("Pinocchio", "RKMK4", 4),
-    ("PyBullet", "Euler, undamped", 1),
-    ("DART", "Euler", 1),
 ]
 
 
@@ -243,6 +238,5 @@ def test_the_engines_follow_the_slow_top(name, kind, order):
     steps = (2**11, 2**12) if order < 5 else (2**7, 2**8)
     cells = [{**ABSENT, "engine": name, "integrator": kind, "h": engines.UNTIL / n} for n in steps]
     coarse, fine = (engines.measure(cell)[0] for cell in cells)
-    if order > 1:
-        assert np.log2(coarse["rotation"] / fine["rotation"]) == pytest.approx(order, abs=0.6)
-    assert fine["position"] < (1e-3 if order > 1 else 2.0)
+    assert np.log2(coarse["rotation"] / fine["rotation"]) == pytest.approx(order, abs=0.6)
+    assert fine["position"] < 1e-3

@@ -15,7 +15,6 @@ from lagrange_bench.integrators.truth import truths
 from tests.reference import errors, flows, largest, turned
 
 BOUND = 4e-15  # of the scales: what exact.solution promises in doubles, 18 eps
-EVALUATION = mp.dps  # the tests leave mpmath's precision alone
 
 NUTATING = [t for t in TOPS.values() if exact.regime(t.top, t.state) == "elliptic"]
 NUMBER = st.floats(-1e300, 1e300)
@@ -218,16 +217,6 @@ def test_any_state_is_solved_or_refused(alpha, y0, t):
         assert error(top, y0, later, exact.solution(top, y0, t, digits=20)) < BOUND
     length = math.hypot(*y0[3:])
     assert math.hypot(*later[3:]) == pytest.approx(length, rel=BOUND, abs=1e-322)
-
-
-def test_results_are_fresh_arrays_of_the_shape_of_t():
-    top, y0 = TOPS["generic"].top, TOPS["generic"].state
-    for t, shape in ((1, (6,)), ([1, 2, 3], (3, 6)), ([], (0, 6))):
-        assert exact.solution(top, y0, t).shape == exact.solution(top, y0, t, digits=20).shape == shape
-    before = exact.solution(top, y0, [0.0, 1.0])
-    exact.solution(top, y0, [0.0, 1.0])[:] = 0
-    np.testing.assert_array_equal(exact.solution(top, y0, [0.0, 1.0]), before)
-    assert mp.dps == EVALUATION
 
 
 def test_digits_are_delivered():

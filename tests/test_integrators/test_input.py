@@ -60,6 +60,7 @@ def disk(**change):
 
 
 TIDE = PERTURBED_TOPS["weak_tide"].top
+MAGNET, SPINS = lb.GaudinMagnet((0, -1, -3), 0.5), np.eye(3)
 
 
 CHECKS = [  # of each check what does not pass, and one caller
@@ -83,6 +84,9 @@ CHECKS = [  # of each check what does not pass, and one caller
     ("t", ["1", [[1.0]], NAN, INF, [1.0, None], 1j, [True], object()], lambda v: exact.solution(TOP, Y0, v)),
     ("y", [np.ones((2, 5)), np.ones((6, 2)), 1.0], TOP.invariants),
     ("parameters", [("a",), (NAN,), (INF,), "1e-3", 3.0, (0.1,)], lambda v: PerturbedTop(TOP, POTENTIALS["tide"], v)),
+    ("sites", [(1.0, 2.0, 1.0), (), ("a", 1.0), (0.0, 1j)], lb.GaudinMagnet),
+    ("spins", [SPINS[:1], SPINS * NAN, SPINS * 1j], lambda v: MAGNET.exact_step(v, 1.0)),
+    ("h", [INF], lambda v: MAGNET.exact_step(SPINS, v)),
 ]
 
 
@@ -123,7 +127,6 @@ MESSAGES = [  # a call, words in the message
 ]
 
 
-MAGNET, SPINS = lb.GaudinMagnet((0, -1, -3), 0.5), np.eye(3)
 BODY = RigidBody(1.3, (0.1, 0.3, -0.2), (1.0, 1.5, 2.0))
 
 

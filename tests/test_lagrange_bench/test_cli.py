@@ -294,17 +294,13 @@ def test_the_reference_files(name, run):
 
 
 def test_check_a_method_that_does_not(run, monkeypatch):
+    monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
     words = ("check", "toys.lies:METHOD", "--quick")
     code, out, err = run(*words, "--json")
     assert (code, err) == (1, "")
     data = json.loads(out)
     assert (data["method"], data["passed"]) == ("lies", False)
-    passed = {verdict["claim"]: verdict["passed"] for verdict in data["verdicts"]}
-    false = {"symmetric", "conserves H", "conserves C1", "conserves in long steps", "StepErrors name the method"}
-    assert {claim for claim, kept in passed.items() if kept is False} == false
-    # what is true of it is not refuted, and what it does not claim is not judged
-    assert (passed["order 5"], passed["conserves J3"], passed["conserves C2"]) == (True, True, None)
-    monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
+    assert ("symmetric", False) in {(verdict["claim"], verdict["passed"]) for verdict in data["verdicts"]}
     assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", run(*words)[1], re.MULTILINE)  # in the table
 
 
