@@ -1,4 +1,4 @@
-"""Compilation and its cache: it is never stale, it may fail to be written, and nobody waits for it twice."""
+"""Compilation and its cache: it is never stale, it may fail to be written, and Numba is asked for what it rests on."""
 
 import io
 import os
@@ -75,6 +75,69 @@ def test_code_that_two_processes_kept_is_told_apart_by_a_third(tmp_path):
     before = kept()
     assert run("rk4", "rk45_fixed") == alone
     assert kept() == before
+
+
+# what somebody else compiles in the same process: results, and how often each came from a cache; and what this package changed
+VISITOR = """
+import sys
+import numba
+from numba.extending import overload
+
+def names():
+    modules = [module for name, module in sorted(sys.modules.items()) if name.partition(".")[0] == "numba"]
+    kinds = [kind for module in modules for kind in vars(module).values() if isinstance(kind, type)]
+    return {(thing.__name__, name): value for thing in (*modules, *kinds) for name, value in list(vars(thing).items())}
+
+before = names()
+from lagrange_bench.integrators.methods.theta_functions import turned, unit
+after = names()
+changed = {name for name, value in before.items() if value is not after.get(name) and not name[1].startswith("__")}
+
+def twice(x):
+    return 2.0 * x
+
+@overload(twice)
+def overloaded(x):
+    return lambda x: 2.0 * x
+
+def adding(number):
+    @numba.njit(cache=True)
+    def add(x):
+        return twice(x) + number
+    return add
+
+@numba.njit(cache=True, parallel=True)
+def total(n):
+    found = 0.0
+    for k in numba.prange(n):
+        found += k
+    return found
+
+@numba.cfunc("float64(float64)", cache=True)
+def negative(x):
+    return -x
+
+def report():
+    add = adding(1.0)
+    turned(3.0, 0.1, 1e-20)
+    print(add(3.0), total(4), negative.ctypes(1.0), changed)
+    unit(0.5)
+    print(sum(add.stats.cache_hits.values()), sum(total.stats.cache_hits.values()), negative.cache_hits)
+"""
+
+
+def test_what_a_visitor_compiles_works_beside(tmp_path):
+    """His functions are kept where Numba keeps them, in the second process as in the first; nothing in Numba is another's."""
+    (tmp_path / "visiting.py").write_text(VISITOR, encoding="utf-8")
+
+    def run():
+        settings = {"NUMBA_CACHE_DIR": ""}
+        return python("import visiting; visiting.report()", cache=tmp_path / "cache", cwd=tmp_path, **settings)
+
+    assert run() == "7.0 6.0 -1.0 set()\n0 0 0\n"
+    assert run() == "7.0 6.0 -1.0 set()\n1 1 1\n"
+    assert any((tmp_path / "__pycache__").glob("visiting.adding.locals.add-*.nbc"))
+    assert not any((tmp_path / "cache").rglob("visiting*"))
 
 
 KERNELS = {  # of two rooms

@@ -346,6 +346,13 @@ def test_a_name_in_the_list_opens_the_panel_of_the_method(browser):
     assert browser.switch_to.active_element == button
 
 
+def test_the_last_part_is_marked_at_the_end_of_the_page(browser):
+    marked = "return document.querySelector('nav [aria-current]').textContent"
+    assert browser.execute_script(marked) == "Answer"
+    browser.execute_script("scrollTo(0, document.documentElement.scrollHeight)")
+    until(browser, lambda b: b.execute_script(marked) == "Reference")
+
+
 def test_a_key_names_lines_too(browser):
     key = "#figure-engines_steps [id*=legend] [data-line]"
     shown = browser.execute_script(
