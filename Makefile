@@ -83,7 +83,7 @@ dist:
 	$$bench run paper --profile quick --results rows --quiet && $$bench report --results rows --quiet
 	@ls dist/*
 
-# without JIT kernels are Python functions, with a signature and a docstring; NumPy before 2.1 runs lscpu
+# without JIT, kernels show their signature and docstring; with ALLOW_EXEC, NumPy before 2.1 may run lscpu when imported
 docs: .venv/ready
 	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench lagrange_bench.testing
 	@echo build/docs/lagrange_bench.html

@@ -1,4 +1,4 @@
-"""Experiments. Each file asks one question about the methods, measures rows, and draws them."""
+"""Experiments. Each module asks one question about the methods and measures rows; `…_figures` beside it draws them."""
 
 EXPERIMENTS = (
     "drift", "phase", "cost", "work_precision", "perturbed",

@@ -1,4 +1,4 @@
-"""Drift: do H, J3, C1 and C2 stay constant, with which way of writing a step, and over how many steps?
+"""Drift: which invariants does a method keep, how should the exact step be coded, and what is left after 10⁹ steps?
 
 Every method follows sixteen random tops and the named ones. The relative error of each invariant is recorded at log-spaced
 times. Its root mean square over the sixteen tops grows like t^p. The verdict is bounded (p near 0), a random walk of round-off

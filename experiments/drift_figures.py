@@ -207,4 +207,4 @@ def _draw_longest(rows: pd.DataFrame, style):
 
 
 tables = tabulated(verdicts, named_tops, long_steps, forms)
-draw = drawn(time=_draw_time, h=_draw_h, forms=_draw_forms, long_run=_draw_longest)
+draw = drawn(time=_draw_time, h=_draw_h, form=_draw_forms, longest=_draw_longest)

@@ -44,18 +44,6 @@ def races(
                 yield {**dict(zip(apart, values, strict=True)), "error at most": target}, race
 
 
-def against_ours(rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], ours: str) -> pd.DataFrame:
-    """For each race: the cheapest method with set-up, and how many times as long as `ours` the best other method takes."""
-    table = []
-    for fields, race in races(rows, apart, targets, "total"):
-        own, others = race[race.method == ours].total, race[race.method != ours]
-        line = {**fields, "cheapest": race.method.iloc[0], "seconds": race.total.iloc[0]}
-        line["best of the others"] = others.method.iloc[0] if len(others) else ""
-        ratio = others.total.min() / own.min() if len(own) and len(others) else np.nan
-        table.append({**line, "times as long as the exact step inside": ratio})
-    return pd.DataFrame(table)
-
-
 @of_part(
     "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
 )
@@ -137,23 +125,6 @@ def draw_frontier(rows: pd.DataFrame, style):
         "A cross before a name: no run is within the limits of time and of error. "
         "Set-up and compilation are not included here; the tables count set-up too."
     )
-    return fig
-
-
-def draw_panels(good: pd.DataFrame, titles: dict, by: str | list[str], size: tuple[int, float], style, named, **shared):
-    """Draw runs with set-up, with a panel for each key of `titles`. The keys are values of the columns `by`.
-
-    size : panels in a row, and its height in inches. named : (runs of a panel) → the methods that are named. The most accurate
-    method is named, too.
-    """
-    xlabel = "wall time of the run with set-up, s"
-    fig, axes = style.panels(list(titles.values()), size[0], (0.5, size[1]), xlabel, "error at the end", **shared)
-    groups = dict(list(good.groupby(by, sort=False)))
-    for ax, key in zip(axes, titles, strict=True):
-        here = groups[key]
-        bold = [here.method[here.error.idxmin()], *named(here)]
-        draw_runs(ax, here.assign(seconds=here.total), bold, style, ours="backlund_splitting")
-    style.label_ends(axes)
     return fig
 
 

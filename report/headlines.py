@@ -11,6 +11,7 @@ import pandas as pd
 from lagrange_bench.experiments.drawing.looks import label
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import states
+from lagrange_bench.experiments.perturbed_figures import SPANS
 from lagrange_bench.integrators import INVARIANTS
 
 Tables = Mapping[str, pd.DataFrame]
@@ -121,10 +122,10 @@ HEADLINES: dict[str, Callable[[pd.DataFrame, Tables], str]] = {
     "phase_theory": _theory,
     "cost_steps": _steps,
     "work_precision_profile": _profile,
-    **{f"perturbed_work_t{span}": partial(_races, part="work", span=float(span)) for span in (1000, 10000, 100000)},
+    **{f"perturbed_work_t{span:.0f}": partial(_races, part="work", span=span) for span in SPANS},
     "perturbed_winner": _gain,
     "perturbed_driven": partial(_races, part="driven"),
-    "drift_forms": _forms,
+    "drift_form": _forms,
     "ensemble_throughput": _throughput,
     "ensemble_rivals": _batches,
     "heavy_top_steps": _bodies,

@@ -1,6 +1,7 @@
 """The first part of a page with a user's own methods: their claims and findings, and their places among the published ones."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import pandas as pd
@@ -9,8 +10,10 @@ from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.experiments.work_precision_figures import APART, TARGETS, best, useful
 from lagrange_bench.integrators.interface import INVARIANTS
-from lagrange_bench.integrators.registry import BUILT_IN, METHODS, find_stored
+from lagrange_bench.integrators.registry import BUILT_IN, METHODS, NAMED_TOPS, find_stored
 from lagrange_bench.report import panels
+from lagrange_bench.report.origin import Origin
+from lagrange_bench.results.choice import Choice
 from lagrange_bench.results.store import REFERENCE, Store
 
 BESIDE = 4  # methods that a title names, at most
@@ -25,31 +28,35 @@ class OwnMethod(NamedTuple):
     places: pd.DataFrame  # its times among the published ones
 
 
-def methods(rows: Mapping[str, pd.DataFrame]) -> list[OwnMethod]:
-    """The user's own methods in the rows of all experiments."""
+def methods(rows: Mapping[str, pd.DataFrame], source: Origin) -> list[OwnMethod]:
+    """The user's own methods in the rows of all experiments. source : where the rows come from."""
     names = [name for name in _names(rows) if name not in BUILT_IN]
     if not names:
         return []
     findings, published = panels.findings(rows), useful(Store(REFERENCE).rows("work_precision"))
     timed = rows.get("work_precision", pd.DataFrame())
-    found = {name: findings.get(name, []) + list(_missing(name, findings.get(name, []))) for name in names}
+    found = {name: findings.get(name, []) + list(_missing(name, findings.get(name, []), source)) for name in names}
     tables = {name: pd.DataFrame(found[name], columns=["claimed", "found"]) for name in names}
     places = {name: pd.DataFrame(_places(name, timed, published)) for name in names}
     return [OwnMethod(name, style.label(name), tables[name], places[name]) for name in names]
 
 
-def _missing(name: str, found: list[list[str]]) -> Iterator[list[str]]:
-    """The claims without rows, with the experiment that measures them; none of a method that cannot be loaded here."""
+def _missing(name: str, found: list[list[str]], source: Origin) -> Iterator[list[str]]:
+    """The claims without rows, with the command that measures them; none of a method that takes no top or cannot be loaded."""
     try:
         record = find_stored(name, METHODS)
     except Exception:  # somebody else's module may raise anything
         return
+    if record.takes(NAMED_TOPS["generic"].top):
+        return
     claims = {f"order {record.order}": "phase"} if record.order else {}
-    claims |= {f"{word} kept": "drift" for word in INVARIANTS if word in record.claims.conserves}
+    kept = [word for word in INVARIANTS if word in record.claims.conserves] + list(record.claims.conserves_own)
+    claims |= {f"{word} kept": "drift" for word in kept}
     measured = {claim for claim, _ in found}
     for claim, experiment in claims.items():
         if claim not in measured:
-            yield [claim, f"not measured here: lagrange-bench run {experiment} --methods {name}"]
+            command = replace(source, choice=Choice(methods=(name,))).run(experiment)
+            yield [claim, f"not measured here: {command}"]
 
 
 def title(rows: Mapping[str, pd.DataFrame], own: list[OwnMethod]) -> str:

@@ -94,6 +94,7 @@ async function unpack(script) {
 // A line and its name in a figure: pointing at either dims the others, a click pins it.
 function prepare(svg) {
   const texts = [...svg.querySelectorAll("text")];
+  for (const leader of svg.querySelectorAll('[id*="LineCollection"]')) leader.classList.add("leader"); // from lines to names
   for (const title of svg.querySelectorAll("g > title")) {
     const line = title.parentNode, name = title.textContent;
     title.remove(); // the browser's own hint comes late, and not on a phone
@@ -337,7 +338,7 @@ function fingers(element, { drag, pinch }) {
         return made;
       };
       const whole = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${labels.get(name)} on ${top.label}` });
-      whole.style.setProperty("--own", data.colours[name] ?? "var(--ink)");
+      whole.style.setProperty("--own", data.colours[name] ?? "#000");
       const sign = (k) => `10${String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])}`;
       const ticks = (low, high) => {
         const [from, to] = [Math.ceil(low / data.parts), Math.floor(high / data.parts)], step = Math.ceil((to - from + 1) / 6);

@@ -116,7 +116,7 @@ def assemble(
     rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
-    if mine := _make(report, "own", lambda: own.methods(rows)):
+    if mine := _make(report, "own", lambda: own.methods(rows, source)):
         report.title = own.title(rows, mine)
     if whole:
         _judge(report, rows, source)

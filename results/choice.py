@@ -64,8 +64,9 @@ def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
     from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
     from lagrange_bench.integrators.own_modules import in_own_file
 
-    if name in METHODS and all(top in PERTURBED_TOPS for top in tops):
-        reasons = (METHODS[name].takes(PERTURBED_TOPS[top].top) for top in sorted(tops))
+    fields = sorted(top for top in tops if top in PERTURBED_TOPS)
+    if name in METHODS and fields and "generic" not in tops:
+        reasons = (METHODS[name].takes(PERTURBED_TOPS[top].top) for top in fields)
         if reason := next(filter(None, reasons), None):
             return reason
     known = sorted(method for method in methods if isinstance(method, str))
@@ -74,12 +75,13 @@ def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
 
 def _no_top(name: str, tops: Iterable[Any]) -> str:
     """The message for a top that no cell has. Tops that are drawn at random are too many to list."""
+    from lagrange_bench.experiments.measuring.states import is_drawn
     from lagrange_bench.integrators.registry import NAMED_TOPS
 
-    known = sorted(top for top in tops if isinstance(top, str))
+    known = sorted(top for top in tops if isinstance(top, str) and not is_drawn(top))
     elsewhere = f"; perhaps with --profile full, and from Python with tops={name!r}."
     close = elsewhere if name in NAMED_TOPS else suggestion(name, known)
-    return _no_cell("top", name, close, [top for top in known if top in NAMED_TOPS])
+    return _no_cell("top", name, close, known)
 
 
 def _no_cell(word: str, name: str, close: str, known: list[str]) -> str:

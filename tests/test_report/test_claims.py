@@ -263,21 +263,21 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
 def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
     runs = {"method": "mine:METHOD", "error": [1e-5, 1e-9], "seconds": [1e-9, 1e3], "setup_seconds": 0.0}
     rows = pd.DataFrame(runs).assign(state="generic", span=100.0, longest=0.02, status="done")
-    rows = pd.concat([rows, rows.assign(method="rk4")])
-    (mine,) = own.methods({"work_precision": rows})
+    rows, source = pd.concat([rows, rows.assign(method="rk4")]), Origin("out", "quick")
+    (mine,) = own.methods({"work_precision": rows}, source)
     assert own.title({"work_precision": rows}, [mine]) == "mine:METHOD beside RK4"
     places = mine.places.set_index("error at most").place
     first, last = (places[target].split(" of ") for target in (1e-4, 1e-8))
     assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
     assert places[1e-10].startswith("not within 0.02 s; ")
-    assert own.methods({"work_precision": rows[rows.method == "rk4"]}) == []
+    assert own.methods({"work_precision": rows[rows.method == "rk4"]}, source) == []
     stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
-    monkeypatch.setattr(own, "find_stored", lambda name, registry: METHODS["rk4"])
-    (claiming,) = own.methods({"work_precision": stranger})
+    monkeypatch.setattr(own, "find_stored", lambda name, registry: METHODS["kahan"])
+    (claiming,) = own.methods({"work_precision": stranger}, source)
     assert len(mine.findings) == 0, "it cannot be loaded here"
     missing = dict(claiming.findings.to_numpy())
-    assert list(missing) == ["order 4", "J3 kept"]
-    assert missing["J3 kept"].endswith("lagrange-bench run drift --methods suzuki")
+    assert list(missing) == ["order 2", "J3 kept", *(f"{name} kept" for name in METHODS["kahan"].claims.conserves_own)]
+    assert missing["J3 kept"].endswith(": lagrange-bench run drift --profile quick --results out --methods suzuki")
 
 
 def frame(**columns):
