@@ -40,7 +40,6 @@ LONG += ("reading-figures", "read-the-paper-with-the-code", "your-own-figures")
 MARKED = [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in outputs.PAGES]
 
 
-@pytest.mark.usefixtures("in_process", "one_core")
 @pytest.mark.parametrize("page", MARKED, ids=lambda page: page.stem)
 def test_pages_print_what_they_show(page, folder):
     """If this fails: python docs/outputs.py, and read what changed."""
