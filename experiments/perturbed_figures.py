@@ -113,15 +113,14 @@ def _draw_work(rows: pd.DataFrame, style, part: str, span: float | None = None):
         quickest = best(here, 1e-8, "total").method
         return [OURS, *quickest[quickest != OURS][:2]]
 
-    titles = {
-        (length, state): numbers_in(states.label(state)) if span else f"{state.replace('_', ' ')}, t = {length:g}"
-        for (length, state), _ in good.groupby(APART, sort=False)
-    }
+    runs = dict(list(good.groupby(APART, sort=False)))
+    titles = [
+        numbers_in(states.label(state)) if span else f"{state.replace('_', ' ')}, t = {length:g}"
+        for length, state in runs
+    ]
     labels = "wall time of the run with set-up, s", "error at the end"
-    fig, axes = style.panels(list(titles.values()), 2, (0.5, 2.6), *labels, sharex=bool(span), sharey=True)
-    groups = dict(list(good.groupby(APART, sort=False)))
-    for ax, key in zip(axes, titles, strict=True):
-        here = groups[key]
+    fig, axes = style.panels(titles, 2, (0.5, 2.6), *labels, sharex=bool(span), sharey=True)
+    for ax, here in zip(axes, runs.values(), strict=True):
         most_accurate = here.method[here.error.idxmin()]
         draw_runs(ax, here.assign(seconds=here.total), [most_accurate, *named(here)], style, ours=OURS)
     style.label_ends(axes)

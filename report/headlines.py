@@ -73,10 +73,9 @@ def _races(rows: pd.DataFrame, tables: Tables, **where: Any) -> str:
 
 
 def _gain(rows: pd.DataFrame, tables: Tables) -> str:
-    races = _where(tables["winners"], part="work").set_index(["state", "span"])[
-        "times as long as the exact step inside"
-    ]
-    (state, span), gain = races.idxmax(), races.max()
+    races = _where(tables["winners"], part="work").set_index(["state", "span"])
+    ratios = races["times as long as the exact step inside"]
+    (state, span), gain = ratios.idxmax(), ratios.max()
     return f"Inside a splitting the exact step gains most for “{states.label(state)}” and t = {show(span)}: {gain:.0f} times"
 
 
