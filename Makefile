@@ -19,7 +19,7 @@ help:
 	@echo "make report  draw the committed reference run again, computing nothing"
 	@echo "make docs    write the reference of all public names to build/docs, to be read offline"
 	@echo "make dist    build wheel and sdist, install the wheel alone and run it from an empty folder, without heyoka"
-	@echo "make web     install the engines of the web (npm), follow bodies in them, and store the rows in results/local/full"
+	@echo "make web     install the engines of the web (npm), follow bodies in them, and store the rows in lagrange_bench/results/local/full"
 	@echo "make lint    ruff and mypy"
 	@echo "make clean   remove what the commands above made, results of your own excepted"
 
@@ -90,7 +90,7 @@ docs: .venv/ready
 
 # engines that run in node; their rows are judged and stored by the experiment, like all others
 web: .venv/bench
-	npm install --prefix experiments/web --no-audit --no-fund --no-package-lock
+	npm install --prefix lagrange_bench/experiments/web --no-audit --no-fund --no-package-lock
 	$(BIN)/lagrange-bench run engines --profile full --no-timings
 
 lint: .venv/ready
@@ -129,4 +129,4 @@ lint: .venv/ready
 
 clean:
 	rm -rf .venv .venv-oldest .venv-dist build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .grimp_cache .hypothesis
-	rm -rf results/reference/page results/local/*/page
+	rm -rf lagrange_bench/results/reference/page lagrange_bench/results/local/*/page

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, METHODS, Case, RigidBody, judge
 from lagrange_bench.experiments import engine_figures, programs
-from lagrange_bench.results.store import Store
+from lagrange_bench.results.store import REFERENCE, Store
 
 DOCS = Path(__file__).parent
 BEGIN, END = "<!-- measured: written by `python docs/measured.py` -->", "<!-- end of measured -->"
@@ -114,7 +114,7 @@ def sweep() -> list[str]:
 @cache
 def stored() -> pd.DataFrame:
     """The rows of engines."""
-    return Store(DOCS.parent / "results" / "reference").rows("engines")
+    return Store(REFERENCE).rows("engines")
 
 
 def known() -> list[str]:

@@ -17,11 +17,11 @@ EDITS = {  # of the experiment of that page
     "\n\ndef cells": 'MEASURED = {"": ("one step", "many steps")}\n\n\ndef cells',
 }
 LINES = {  # file → where a line goes, and the line
-    "integrators/registry.py": (
+    "lagrange_bench/integrators/registry.py": (
         "    # splitting\n",
         '    "suzuki4": "lagrange_bench.integrators.methods.suzuki_top:METHOD",\n',
     ),
-    "experiments/__init__.py": ('    "drift", ', '"ends", '),
+    "lagrange_bench/experiments/__init__.py": ('    "drift", ', '"ends", '),
 }
 CHECKS = [  # that name every method or every experiment
     *("test_docs", "test_integrators/test_contract", "test_experiments/test_drift"),
@@ -35,12 +35,12 @@ CHOSEN = ("suzuki4", "golden", "ends", "confirmed_by", "documents")
 def test_an_addition_is_a_file_and_a_line(tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(ROOT, copy, symlinks=True, ignore=shutil.ignore_patterns(".*", "local", "build", "__pycache__"))
-    shutil.copy(METHOD, copy / "integrators" / "methods")
+    shutil.copy(METHOD, copy / "lagrange_bench" / "integrators" / "methods")
     experiment = re.search(r"```python\n(# my_study/energy.*?)```", PAGE, re.DOTALL)[1]
     for old, new in EDITS.items():
         assert experiment.count(old) == 1
         experiment = experiment.replace(old, new)
-    (copy / "experiments" / "ends.py").write_text(experiment)
+    (copy / "lagrange_bench" / "experiments" / "ends.py").write_text(experiment)
     for name, (place, line) in LINES.items():
         text = (copy / name).read_text(encoding="utf-8")
         assert text.count(place) == 1

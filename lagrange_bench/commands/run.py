@@ -43,8 +43,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("experiments", nargs="*", metavar="EXPERIMENT", help=text)
     text = "quick: everything, coarsely; full: the published numbers (default: quick)"
     command.add_argument("--profile", choices=PROFILES, default="quick", help=text)
-    text = "results to add to: quick, full, or a folder (default: the profile, or the name of FILE.toml; in results/local of "
-    text += "the clone, or without a clone in ./results)"
+    text = "results to add to: quick, full, or a folder (default: the profile, or the name of FILE.toml; in "
+    text += "lagrange_bench/results/local of the clone, or without a clone in ./results)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     add_choice(command)
     text = "worker processes; timings always run one at a time (default: one per usable core)"

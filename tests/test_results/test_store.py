@@ -283,7 +283,7 @@ def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, c
         return folder
 
     monkeypatch.setattr(provenance, "checkout", lambda: tmp_path / "clone" if clone else None)
-    local = tmp_path / ("clone/results/local" if clone else "results")
+    local = tmp_path / ("clone/lagrange_bench/results/local" if clone else "results")
     fill(tmp_path / "quick")
     monkeypatch.chdir(tmp_path)
     assert store.find_results("reference") == store.find_results(None) == store.REFERENCE

@@ -41,7 +41,7 @@ def version(package: str) -> str | None:
 @cache
 def checkout() -> Path | None:
     """The root of the source tree of this package; None if it is an installed wheel."""
-    root = Path(__file__).resolve().parent.parent
+    root = Path(__file__).resolve().parents[2]
     project = root / "pyproject.toml"
     ours = project.is_file() and f'name = "{BENCH}"' in project.read_text(encoding="utf-8")
     return root if ours else None

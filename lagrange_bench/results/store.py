@@ -57,13 +57,13 @@ class StoreError(RuntimeError):
 def default_results(profile: str | None = None) -> Path:
     """The folder of results if the user names none. profile : of a run; None: the results that the report shows.
 
-    In a clone a run writes to results/local/<profile> of the clone, from any folder, and the report shows the published
+    A run in a clone writes to lagrange_bench/results/local/<profile>, from any folder; the report shows the published
     results. An installed package writes to ./results/<profile>. Its report shows ./results/full, else ./results/quick, else the
     published results. Profiles have folders of their own, or they would be drawn into one figure.
     """
     root = provenance.checkout()
     if root is not None:
-        return REFERENCE if profile is None else root / "results" / "local" / profile
+        return REFERENCE if profile is None else root / "lagrange_bench" / "results" / "local" / profile
     results = Path("results")
     if profile is not None:
         return results / profile

@@ -11,10 +11,10 @@ from lagrange_bench.integrators import TOPS, integrate
 from lagrange_bench.integrators.truth import exact
 from lagrange_bench.report import page
 from lagrange_bench.report.claims import CONFIRMED, grouped
-from lagrange_bench.results.store import Store
+from lagrange_bench.results.store import REFERENCE, Store
 from lagrange_bench.support.files import write_file
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 BEGIN = (
     "<!-- claims: written by `python -m lagrange_bench.report.readme`, checked by tests/test_report/test_readme.py -->"
 )
@@ -104,7 +104,7 @@ def shown(figure: style.Figure) -> str:
 
 
 def main() -> None:
-    rows = {experiment: Store(ROOT / "results" / "reference").rows(experiment) for experiment in EXPERIMENTS}
+    rows = {experiment: Store(REFERENCE).rows(experiment) for experiment in EXPERIMENTS}
     for path, text in documents(page.judge(rows)).items():
         print(write_file(path, text))
     print(write_file(PICTURE, picture()))
