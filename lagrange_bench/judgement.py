@@ -1,16 +1,15 @@
-"""The result of `judge`: the errors of a trajectory, how they grow, observed orders, a picture."""
+"""The result of `judge`: the errors of a trajectory, how they grow, observed orders."""
 
 import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lagrange_bench.conventions import UNITS
-from lagrange_bench.experiments.measuring import metrics
+from lagrange_bench.support.growth import growth_exponent
 
 Array = np.ndarray
 SOME_ROWS = 8  # fewer do not show how an error grows
@@ -99,7 +98,7 @@ class Judgement:
         floor = max(self.floor.get(name, 0.0), ROUND_OFF * least)
         if np.count_nonzero(error > floor) < SOME_ROWS:
             return math.nan
-        return metrics.growth_exponent(t - t[0], error, floor=floor).p
+        return growth_exponent(t - t[0], error, floor=floor).p
 
     def grows(self, name: str) -> str:
         """`growth` in words."""
@@ -155,21 +154,3 @@ def converges_elsewhere(orders: Sequence[float]) -> bool:
     """Whether errors stop falling far from round-off, as those of a program that follows another motion."""
     known = [order for order in orders if math.isfinite(order)]
     return len(known) > 1 and known[-1] < 0.3 < max(known)
-
-
-def draw(path: Path, judged: Sequence[Judgement]) -> str:
-    """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
-    from lagrange_bench.experiments.drawing import style
-    from lagrange_bench.output import write_picture
-
-    chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
-    with style.apply():
-        width = "page" if len(chosen) > 1 else "column"
-        figure, axes = style.figure(width, ncols=len(chosen), squeeze=False)
-        for panel, name in zip(axes[0], chosen, strict=True):
-            for each in (each for each in judged if name in each.curves):
-                t, error = each.curves[name]
-                panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
-            panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({UNITS[name]})")
-        axes[0][0].legend()
-    return write_picture(path, figure)

@@ -46,10 +46,12 @@ exit codes: 0 done · 1 a bound is violated, or the run ends early · 2 a file t
 
 import argparse
 import math
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from lagrange_bench.arguments import location, number, number_pairs, pairs, seconds
-from lagrange_bench.output import PICTURES, Answer, check_target, table
+from lagrange_bench.output import PICTURES, Answer, check_target, table, write_picture
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
 
@@ -125,7 +127,7 @@ def run(options: argparse.Namespace) -> Answer:
     if any(judgement.converges_elsewhere(observed) for observed in orders.values()):
         lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
-    drawn = [judgement.draw(options.draw, judged)] if options.draw is not None else []
+    drawn = [_draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounded else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
@@ -178,3 +180,23 @@ def _start(start: dict[str, Any], units: dict[str, str]) -> str:
         return f"The start is right{known}."
     known = "right to single precision" if start["single"] else "not that of the case"
     return f"The start is {known}. Its errors: {off}."
+
+
+def _draw(path: Path, judged: Sequence[Any]) -> str:
+    """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
+    import numpy as np
+
+    from lagrange_bench import conventions
+    from lagrange_bench.experiments.drawing import style
+
+    chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
+    with style.apply():
+        width = "page" if len(chosen) > 1 else "column"
+        figure, axes = style.figure(width, ncols=len(chosen), squeeze=False)
+        for panel, name in zip(axes[0], chosen, strict=True):
+            for each in (each for each in judged if name in each.curves):
+                t, error = each.curves[name]
+                panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
+            panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({conventions.UNITS[name]})")
+        axes[0][0].legend()
+    return write_picture(path, figure)
