@@ -83,7 +83,6 @@ IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of a
         "backlund_splitting": (0.075, 0.15),
         "force_gradient6": (0.15,),
         "blanes_moan6": (0.075, 0.15),
-        "sofroniou_spaletta10": (0.15,),
     },
 }
 STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half of it, up and down

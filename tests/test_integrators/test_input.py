@@ -271,7 +271,6 @@ TOO_LONG = [  # a method, a state, a step, words of the StepError
     ("kahan", (0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 2.0, r"kahan at h = 2 \(own unit\), step 0: .*pole"),
     ("strang", FAST, 20.0, r"strang at h = 20.*256 radians in one part of the step"),
     ("rkmk4", FAST, 20.0, r"rkmk4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
-    ("commutator_free4", FAST, 20.0, r"commutator_free4 at h = 20 \(own unit\), step 0: .* more than 1024 rad"),
     ("force_gradient4", FAST, 1e300, "beyond the range of doubles"),
     *((name, Y0, 1e13, r"over 1e\+12 times the shortest time scale of the motion") for name in FOLLOWING),
 ]

@@ -31,7 +31,7 @@ FIELDS = {  # formulas that other tests use too: they are compiled once for all
     "charge": PerturbedTop(UNIFORM, CHARGE, (0.1, 0.0, 0.0, 1.6)),
     "driven": vibrating_pivot(1.0, 0.5, 3.0),
 }
-LONG = ("gauss6", "gauss8", "gauss12")  # to compile; the kernel is that of gauss4, with more stages
+LONG = ("gauss6", "gauss8")  # to compile; the kernel is that of gauss4, with more stages
 TAKEN = [(name, field) for name in STEPPING for field, top in FIELDS.items() if METHODS[name].takes(top) is None]
 COORDINATE = st.integers(-1024, 1024).map(lambda n: n / 1024)  # nothing so small that a product of it underflows
 STATES = st.tuples(*[COORDINATE] * 6).map(np.array).filter(lambda y: np.linalg.norm(y[3:]) > 0.1)

@@ -101,9 +101,8 @@ def end(name):
     return solve_ivp(rates(name), (0.0, END), start(name), "DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
 
 
-# seconds each: implicit stages of many spins, and what heyoka compiles anew for each Hamiltonian
-LONG = {*((name, "spins") for name in ("gauss6", "gauss8", "gauss12")), ("gauss12", "whole"), ("gauss12", "heavy")}
-LONG |= {(name, problem) for name in ("taylor_accurate", "taylor_compact") for problem in PROBLEMS if problem != "free"}
+# seconds each: implicit stages of many spins
+LONG = {(name, "spins") for name in ("gauss6", "gauss8")}
 PAIRS = [
     pytest.param(name, problem, marks=[pytest.mark.slow] * ((name, problem) in LONG))
     for problem in PROBLEMS

@@ -196,7 +196,7 @@ def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> A
 
 
 ACCURACY_OPTIONS = ("h", "tol", "rtol")
-SCHEME_OPTIONS = ("scheme", "corrector", "modified_kick")  # options that make a method another method
+SCHEME_OPTIONS = ("scheme", "corrector", "modified_kick", "high_accuracy")  # options that make a method another method
 OPTIONS = ("tol", "rtol", "pin", *SCHEME_OPTIONS)
 LEAST_RTOL = 1e-13  # SciPy takes no less than 100 eps
 

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import SIZE
 from lagrange_bench.integrators.methods import bobenko_suris as bs
-from lagrange_bench.integrators.methods import collective_midpoint as cm
 from lagrange_bench.integrators.methods import gauss_coefficients as gauss
-from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta, splitting
+from lagrange_bench.integrators.methods import kahan, lie_group, runge_kutta
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Tableau
 from lagrange_bench.integrators.problem.system import uniform_system
@@ -151,23 +150,9 @@ def collocation_step(stages: int, alpha: float, s: State, h: Series, power: int)
     return tuple(y + sum(k[i] for k in K) for i, y in enumerate(s))
 
 
-def collective_step(alpha: float, s: State, h: Series, power: int) -> State:
-    residual, turn = on_series(cm.residual), on_series(lie_group.turn)
-    c, u, q = (0.25 * h, alpha * h), (0.0 * h,) * 3, 1.0
-    for _ in range(power + 1):
-        *_, q, r1, r2, r3 = residual(s, c, *u)
-        u = u[0] + r1, u[1] + r2, u[2] + r3
-    y = turn(u, q, s[3:])
-    kick = q * c[cm.KICK]
-    return s[0] - kick * y[1], s[1] + kick * y[0], s[2], *turn(u, q, y)
-
-
 def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> State:
     scheme = SCHEMES[name]
     force = alpha * (h * h)
-    process = on_series(splitting.process)
-    if scheme.processor:
-        s = process(s, 0.5 * scheme.processor * force)
     none = (0.0,) * len(scheme.b)
     kicks = list(zip(scheme.b, scheme.c or none, scheme.d or none, strict=True))
     if scheme.first == "B":
@@ -176,7 +161,7 @@ def splitting_step(name: str, alpha: float, s: State, h: Series, power: int) -> 
         s = *s[:3], *turned(a * h, s[:3], s[3:], power)
         if k < len(kicks):
             s = kicked(kicks[k], alpha, s, h, force)
-    return process(s, -0.5 * scheme.processor * force) if scheme.processor else s
+    return s
 
 
 def kicked(coefficients: tuple[float, float, float], alpha: float, s: State, h: Series, force: Series) -> State:
@@ -224,10 +209,6 @@ STEPS: dict[str, Step] = {
     "kahan": partial(kernel_step, kahan.step, half_step),
     "bobenko_suris": partial(kernel_step, bs.kernel(uniform_system()), lambda alpha, h: (h, 0.0, alpha)),
     "implicit_midpoint": partial(collocation_step, 1),
-    "collective_midpoint": collective_step,
-    **{f"gauss{2 * stages}": partial(collocation_step, stages) for stages in (2, 3, 4, 6)},
-    **{
-        name: partial(kernel_step, lie_group.kernel(name, uniform_system()), generator_step)
-        for name in ("rkmk4", "commutator_free4")
-    },
+    **{f"gauss{2 * stages}": partial(collocation_step, stages) for stages in (2, 3, 4)},
+    "rkmk4": partial(kernel_step, lie_group.kernel(uniform_system()), generator_step),
 }

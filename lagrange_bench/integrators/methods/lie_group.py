@@ -1,12 +1,11 @@
-"""Two Lie-group methods of order 4. An element of SE(3), a rigid motion, moves (J, x) in each update; a rotation moves a spin.
+"""A Lie-group method of order 4. An element of SE(3), a rigid motion, moves (J, x) in each update; a rotation moves a spin.
 
 exp(a, b) acts by x → R x, J → R J + (V b)×(R x), with R = exp(a×) and V = ∫₀¹ exp(s a×) ds: the coadjoint action. The generator
 of the motion is (∂H/∂J, ∂H/∂x) on e3, so (J, alpha e3) for a top in a uniform field. A spin turns by exp(∂H/∂s). The commutator
 is [(a, b), (c, d)] = (a×c, a×d − c×b). Casimir functions such as |x| and x·J are conserved for every h, whatever the generator.
 J3 and H are not: they drift in proportion to time, as by a plain Runge-Kutta method.
 
-`rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs. `commutator_free4`
-has no commutators, but five exponentials, one of which serves twice.
+`rkmk4` is the classical Runge-Kutta method on the Lie algebra, with the two commutators that order 4 needs.
 
 A whole body (q, L) is moved by SO(3)×R³: q is turned by exp(a/2) from the right, in its own frame, and L grows by b = h L'. The
 commutator is (a × c, 0), and |q| is conserved.
@@ -17,14 +16,13 @@ drifts. The coefficients are polynomials in θ². They call no library function,
 θ = 1 the motion is divided into parts, which are right to round-off up to θ = `MOST`. A step with a larger θ is refused.
 
 Sources: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas & Owren, Phil. Trans. R. Soc. A 357 (1999) 957 (two
-commutators); Celledoni, Marthinsen & Owren, Future Gener. Comput. Syst. 19 (2003) 341 (commutator-free, order 4).
+commutators).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -49,9 +47,8 @@ SINC = tuple((-1) ** k / (math.factorial(2 * k + 1) * 4**k) for k in range(8))
 COS = tuple((-1) ** k / (math.factorial(2 * k) * 4**k) for k in range(8))
 LAG = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(8))
 
-# weights of the generators of the four stages: rkmk4, and the two factors of commutator_free4
+# weights of the generators of the four stages
 RK4 = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-FIRST_HALF, LAST_HALF = (1 / 4, 1 / 6, 1 / 6, -1 / 12), (-1 / 12, 1 / 6, 1 / 6, 1 / 4)
 
 
 @jit
@@ -209,8 +206,8 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
 
 
 @cache
-def kernel(name: str, system: System) -> Any:
-    """The step of a method for any system; constants: the time at the start, h, and those of the generator."""
+def kernel(system: System) -> Any:
+    """The step for any system; constants: the time at the start, h, and those of the generator."""
     split, timed, space = generator_of(system), system.timed, system.space
     program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
     mean, commutator, plus = algebra(space)
@@ -237,38 +234,19 @@ def kernel(name: str, system: System) -> Any:
         k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
         return act(k, s, counters)
 
-    @jit
-    def commutator_free4(s, c, counters):
-        k1 = generator(s, 0.0, c, counters)
-        half = plus(zero, 0.5, k1)
-        middle = act(half, s, counters)
-        k2 = generator(middle, 0.5, c, counters)
-        k3 = generator(act(plus(zero, 0.5, k2), s, counters), 0.5, c, counters)
-        k4 = generator(
-            act(plus(k3, -1.0, half), middle, counters), 1.0, c, counters
-        )  # the exponential of k1/2 is used again
-        middle = act(mean(FIRST_HALF, k1, k2, k3, k4), s, counters)
-        return act(mean(LAST_HALF, k1, k2, k3, k4), middle, counters)
-
-    return rkmk4 if name == "rkmk4" else commutator_free4
+    return rkmk4
 
 
-def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
+def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad."""
     system = problem.system
     c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
-    step, size, timed = kernel(name, system), system.size, system.timed
-    return FixedStepper(name, h, c, step, rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed)
+    step, size, timed = kernel(system), system.size, system.timed
+    return FixedStepper("rkmk4", h, c, step, rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed)
 
 
 RKMK4 = Method(
     name="rkmk4", label="RKMK 4", family="lie-group", order=4, claims=Claims(conserves={"C1", "C2"}),
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
-    prepare=partial(prepare, "rkmk4"), needs="rhs",
-)  # fmt: skip
-
-COMMUTATOR_FREE4 = replace(
-    RKMK4, name="commutator_free4", label="Commutator-free 4",
-    source="Celledoni, Marthinsen and Owren, Future Gener. Comput. Syst. 19 (2003) 341",
-    prepare=partial(prepare, "commutator_free4"),
+    prepare=prepare, needs="rhs",
 )  # fmt: skip

@@ -13,13 +13,12 @@ It is quadratic in J, so [B,[B,[B,A]]] = 0, and coefficients for Runge-Kutta-Nys
 with the torques `System.commutator_torque` and `System.second_commutator_torque`. Any potential U(x) takes the place of alpha x3.
 
 A scheme ends each step with the flow that begins the next. So the loop repeats a conjugate map, in which the two flows are one.
-The stepper's `enter` and `leave` apply the first flow and its inverse, and the processor of Takahashi and Imada.
+The stepper's `enter` and `leave` apply the first flow and its inverse.
 
 The coefficients are in `splitting_schemes`, the rotation in `rotation_flow`. `part_splitting` takes any other Hamiltonian that
 is a sum of parts with closed flows.
 
-Sources: with each scheme. McLachlan & Quispel, Acta Numerica 11 (2002) 341, for splittings; López-Marcos, Sanz-Serna &
-Skeel, SIAM J. Sci. Comput. 18 (1997) 223, for processing; the processor: this project.
+Sources: with each scheme; McLachlan & Quispel, Acta Numerica 11 (2002) 341.
 """
 
 from __future__ import annotations
@@ -41,9 +40,6 @@ from lagrange_bench.integrators.methods.rotation_flow import add, rotate
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
-
-FARTHEST = 4.0  # largest g |x| of `process`, which amplifies the round-off of |x| by (1 + 2(g|x|)²)²
-
 
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
 LARGE = 1e154  # larger numbers have no square in doubles
@@ -111,41 +107,15 @@ def kernel(system: System, gradients: int, compensated: bool) -> Any:
     return step
 
 
-@jit(inline=True)
-def process(s, g):
-    """The exact flow of [A,B] for a time 2g/alpha. Its Hamiltonian is alpha (x2 J1 − x1 J2), linear in J.
-
-    x moves along its meridian. With σ = 2g|x| and D = cosh σ + (x3/|x|) sinh σ
-
-        (x1, x2) → (x1, x2)/D        x3 → (x3 cosh σ + |x| sinh σ)/D
-
-    Here sinh(σ/2) = g|x| replaces σ/2, so that all is algebraic. This changes the time by a factor 1 + O(g²|x|²). Since |x| is a
-    Casimir function, the map is still Poisson, and still even in h.
-    """
-    J1, J2, J3, x1, x2, x3 = s
-    w1, w2, w3 = g * x1, g * x2, g * x3
-    square = (w1 * w1 + w2 * w2) + w3 * w3
-    twice, cosh = 2.0 * math.sqrt(1.0 + square), 1.0 + 2.0 * square
-    D = cosh + twice * w3
-    z = cosh * x3 + twice * ((w1 * x1 + w2 * x2) + w3 * x3)
-    return D * J1 - twice * J3 * w1, D * J2 - twice * J3 * w2, J3, x1 / D, x2 / D, z / D
-
-
 @cache
-def map_over(step: Any, processed: bool) -> Any:
-    """Apply one rotation and one kick to each row, in place; if `processed`, with the flow of [A,B] before and after."""
+def map_over(step: Any) -> Any:
+    """Apply one rotation and one kick to each row, in place."""
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
-    def run(rows, before, flow, after, counters):
+    def run(rows, flow, counters):
         for row in rows:
-            s = get(row, 0)
-            if processed:
-                s = process(s, before)
-            s = step(s, flow, counters)
-            if processed:
-                s = process(s, after)
-            write(row, 0, s)
+            write(row, 0, step(get(row, 0), flow, counters))
 
     return run
 
@@ -202,36 +172,38 @@ def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool =
     scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
     steps, first = groups(scheme)
     constants, begin, end = (scaled(*part, numbers) for part in ((steps, scales), (first, scales), (first, -scales)))
-    processor = 0.5 * scheme.processor * (problem.numbers[0] * h) * h if scheme.processor else 0.0
-    if not (finite(constants) and finite(begin) and math.isfinite(processor)):
+    if not (finite(constants) and finite(begin)):
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
-    if FARTHEST < abs(processor) * math.hypot(*y0[3:]) < math.inf:
-        reason = "h is so long that its processor turns every axis into the vertical, but for round-off"
-        raise StepError(name, reason, h=h)
     return ConjugateStepper(
-        name, h, constants, kernel(system, gradients, carried),
-        map_rows=map_over(kernel(system, gradients, False), scheme.processor != 0.0),
-        preprocess=(processor, begin, 0.0), postprocess=(0.0, end, -processor), rhs_per_step=len(steps), failures=FAILURES,
-    )  # fmt: skip
+        name,
+        h,
+        constants,
+        kernel(system, gradients, carried),
+        map_rows=map_over(kernel(system, gradients, False)),
+        preprocess=(begin,),
+        postprocess=(end,),
+        rhs_per_step=len(steps),
+        failures=FAILURES,
+    )
 
 
 def _record(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
-    needs: Any = kinds.top if scheme.c else "kinetic" if scheme.nystrom else "parts"
     return Method(
-        name=name, label=label, family="splitting", order=scheme.order,
+        name=name,
+        label=label,
+        family="splitting",
+        order=scheme.order,
         claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
-        source=scheme.source, prepare=partial(prepare, name),
-        needs="uniform" if scheme.processor else needs,  # the processor is known in closed form there only
-    )  # fmt: skip
+        source=scheme.source,
+        prepare=partial(prepare, name),
+        needs=kinds.top if scheme.c else "kinetic" if scheme.nystrom else "parts",
+    )
 
 
 STRANG = _record("strang", "Strang")
-TAKAHASHI_IMADA = _record("takahashi_imada", "Takahashi–Imada, processed")
 BLANES_MOAN4 = _record("blanes_moan4", "Blanes–Moan 4")
 FORCE_GRADIENT4 = _record("force_gradient4", "Force gradient 4")
 FORCE_GRADIENT6 = _record("force_gradient6", "Force gradient 6")
 BLANES_MOAN6 = _record("blanes_moan6", "Blanes–Moan 6")
-KAHAN_LI6 = _record("kahan_li6", "Kahan–Li 6")
 KAHAN_LI8 = _record("kahan_li8", "Kahan–Li 8")
-SOFRONIOU_SPALETTA10 = _record("sofroniou_spaletta10", "Sofroniou–Spaletta 10")

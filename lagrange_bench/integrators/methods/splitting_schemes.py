@@ -19,7 +19,6 @@ class Scheme(NamedTuple):
     source: str
     c: tuple[float, ...] = ()
     d: tuple[float, ...] = ()
-    processor: float = 0.0  # g: the scheme is exp(gh²[A,B]) · letters · exp(−gh²[A,B])
     nystrom: bool = False  # it has this order only because [B,[B,[B,A]]] = 0
 
 
@@ -46,10 +45,6 @@ GRADIENTS = "Omelyan, Mryglod and Folk, Phys. Rev. E 66 (2002) 026701"
 
 SCHEMES = {
     "strang": composition(2, "Strang, SIAM J. Numer. Anal. 5 (1968) 506", ()),
-    "takahashi_imada": Scheme(
-        4, "B", (1.0,), (1 / 2, 1 / 2), "Takahashi and Imada, J. Phys. Soc. Japan 53 (1984) 3765",
-        c=(1 / 48, 1 / 48), processor=1 / 12,
-    ),
     "blanes_moan4": Scheme(
         4, "B",
         palindrome((0.245298957184271, 0.604872665711080), 6),
@@ -63,11 +58,6 @@ SCHEMES = {
         palindrome((0.080868,), 4),
         f"class of {GRADIENTS}; coefficients: this project",
         c=mirror((0.000232, 0.0029821796916614993), 4),
-    ),
-    "kahan_li6": composition(
-        6, KAHAN_LI,
-        (0.39216144400731413927925056, 0.33259913678935943859974864, -0.70624617255763935980996482,
-         0.08221359629355080023149045),
     ),
     "blanes_moan6": Scheme(
         6, "A",
@@ -90,12 +80,5 @@ SCHEMES = {
         (0.13020248308889008087881763, 0.56116298177510838456196441, -0.38947496264484728640807860,
          0.15884190655515560089621075, -0.39590389413323757733623154, 0.18453964097831570709183254,
          0.25837438768632204729397911, 0.29501172360931029887096624),
-    ),
-    "sofroniou_spaletta10": composition(
-        10, "Sofroniou and Spaletta, Optim. Methods Softw. 20 (2005) 597",
-        (0.07879572252168641, 0.3130961034151085, 0.027918383235078066, -0.22959284159390708, 0.13096206107716488,
-         -0.2697334056545107, 0.07497334315589144, 0.1119934239998102, 0.36613344954622673, -0.3991056301360359,
-         0.10308739852747108, 0.41143087395589023, -0.0048663605831352616, -0.3920333537086399, 0.05194250296244965,
-         0.050665090759924494, 0.049674370639729876),
     ),
 }  # fmt: skip

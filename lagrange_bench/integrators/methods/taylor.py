@@ -7,10 +7,10 @@ follows from the tolerance, and the step from the decay of the coefficients.
 The tolerance is relative above norm 1 and absolute below, so a state smaller than 1 may need other units. A top whose rate
 |J| + √(|alpha||x|) or |x| is beyond 2^±FAR is followed in units, powers of two, in which both are of order one. (Twentieth
 powers of extreme numbers under- or overflow.) alpha is a runtime parameter, so heyoka compiles once in a process for each
-tolerance and variant.
+tolerance and each pair of switches.
 
-`taylor_accurate` sums the series with compensation. `taylor_compact` has the machine code that heyoka makes for large systems:
-loops over tables, not unrolled, and slower here.
+With `high_accuracy` the series is summed with compensation. With `compact_mode` the machine code is what heyoka makes for large
+systems: loops over tables, not unrolled, compiled sooner and slower here.
 
 J3, whose coefficients vanish, is conserved; no other invariant is. One right-hand side is counted for each Taylor coefficient:
 `order` in each step.
@@ -23,8 +23,7 @@ from __future__ import annotations
 import copy
 import math
 import threading
-from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -123,20 +122,23 @@ def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
     return units if max(abs(units.rate), abs(units.length)) > FAR else None
 
 
-def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
-    """Natural steps with the local error below `tol` (relative above norm 1). high_accuracy : compensated sums."""
-    tol = check_tolerance(tol)
-    key = tol, check_flag(high_accuracy, "high_accuracy"), compact_mode, Equations(top.system)
+def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False, compact_mode: bool = False) -> Run:
+    """Natural steps with the local error below `tol` (relative above norm 1).
+
+    high_accuracy : compensated sums. compact_mode : loops over tables in place of unrolled code.
+    """
+    switches = check_flag(high_accuracy, "high_accuracy"), check_flag(compact_mode, "compact_mode")
+    key = check_tolerance(tol), *switches, Equations(top.system)
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        if units := far_units(name, top, y, float(grid[-1])):
+        if units := far_units("taylor", top, y, float(grid[-1])):
             scaled = np.array([units.time(t) for t in grid.tolist()])
             try:
                 return units.leave(follow(units.enter(y), scaled, work, *in_units(units)))
             except StepError as error:
-                raise StepError(name, f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
+                raise StepError("taylor", f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
         return follow(y, grid, work, key, numbers)
 
     def in_units(units: Units) -> tuple[Any, Any]:
@@ -150,20 +152,12 @@ def runner(name: str, compact_mode: bool, top: Problem, *, tol: float = EPS, hig
         set_numbers(ta, numbers)
         ta.time = 0.0
         ta.state[:] = y
-        try:
-            out, steps = _until(ta, grid[0]) if len(grid) == 1 else _on_grid(ta, y, grid)
-        except StepError as error:
-            raise StepError(name, error.reason, step=error.step) from None
+        out, steps = _until(ta, grid[0]) if len(grid) == 1 else _on_grid(ta, y, grid)
         work.steps += steps
         work.rhs_evals += steps * ta.order
         return out
 
     return run
-
-
-def variant(name: str, high_accuracy: bool, compact_mode: bool, top: Problem, *, tol: float = EPS) -> Run:
-    """The `runner` of a method with fixed switches of heyoka."""
-    return runner(name, compact_mode, top, tol=tol, high_accuracy=high_accuracy)
 
 
 def _until(ta: Any, end: float) -> tuple[Array, int]:
@@ -201,20 +195,9 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
     raise StepError("taylor", f"heyoka: {outcome.name}{at}", step=steps)
 
 
-PREPARE, EVALUATE = dense("taylor", partial(runner, "taylor", False))
+PREPARE, EVALUATE = dense("taylor", runner)
 NATURAL = Method(
     name="taylor", label="Taylor (heyoka)", family="taylor", order=20, claims=Claims(conserves={"J3"}), control="tolerance",
     source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
     requires="heyoka", engine="heyoka", needs="smooth",
 )  # fmt: skip
-
-
-def _variant(name: str, label: str, high_accuracy: bool, compact_mode: bool) -> Method:
-    prepare, evaluate = dense(name, partial(variant, name, high_accuracy, compact_mode))
-    return replace(
-        NATURAL, name=name, label=label, prepare=prepare, evaluate=evaluate,
-    )  # fmt: skip
-
-
-ACCURATE = _variant("taylor_accurate", "Taylor (heyoka), compensated", True, False)
-COMPACT = _variant("taylor_compact", "Taylor (heyoka), compact code", False, True)

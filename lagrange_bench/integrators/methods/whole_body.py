@@ -5,7 +5,6 @@
                       position keeps the energy
     lie_midpoint      turns by the mean angular velocity, by the exponential; the torque is that of the midpoint
     generalized_alpha Newmark's formulas with weights α on the Lie group, numerical damping by `rho`
-    rk4_normalized    RK4 in quaternions, which are made units after every step
 
 One step is R̃ = R F. With the quaternion f of F, the moments of inertia I, and the vector Θ of a rotation:
 
@@ -40,8 +39,6 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMO
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
-from lagrange_bench.integrators.methods.runge_kutta import constants_of, followed_by
-from lagrange_bench.integrators.methods.tableaux import RK4
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 
 STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
@@ -292,19 +289,6 @@ def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> 
     return stepper
 
 
-@jit
-def normalized(s, c, counters):
-    """The state, its quaternion made a unit."""
-    r = 1.0 / math.sqrt((s[0] * s[0] + s[1] * s[1]) + (s[2] * s[2] + s[3] * s[3]))
-    return r * s[0], r * s[1], r * s[2], r * s[3], s[4], s[5], s[6]
-
-
-def prepare_normalized(body: RigidBody, y0: Array, h: float) -> FixedStepper:
-    """RK4 on the seven numbers (q, L)."""
-    step = followed_by(RK4, body.system, normalized)
-    return FixedStepper("rk4_normalized", h, constants_of(RK4, body, h), step, rhs_per_step=4, size=7)
-
-
 of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.rigid_body`
 
 RATTLE = of_bodies(
@@ -326,8 +310,4 @@ LIE_MIDPOINT = of_bodies(
 GENERALIZED_ALPHA = of_bodies(
     name="generalized_alpha", label="Generalized-α", order=2, claims=Claims(conserves={"C1", "C2"}),
     source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121", prepare=prepare_alpha,
-)  # fmt: skip
-RK4_NORMALIZED = of_bodies(
-    name="rk4_normalized", label="RK4, unit quaternions", order=4, claims=Claims(conserves={"C1", "C2"}),
-    source="Kutta, Z. Math. Phys. 46 (1901) 435", prepare=prepare_normalized,
 )  # fmt: skip
