@@ -85,7 +85,7 @@ dist:
 
 # without JIT, kernels show their signature and docstring; with ALLOW_EXEC, NumPy before 2.1 may run lscpu when imported
 docs: .venv/ready
-	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench lagrange_bench.testing
+	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench
 	@echo build/docs/lagrange_bench.html
 
 # engines that run in node; their rows are judged and stored by the experiment, like all others

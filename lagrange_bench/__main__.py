@@ -22,8 +22,8 @@ import warnings
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from lagrange_bench.output import plain, visible
 from lagrange_bench.support import announce
+from lagrange_bench.support.output import plain, visible
 from lagrange_bench.support.words import suggestion
 
 

@@ -22,8 +22,8 @@ import argparse
 from fractions import Fraction
 from typing import Any
 
-from lagrange_bench.arguments import in_range, location, positive
-from lagrange_bench.output import Answer, table
+from lagrange_bench.commands.arguments import in_range, location, positive
+from lagrange_bench.support.output import Answer, table
 
 MOST_ROWS = 10**7  # 4 GB of text
 DOUBLE = 17  # digits from which a double can be read back exactly

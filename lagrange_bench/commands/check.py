@@ -30,8 +30,8 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from lagrange_bench.arguments import numbers, own_problem
-from lagrange_bench.output import Answer, table
+from lagrange_bench.commands.arguments import numbers, own_problem
+from lagrange_bench.support.output import Answer, table
 
 RIVALS = ("rk4", "strang", "backlund")  # methods to compare with at first
 

@@ -19,9 +19,9 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
-from lagrange_bench.arguments import add_module, results_folder, tolerance
+from lagrange_bench.commands.arguments import add_module, results_folder, tolerance
 from lagrange_bench.experiments.catalogue import with_units
-from lagrange_bench.output import Answer, table
+from lagrange_bench.support.output import Answer, table
 
 MOST = 10  # so many cells of each kind are listed
 

@@ -15,8 +15,8 @@ of lagrange_bench.integrators.paper.
 
 import argparse
 
-from lagrange_bench.arguments import positive, whole
-from lagrange_bench.output import Answer, table
+from lagrange_bench.commands.arguments import positive, whole
+from lagrange_bench.support.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

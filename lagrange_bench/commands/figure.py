@@ -17,8 +17,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_choice, add_module, choice_of, limits, location, results_folder
-from lagrange_bench.output import PICTURES, Answer
+from lagrange_bench.commands.arguments import add_choice, add_module, choice_of, limits, location, results_folder
+from lagrange_bench.support.output import PICTURES, Answer
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
 
@@ -85,8 +85,8 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
     """A figure of two columns, as the bytes of a file, from the rows of an experiment or of the named figure."""
     import numpy as np
 
-    from lagrange_bench.comparison import Comparison
-    from lagrange_bench.data import load
+    from lagrange_bench.ask.comparison import Comparison
+    from lagrange_bench.ask.data import load
     from lagrange_bench.experiments.drawing import figures, style
 
     stored = load(results)

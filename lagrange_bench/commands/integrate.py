@@ -25,8 +25,8 @@ from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
-from lagrange_bench import arguments
-from lagrange_bench.output import PICTURES, TABLES, Answer, check_target, plain
+from lagrange_bench.commands import arguments
+from lagrange_bench.support.output import PICTURES, TABLES, Answer, check_target, plain
 
 REQUIRED = ("mass", "distance", "A", "C", "theta", "dpsi")  # of --physical
 OPTIONAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}
@@ -97,7 +97,7 @@ def physical(text: str) -> dict[str, float]:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    from lagrange_bench import summary
+    from lagrange_bench.ask import summary
     from lagrange_bench.integrators.api import default_method, own_step
     from lagrange_bench.integrators.registry import METHODS, find_method, without_archive
     from lagrange_bench.runner import progress

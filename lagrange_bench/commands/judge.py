@@ -50,8 +50,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import location, number, number_pairs, pairs, seconds
-from lagrange_bench.output import PICTURES, Answer, check_target, table, write_picture
+from lagrange_bench.commands.arguments import location, number, number_pairs, pairs, seconds
+from lagrange_bench.support.output import PICTURES, Answer, check_target, table
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
 
@@ -187,7 +187,7 @@ def _draw(path: Path, judged: Sequence[Any]) -> str:
     import numpy as np
 
     from lagrange_bench import conventions
-    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.experiments.drawing import figures, style
 
     chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
     with style.apply():
@@ -199,4 +199,4 @@ def _draw(path: Path, judged: Sequence[Any]) -> str:
                 panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
             panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({conventions.UNITS[name]})")
         axes[0][0].legend()
-    return write_picture(path, figure)
+    return figures.write(path, figure)

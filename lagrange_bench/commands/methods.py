@@ -19,8 +19,8 @@ import argparse
 from collections.abc import Iterable
 from typing import Any
 
-from lagrange_bench.arguments import add_potential, in_potential
-from lagrange_bench.output import Answer, table
+from lagrange_bench.commands.arguments import add_potential, in_potential
+from lagrange_bench.support.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

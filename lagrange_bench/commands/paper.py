@@ -19,8 +19,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import location
-from lagrange_bench.output import PICTURES, Answer, check_target, table, write_picture
+from lagrange_bench.commands.arguments import location
+from lagrange_bench.support.output import PICTURES, Answer, check_target, table
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -33,6 +33,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.experiments import paper_sections
+    from lagrange_bench.experiments.drawing import figures
     from lagrange_bench.integrators import TOPS
     from lagrange_bench.support.words import suggestion
 
@@ -52,7 +53,7 @@ def run(options: argparse.Namespace) -> Answer:
     check_target("--output", path, PICTURES)
     named = TOPS[top]
     shown = paper_sections.show(options.section, named.top, named.state)
-    done = write_picture(path, shown.figure)
+    done = figures.write(path, shown.figure)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
     for name, (defect, allowed) in shown.residuals.items():
         rows.append((name, f"{defect:.1e}", f"{allowed:.0e}", "" if defect <= allowed else "too much"))

@@ -19,7 +19,7 @@ lagrange_bench.potentials (name = package.module:POTENTIAL).
 import argparse
 from typing import Any
 
-from lagrange_bench.output import Answer, table
+from lagrange_bench.support.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

@@ -17,8 +17,8 @@ import argparse
 import webbrowser
 from pathlib import Path
 
-from lagrange_bench.arguments import add_choice, add_module, choice_of, location, results_folder
-from lagrange_bench.output import Answer
+from lagrange_bench.commands.arguments import add_choice, add_module, choice_of, location, results_folder
+from lagrange_bench.support.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

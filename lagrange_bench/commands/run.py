@@ -33,9 +33,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.arguments import add_choice, choice_of, positive, results_folder, scheduler, seconds
+from lagrange_bench.commands.arguments import add_choice, choice_of, positive, results_folder, scheduler, seconds
 from lagrange_bench.experiments import EXPERIMENTS, PROFILES
-from lagrange_bench.output import Answer
+from lagrange_bench.support.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

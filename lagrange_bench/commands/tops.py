@@ -21,7 +21,7 @@ import argparse
 from typing import Any
 
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.output import Answer, table
+from lagrange_bench.support.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:

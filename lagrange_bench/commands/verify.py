@@ -18,9 +18,9 @@ exit codes: 0 the same · 1 changed · 2 no such results, no cell can be compute
 import argparse
 from collections import Counter
 
-from lagrange_bench.arguments import add_module, positive, results_folder, seconds, whole
+from lagrange_bench.commands.arguments import add_module, positive, results_folder, seconds, whole
 from lagrange_bench.commands.compare import changed_columns
-from lagrange_bench.output import Answer
+from lagrange_bench.support.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

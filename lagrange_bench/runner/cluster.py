@@ -16,11 +16,11 @@ from contextlib import suppress
 from functools import cache
 from typing import Any, Self
 
-from lagrange_bench import arguments
 from lagrange_bench.results import provenance
 from lagrange_bench.runner import workers
 from lagrange_bench.runner.workers import DIED, Outcome, Task, failure
 from lagrange_bench.support import interrupts
+from lagrange_bench.support.words import scheduler
 
 CONNECT = 30.0  # s to wait for the scheduler
 PATIENCE = 30.0  # s without a finished cell before asking whether a worker is connected
@@ -35,7 +35,7 @@ class Cluster:
     """A `workers.Executor`: hands cells to the workers of a Dask scheduler."""
 
     def __init__(self, address: str, limit: float):
-        self._address, self._limit = arguments.scheduler(address), limit
+        self._address, self._limit = scheduler(address), limit
         self._client: Any = None
         self._own: Any = None  # the scheduler and the workers that local:N starts
         self._out: dict[Any, Task] = {}  # the tasks that are being computed, by future

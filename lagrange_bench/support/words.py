@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -49,3 +50,10 @@ def option(text: str) -> tuple[str, Any]:
         except ValueError:
             continue
     return key, {"true": True, "false": False}.get(value.lower(), value)
+
+
+def scheduler(text: str) -> str:
+    """local:N, or the address of a Dask scheduler."""
+    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
+        return text
+    raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")

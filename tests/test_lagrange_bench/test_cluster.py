@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
 
-from lagrange_bench import arguments
 from lagrange_bench.results.store import Store
 from lagrange_bench.runner import cluster
+from lagrange_bench.support import words
 
 pytest.importorskip("distributed")
 linux = pytest.mark.skipif(sys.platform != "linux", reason="looks for left-over processes in /proc")
@@ -116,4 +116,4 @@ def test_a_cluster_that_is_not_there(monkeypatch):
         pytest.fail("connected")
     for address in ("local", "local:0", "local:x", "head:8786", "tcp://head", ""):
         with pytest.raises(ValueError, match="tcp://HOST:PORT or local:N"):
-            arguments.scheduler(address)
+            words.scheduler(address)

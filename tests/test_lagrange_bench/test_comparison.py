@@ -8,9 +8,9 @@ import pytest
 from matplotlib import pyplot as plt
 
 from lagrange_bench import METHODS, TOPS, Comparison, LagrangeTop, Problem, integrate, load
-from lagrange_bench.data import in_both_units
+from lagrange_bench.ask.data import in_both_units
+from lagrange_bench.ask.questions import drift, heavy_top, order, perturbed, phase, work_precision
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.questions import drift, heavy_top, order, perturbed, phase, work_precision
 from lagrange_bench.results.store import REFERENCE, Store, make_record
 from tests.reference import free_body
 

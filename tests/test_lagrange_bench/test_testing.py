@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagrange_bench import testing
+from lagrange_bench import assert_drift, assert_order
+from lagrange_bench.ask import testing
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import METHODS, LagrangeTop
-from lagrange_bench.testing import assert_drift, assert_order
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
 

@@ -4,6 +4,7 @@ import io
 import re
 from collections.abc import Callable
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from lagrange_bench.experiments.drawing import style
+from lagrange_bench.support.files import replace_file
 
 LEAST_POINTS = 3  # of a line, dots or bars that are worth a figure of the page
 WIDE = 360  # points: a wider figure gets a row of the page to itself
@@ -66,6 +68,11 @@ def worth_a_look(figure: Figure) -> bool:
 
 
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
+
+
+def write(path: Path, figure: Figure) -> str:
+    """Write a figure in the format of the suffix, and return whether a file was replaced."""
+    return replace_file(path, FORMATS[path.suffix.lower().removeprefix(".")](figure))
 
 
 def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:

@@ -81,11 +81,3 @@ def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> Non
         raise ValueError(f"{flag} {path}: needs pyarrow: pip install pyarrow; or write .csv or .npz")
     if not os.access(folder, os.W_OK):
         raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
-
-
-def write_picture(path: Path, figure: Any) -> str:
-    """Write a figure in the format of its suffix, and return whether a file was replaced."""
-    from lagrange_bench.experiments.drawing import figures
-    from lagrange_bench.support.files import replace_file
-
-    return replace_file(path, figures.FORMATS[path.suffix.lower().removeprefix(".")](figure))

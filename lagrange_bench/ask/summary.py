@@ -11,8 +11,8 @@ from lagrange_bench.integrators import Trajectory
 from lagrange_bench.integrators.interface import Array, Method
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import exact, truths
-from lagrange_bench.output import table, write_picture
 from lagrange_bench.results import provenance
+from lagrange_bench.support.output import table
 
 CHORD = 0.3  # rad between two recorded directions of the axis; if they are further apart, no line is drawn between them
 LAM = "lam given: one step is the flow over another time than h, and a turn"
@@ -110,7 +110,7 @@ def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
 
 
 def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
-    from lagrange_bench.experiments.drawing import style
+    from lagrange_bench.experiments.drawing import figures, style
 
     with style.apply():
         figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
@@ -126,4 +126,4 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
         ax.locator_params(nbins=5)
         ax.get_legend().remove()
         figure.legend(loc="outside lower center", ncols=2)
-    return write_picture(path, figure)
+    return figures.write(path, figure)

@@ -1,6 +1,6 @@
 """Assertions for the tests of your own method: bounds on the drift of invariants, and the order.
 
-    from lagrange_bench.testing import assert_drift, assert_order
+    from lagrange_bench import assert_drift, assert_order
 
     def test_mine():
         assert_drift(METHOD, tops=("generic", "fast"), h_scaled=0.1, steps=10**4, J3=0, C1=500)  # ulps
@@ -14,6 +14,8 @@ potential, too), or (problem, y0) or (name, problem, y0) of any problem that the
 alike. Drifts are in ulps (units in the last place) of the invariant's scale, the size of its terms at the start. They are
 measured after 1, 2, 4, … steps, and at three counts between each two.
 """
+
+from __future__ import annotations  # signatures show names of types, not what they stand for
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -75,16 +77,31 @@ def assert_drift(
 
     Parameters
     ----------
-    tops : one or several. Default: TOPS; with `growth` the sixteen random tops of the experiment `drift`.
-    h : one step or several, in the top's own unit of time. h_scaled : the same in its time scale. Default: h_scaled = 0.1.
-    steps : default: LENGTH, or fewer if the method is interpreted. options : of the method.
-    growth, below : an invariant, and a bound on p. Its root-mean-square error over the tops must grow slower than t^p.
-    ulps : H=16, J3=0, C1=16, C2=16, or other `names` of the problem. Each is a bound on every top, in ulps of the scale.
+    method : str or Method
+        A name, also "mine:METHOD", or a record.
+    tops : str, tuple or list of them, optional
+        Names, (problem, y0) or (name, problem, y0). Default: TOPS; with `growth` sixteen random tops.
+    h : float or list of float, optional
+        One step or several, in the top's own unit of time.
+    h_scaled : float or list of float, optional
+        The same in its time scale; 0.1 if neither is given.
+    steps : int, optional
+        By default LENGTH, or fewer if the method is interpreted.
+    growth : str, optional
+        An invariant. Its root-mean-square error over the tops must grow slower than t^p, with p = `below`.
+    below : float, optional
+        The bound on p.
+    options : dict, optional
+        Options of the method.
+    **ulps : float
+        H=16, J3=0, C1=16, C2=16, or other `names` of the problem. Each is a bound on every top, in ulps of the scale.
 
     Raises
     ------
-    AssertionError : names every value beyond its bound, with the top, the step and the number of steps.
-    ValueError : no such method, top or invariant, or a top does not conserve the invariant.
+    AssertionError
+        It names every value beyond its bound, with the top, the step and the number of steps.
+    ValueError
+        No such method, top or invariant, or a top does not conserve the invariant.
     """
     if (growth is None) != (below is None):
         raise ValueError("growth and below go together: growth='H', below=0.75")
@@ -143,12 +160,21 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
 def assert_order(method: str | Method, order: int | None = None, *, tops: Sequence[Top] = check.ORDER_STATES) -> None:
     """AssertionError unless the error of one step grows like h^(order + 1), measured as `lagrange-bench check` does.
 
-    order : default: the order that the method claims. tops : either all in a potential, or none.
+    Parameters
+    ----------
+    method : str or Method
+        A name, also "mine:METHOD", or a record.
+    order : int, optional
+        By default the order that the method claims.
+    tops : list of str or tuples
+        As for `assert_drift`; either all in a potential, or none.
 
     Raises
     ------
-    AssertionError : gives the measured order, or says why it cannot be measured.
-    ValueError : the method is exact in time, or chooses its own steps.
+    AssertionError
+        It gives the measured order, or says why it cannot be measured.
+    ValueError
+        The method is exact in time, or chooses its own steps.
     """
     record, named = find_method(method), find_all(tops)
     if not named:

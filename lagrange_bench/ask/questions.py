@@ -28,8 +28,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.comparison import Comparison
-from lagrange_bench.data import in_both_units
+from lagrange_bench.ask.comparison import Comparison
+from lagrange_bench.ask.data import in_both_units
 from lagrange_bench.experiments import drift as drift_experiment
 from lagrange_bench.experiments import heavy_top as body_experiment
 from lagrange_bench.experiments import perturbed as field_experiment

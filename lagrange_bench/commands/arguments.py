@@ -2,7 +2,6 @@
 
 import argparse
 import math
-import re
 import sys
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -11,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.support.words import number, numbers, option, read, suggestion
+from lagrange_bench.support.words import number, numbers, option, read, scheduler, suggestion
 
-__all__ = ["number", "numbers", "option"]  # types of options, too
+__all__ = ["number", "numbers", "option", "scheduler"]  # types of options, too
 
 
 def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
@@ -102,13 +101,6 @@ def limits(text: str) -> tuple[float, float]:
     if len(ends) != 2 or ends[0] == ends[1]:
         raise ValueError(f"must be two numbers, as 1e-3,10; got {text!r}")
     return float(ends[0]), float(ends[1])
-
-
-def scheduler(text: str) -> str:
-    """local:N, or the address of a Dask scheduler."""
-    if re.fullmatch(r"local:[1-9]\d*|(tcp|tls)://.+:\d+", text, re.ASCII):
-        return text
-    raise ValueError(f"the scheduler must be tcp://HOST:PORT or local:N; got {text!r}")
 
 
 def add_choice(command: argparse.ArgumentParser) -> None:
