@@ -59,7 +59,12 @@ def with_claims(text: str, made: str) -> str:
 
 def documents(judged: list[page.Judged]) -> dict[Path, str]:
     """The documents that show claims, written anew."""
-    made = {ROOT / "README.md": answers(judged), ROOT / "docs" / "claims.md": all_claims(judged)}
+    docs = ROOT / "docs"
+    made = {
+        ROOT / "README.md": answers(judged),
+        docs / "paper.md": answers(judged),
+        docs / "claims.md": all_claims(judged),
+    }
     return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
 
 

@@ -16,7 +16,7 @@ TEXT = (readme.ROOT / "README.md").read_text(encoding="utf-8")
 def test_claims_in_the_documents_are_those_of_the_reference_run(judged):
     """If this fails: `python -m lagrange_bench.report.readme`, and read what changed."""
     documents = readme.documents(judged)
-    assert len(documents) == 2
+    assert len(documents) == 3
     for path, text in documents.items():
         assert text == path.read_text(encoding="utf-8"), path
 
