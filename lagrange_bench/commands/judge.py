@@ -97,7 +97,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> Answer:
-    from lagrange_bench import conventions, judgement, judging, reading
+    from lagrange_bench import judging
+    from lagrange_bench.judging import columns, frames, judgement
     from lagrange_bench.runner import progress
 
     bounds = options.bounds
@@ -106,9 +107,9 @@ def run(options: argparse.Namespace) -> Answer:
     check_target("--draw", options.draw, PICTURES)
     request = judging.request_of(options.case, options.body, options.start)
     body, known = options.case or options.body, request.start == "case"
-    convention = conventions.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
+    convention = frames.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat")
-    written = reading.Options(**{name: getattr(options, name) for name in names})
+    written = columns.Options(**{name: getattr(options, name) for name in names})
     with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
         judged = [judging.judge_file(path, request, convention, written) for path in options.files]
     orders = judgement.orders(judged, options.steps or [each.step for each in judged])
@@ -116,7 +117,7 @@ def run(options: argparse.Namespace) -> Answer:
     until = until if options.until is None else options.until
     bounded = bool(bounds) or options.until is not None
     violated = [line for each in judged if bounded for line in _violated(each, bounds, until)]
-    lines = [line for each in judged for line in [*_described(each, conventions.UNITS), ""]]
+    lines = [line for each in judged for line in [*_described(each, frames.UNITS), ""]]
     for name, observed in orders.items():
         if not all(map(math.isnan, observed)):
             shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in observed)
@@ -138,7 +139,7 @@ def _steps(text: str) -> list[float]:
 
 
 def _bounds(text: str) -> dict[str, float]:
-    from lagrange_bench.conventions import UNITS
+    from lagrange_bench.judging.frames import UNITS
 
     return number_pairs(text, UNITS)
 
@@ -186,8 +187,8 @@ def _draw(path: Path, judged: Sequence[Any]) -> str:
     """Draw position and rotation error, or what else there is, over time, a line for each file; write the picture."""
     import numpy as np
 
-    from lagrange_bench import conventions
     from lagrange_bench.experiments.drawing import figures, style
+    from lagrange_bench.judging.frames import UNITS
 
     chosen = [name for name in ("position", "rotation") if name in judged[0].errors] or list(judged[0].errors)[:1]
     with style.apply():
@@ -197,6 +198,6 @@ def _draw(path: Path, judged: Sequence[Any]) -> str:
             for each in (each for each in judged if name in each.curves):
                 t, error = each.curves[name]
                 panel.plot(t, np.where(error > 0, error, np.nan), label=Path(each.file or each.case).stem)
-            panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({conventions.UNITS[name]})")
+            panel.set(yscale="log", xlabel="t (s)", ylabel=f"error of {name} ({UNITS[name]})")
         axes[0][0].legend()
     return figures.write(path, figure)

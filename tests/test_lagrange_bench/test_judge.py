@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import judge, row_blocks
+from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidBody, integrate
-from lagrange_bench.judging import find
-from lagrange_bench.reading import rows as reading_rows
+from lagrange_bench.judging import find, row_blocks
+from lagrange_bench.judging import rows as reading_rows
 
 BRUELS = CASES["bruels"]
 T = np.linspace(0, 2, 401)

@@ -12,8 +12,9 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
-from lagrange_bench.reading import Options, blocks, survey
-from lagrange_bench.reading.names import unit_of
+from lagrange_bench.judging.columns import Options, survey
+from lagrange_bench.judging.names import unit_of
+from lagrange_bench.judging.values import blocks
 
 T = np.arange(12) / 10
 X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lagrange_bench.conventions import UNITS, Frames
-from lagrange_bench.hints import HEAD
-from lagrange_bench.judgement import Error
+from lagrange_bench.judging.frames import UNITS, Frames
+from lagrange_bench.judging.hints import HEAD
+from lagrange_bench.judging.judgement import Error
 
 Array = np.ndarray
 # the rows of a trajectory from the first on, as often as it is called

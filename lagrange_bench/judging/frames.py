@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.consistency import Rows, into_body, tensor
 from lagrange_bench.integrators import Case, RigidBody
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.judging.consistency import Rows, into_body, tensor
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)

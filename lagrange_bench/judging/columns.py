@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.reading.names import (
+from lagrange_bench.judging.names import (
     EXPECTED,
     ROLES,
     SHAPES,
@@ -23,7 +23,7 @@ from lagrange_bench.reading.names import (
     parse,
     unit_of,
 )
-from lagrange_bench.reading.rows import Table, is_number, number, open_table
+from lagrange_bench.judging.rows import Table, is_number, number, open_table
 from lagrange_bench.support.words import suggestion
 
 Array = np.ndarray

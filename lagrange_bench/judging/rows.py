@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.reading.names import UNITS, unit_of
+from lagrange_bench.judging.names import UNITS, unit_of
 
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand

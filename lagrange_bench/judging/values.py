@@ -5,8 +5,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from lagrange_bench.reading import rows
-from lagrange_bench.reading.layout import Layout, is_chosen, several
+from lagrange_bench.judging import rows
+from lagrange_bench.judging.columns import Layout, is_chosen, several
 
 Array = np.ndarray
 

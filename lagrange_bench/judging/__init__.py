@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import reading, row_blocks
-from lagrange_bench.consistency import Rows, rate_notes
-from lagrange_bench.conventions import ATTITUDES, GROUPS, Convention, Exact, Frames
-from lagrange_bench.hints import CLOCKS, RIGHT, SINGLE, START, Hints, find_hints, own_hints
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.judgement import Judgement
+from lagrange_bench.judging import columns, row_blocks, values
+from lagrange_bench.judging.consistency import Rows, rate_notes
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Exact, Frames
+from lagrange_bench.judging.hints import CLOCKS, RIGHT, SINGLE, START, Hints, find_hints, own_hints
+from lagrange_bench.judging.judgement import Judgement
 
 Array = np.ndarray
 Floors = Mapping[str, float]
@@ -111,15 +111,15 @@ def judge(
     return _judged(request_of(case, body, start), Convention(quat, omega_frame, up, axis), blocks, {}, {})
 
 
-def judge_file(path: Path, what: Request, convention: Convention, how: reading.Options) -> Judgement:
+def judge_file(path: Path, what: Request, convention: Convention, how: columns.Options) -> Judgement:
     """The judgement of a file. what : the motion to compare it with. how : the file is written like this."""
     try:
-        layout, way = reading.survey(path, how), ""
+        layout, way = columns.survey(path, how), ""
         angles, quat = layout.how.angles or convention.angles, layout.quat or convention.quat
         if layout.quat == "wxyz":  # by names: --quat has no effect there
             w, x, y, z = layout.groups["quaternion"]
             way = f"--columns qw={z},qx={w},qy={x},qz={y}"
-        blocks, convention = partial(reading.blocks, layout), replace(convention, angles=angles, quat=quat)
+        blocks, convention = partial(values.blocks, layout), replace(convention, angles=angles, quat=quat)
         judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
     except (ValueError, EOFError, StepError) as error:
         clock = "; perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"

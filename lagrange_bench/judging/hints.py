@@ -15,10 +15,10 @@ from typing import Any, TypeVar
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.consistency import Rows, into_body
-from lagrange_bench.conventions import AXES, GROUPS, Array, Convention, Exact, Frames
 from lagrange_bench.integrators import CASES
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.judging.consistency import Rows, into_body
+from lagrange_bench.judging.frames import AXES, GROUPS, Array, Convention, Exact, Frames
 
 # units that numbers may have: what to say to --units, and the factor that leads to SI units
 LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange_bench.conventions import UNITS
+from lagrange_bench.judging.frames import UNITS
 from lagrange_bench.support.growth import growth_exponent
 
 Array = np.ndarray
