@@ -18,10 +18,8 @@ Steps and times are in two units, and every frame has both: `h`, `t` and `span` 
 
 from __future__ import annotations  # signatures show names of types, not what they stand for
 
-import textwrap
 import warnings
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
@@ -35,14 +33,15 @@ from lagrange_bench.experiments import heavy_top as body_experiment
 from lagrange_bench.experiments import perturbed as field_experiment
 from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
-from lagrange_bench.experiments.measuring import check, states
+from lagrange_bench.experiments.measuring import check
 from lagrange_bench.experiments.measuring.reductions import worst
-from lagrange_bench.integrators import CASES, METHODS, Method, Problem, StepError
+from lagrange_bench.integrators import CASES, METHODS, Method, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
-from lagrange_bench.integrators.interface import Array, StepWarning
+from lagrange_bench.integrators.interface import StepWarning
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import NamedTop
-from lagrange_bench.integrators.registry import NAMED_TOPS, find_method, find_top
+from lagrange_bench.integrators.registry import NAMED_TOPS, find_method
+from lagrange_bench.integrators.start import Start, is_taken
 from lagrange_bench.integrators.truth import truths
 
 Cell = dict[str, Any]
@@ -80,7 +79,7 @@ def drift(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.125)
-    request = _Request(methods, tops)
+    request = _Request(methods, _starts(tops))
     frame = request.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
     for top in request.tops:
         here, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
@@ -111,7 +110,7 @@ def phase(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.25)
-    request = _Request(methods, tops)
+    request = _Request(methods, _starts(tops))
     for top in request.tops:
         if not truths.closed_form(top.top) and step(top.unit) * steps > truths.LONGEST:
             beyond = f"beyond {truths.LONGEST:g} time scales; take fewer"
@@ -140,7 +139,7 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
     ValueError
         Also for a method that has no order: it chooses its own steps, or is exact in time.
     """
-    request = _Request(methods, tops)
+    request = _Request(methods, _starts(tops))
     for method in request.methods:
         if method.control == "tolerance" or method.order is None:
             why = "chooses its own steps" if method.control == "tolerance" else "is exact in time"
@@ -186,7 +185,7 @@ def work_precision(
     ValueError
         Also if there is no run with an error below 0.1 within `longest`.
     """
-    request, span = _Request(methods, tops), _step(t, t_scaled, 100.0, "t")
+    request, span = _Request(methods, _starts(tops)), _step(t, t_scaled, 100.0, "t")
     return _race(request, work_experiment.measure, {}, span, longest, "seconds")
 
 
@@ -214,7 +213,7 @@ def perturbed(
     ValueError
         As `work_precision`; and a top in a uniform field.
     """
-    request = _Request(methods, tops)
+    request = _Request(methods, _starts(tops))
     for top in request.tops:
         if kinds.uniform(top.top):
             raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
@@ -240,7 +239,7 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
         known = ", ".join(body_experiment.POWERS)
         raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
-    request = _Request(methods, [_NamedProblem(case, case, CASES[case].body, CASES[case].state) for case in cases])
+    request = _Request(methods, tuple(Start.of(CASES[case]) for case in cases))
     units = {top.name: top.unit for top in request.tops}
 
     def measure(cell: Cell) -> list[Cell]:
@@ -254,43 +253,21 @@ def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Compari
     return request.comparison(request.measure(measure, lambda unit: {}), "h", "rotation")
 
 
-@dataclass(frozen=True)
-class _NamedProblem:
-    name: str
-    label: str
-    top: Any
-    state: Array
-
-    @property
-    def unit(self) -> float:
-        """The time scale in the top's own unit."""
-        return float(self.top.scales(self.state)[2])
-
-    @property
-    def rate(self) -> float:
-        """The scale of momenta times the time scale. Experiments multiply times by it; it is 1 for a top."""
-        return float(self.top.scales(self.state)[0] * self.unit)
-
-
 class _Request:
-    def __init__(self, methods: Any, tops: Any):
+    """Methods and starts, each of another name; every method takes every problem."""
+
+    def __init__(self, methods: Methods, tops: tuple[Start, ...]):
         if not isinstance(methods, str | Method | Iterable):
             raise ValueError(f"methods must be names or Method objects; got {methods!r}")
-        several = [methods] if isinstance(methods, str | Method) else methods
-        self.methods = tuple(find_method(method) for method in several)
-        names = [method.name for method in self.methods]
-        if not names or len(set(names)) < len(names):
-            raise ValueError(f"methods: give at least one, and each name once; got {names}")
-        pair = isinstance(tops, tuple) and len(tops) in (2, 3) and isinstance(tops[-2], Problem)
-        one = isinstance(tops, str) or hasattr(tops, "state") or pair
-        if not one and not isinstance(tops, Iterable):
-            raise ValueError(f"tops must be names, or pairs of a problem and a state; got {tops!r}")
-        self.tops = tuple(_named(top) for top in ([tops] if one else tops))
-        if still := [top.name for top in self.tops if not np.isfinite(top.unit)]:
+        listed = [methods] if isinstance(methods, str | Method) else methods
+        self.methods, self.tops = tuple(find_method(method) for method in listed), tops
+        for word, named in (("methods", self.methods), ("tops", tops)):
+            names = [each.name for each in named]
+            if len(set(names)) < max(len(names), 1):
+                raise ValueError(f"{word}: give at least one, and each name once; got {names}")
+        if still := [top.name for top in tops if not np.isfinite(top.unit)]:
             raise ValueError(f"tops: {still[0]} is at rest for ever: its time has no scale")
-        if len({top.name for top in self.tops}) < max(len(self.tops), 1):
-            raise ValueError(f"tops: give at least one, and each name once; got {[top.name for top in self.tops]}")
-        refused = [reason for top in self.tops for method in self.methods if (reason := method.takes(top.top))]
+        refused = [reason for top in tops for method in self.methods if (reason := method.takes(top.top))]
         if refused:
             raise ValueError(f"methods: {'; '.join(refused)}")
 
@@ -303,7 +280,8 @@ class _Request:
             for top, method in product(self.tops, self.methods):
                 fields = {"method": method.name, "state": top.name, **cell(top.unit)}
                 measured = _measured(measure, fields)
-                rows += [{**fields, **row, **({"t": row["t"] / top.rate} if "t" in row else {})} for row in measured]
+                scale = float(top.top.scales(top.state)[0]) * top.unit  # experiments multiply times by it; 1 for a top
+                rows += [{**fields, **row, **({"t": row["t"] / scale} if "t" in row else {})} for row in measured]
         frame = pd.DataFrame(rows).rename(columns={"state": "top"}).drop(columns="part", errors="ignore")
         return in_both_units(frame, {top.name: top.unit for top in self.tops})
 
@@ -320,26 +298,14 @@ def _measured(measure: Measure, cell: Cell) -> list[Cell]:
         return [{"status": "failed", "failure": str(error)}]
 
 
-def _named(top: Any) -> _NamedProblem:
-    """The problem and state of a name, of a named top, or of a pair (problem, state)."""
-    if isinstance(top, _NamedProblem):
-        return top
-    if isinstance(top, str):
-        if ":" in top:
-            named = find_top(top)
-            return _NamedProblem(top, named.label, named.top, named.state)
-        return _NamedProblem(top, NAMED_TOPS[top].label if top in NAMED_TOPS else top, *states.find(top))
-    if hasattr(top, "state"):  # a named top
-        if top.name in NAMED_TOPS and NAMED_TOPS[top.name] == top:
-            return _named(top.name)
-        top = top.name, top.top, top.state
-    if not isinstance(top, (tuple, list)) or not 2 <= len(top) <= 3 or not isinstance(top[-2], Problem):
-        raise ValueError(f"tops: a top is a name, or a pair of a problem and a state; got {top!r}")
-    *name, problem, y0 = top
-    label = name[0] if name else getattr(problem, "name", None) or textwrap.shorten(repr(problem), 60, placeholder=" …")
-    if label in NAMED_TOPS or states.is_drawn(label):
-        raise ValueError(f"tops: the bench has a top named {label}; give yours another name: ('mine', problem, y0)")
-    return _NamedProblem(label, label, problem, problem.check_state(y0))
+def _starts(tops: Tops) -> tuple[Start, ...]:
+    """The starts of `tops`; ValueError if one has the name of another top of the bench."""
+    starts = Start.each_of(tops)
+    for start in starts:
+        known = Start.of(start.name) if is_taken(start.name) else start
+        if known.top != start.top or known.state.tolist() != start.state.tolist():
+            raise ValueError(f"tops: the bench has a top named {start.name}; give another name: ('mine', problem, y0)")
+    return starts
 
 
 def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:

@@ -17,18 +17,20 @@ measured after 1, 2, 4, … steps, and at three counts between each two.
 
 from __future__ import annotations  # signatures show names of types, not what they stand for
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from lagrange_bench.experiments.measuring import check, metrics, states
-from lagrange_bench.integrators import METHODS, Method, Problem, StepError
+from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.start import Start
 from lagrange_bench.support.words import suggestion
 
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
@@ -39,7 +41,7 @@ LENGTH = 10**5
 ROUND_OFF = 2.0  # ulps
 
 Top = str | tuple[Any, Any] | tuple[str, Any, Any]
-Named = tuple[str, Any, np.ndarray]
+Tops = Top | Iterable[Top]
 
 
 class Run(NamedTuple):
@@ -64,7 +66,7 @@ class Run(NamedTuple):
 def assert_drift(
     method: str | Method,
     *,
-    tops: Top | Iterable[Top] | None = None,
+    tops: Tops | None = None,
     h: float | Iterable[float] | None = None,
     h_scaled: float | Iterable[float] | None = None,
     steps: int | None = None,
@@ -116,10 +118,9 @@ def assert_drift(
     record = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
-    starts = find_all([tops] if isinstance(tops, str) else tops, asked)
-    runs = list(drifts(record, starts, h, h_scaled, steps, options))
+    runs = list(drifts(record, starts_of(tops, asked), h, h_scaled, steps, options))
     if not runs:
-        raise ValueError("tops, h and h_scaled: give at least one of each")
+        raise ValueError("h and h_scaled: give at least one step")
     wrong = []
     for run in runs:
         for name, bound in ulps.items():
@@ -157,7 +158,7 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
             yield f"{method.name}: {name} grows like t^{p:.2f} (from {low:.2f} to {high:.2f}) {where}: below {below:g} allowed"
 
 
-def assert_order(method: str | Method, order: int | None = None, *, tops: Sequence[Top] = check.ORDER_STATES) -> None:
+def assert_order(method: str | Method, order: int | None = None, *, tops: Tops = check.ORDER_STATES) -> None:
     """AssertionError unless the error of one step grows like h^(order + 1), measured as `lagrange-bench check` does.
 
     Parameters
@@ -176,12 +177,10 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Sequen
     ValueError
         The method is exact in time, or chooses its own steps.
     """
-    record, named = find_method(method), find_all(tops)
-    if not named:
-        raise ValueError("tops: give one or more")
-    labels, problems = [label for label, _, _ in named], [problem for _, problem, _ in named]
+    record, starts = find_method(method), starts_of(tops)
+    problems, names = [start.top for start in starts], ", ".join(start.name for start in starts)
     if len({kinds.uniform(problem) for problem in problems}) > 1:
-        raise ValueError(f"tops must be all in a potential or all not; got {', '.join(labels)}")
+        raise ValueError(f"tops must be all in a potential or all not; got {names}")
     for problem in problems:
         if reason := record.takes(problem):
             raise ValueError(f"tops: {reason}")
@@ -190,25 +189,25 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Sequen
     if record.order is None or record.control == "tolerance":
         why = "is exact in time" if record.order is None else "chooses its own steps"
         raise ValueError(f"{record.name} {why}: it has no order to measure")
-    starts = tuple(
-        label if isinstance(word, str) else (problem, y0)
-        for word, (label, problem, y0) in zip(tops, named, strict=True)
+    words = [tops] if isinstance(tops, str) else tops
+    asked = (
+        word if isinstance(word, str) else (start.top, start.state) for word, start in zip(words, starts, strict=False)
     )
-    (verdict,) = check.order(record, False, starts)
+    (verdict,) = check.order(record, False, tuple(asked))
     if not verdict.passed:
         unknown = " (not judged)" if verdict.passed is None else ""
-        raise AssertionError(f"{record.name}, {verdict}, on {', '.join(labels)}{unknown}")
+        raise AssertionError(f"{record.name}, {verdict}, on {names}{unknown}")
 
 
 def drifts(
     method: Method,
-    tops: Iterable[Named],
+    starts: Iterable[Start],
     h: float | Iterable[float] | None,
     h_scaled: float | Iterable[float] | None,
     steps: int | None = None,
     options: Mapping[str, Any] | None = None,
 ) -> Iterator[Run]:
-    """A run for each top and each step; arguments as of `assert_drift`, with tops from `find_all`.
+    """A run for each top and each step; arguments as of `assert_drift`, with starts in place of tops.
 
     AssertionError if the method cannot take a step; ValueError if it does not take a top.
     """
@@ -222,7 +221,8 @@ def drifts(
         raise ValueError(f"options must be a dict; got {options!r}")
     name = method.name
     with METHODS.temporarily_registered(method):
-        for label, top, y0 in tops:
+        for start in starts:
+            top, y0 = start.top, start.state
             if reason := method.takes(top):
                 raise ValueError(f"tops: {reason}")
             for size in sizes:
@@ -232,33 +232,22 @@ def drifts(
                     times, y = states.sample(top, y0, name, own, counts, **options or {})
                 except StepError as error:
                     at = f"in {n} steps" if error.step is None else f"step {error.step} of {n}"
-                    raise AssertionError(f"{name} on {label}, {step}, {at}: {error.reason}") from None
+                    raise AssertionError(f"{name} on {start.name}, {step}, {at}: {error.reason}") from None
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
-                yield Run(label, step, counts, ulps, top.names)
+                yield Run(start.name, step, counts, ulps, top.names)
 
 
-def find_all(tops: Any, invariants: Iterable[str] = ()) -> list[Named]:
-    """A label for messages, the problem and its state, of each top. ValueError if one does not conserve an invariant."""
-    if isinstance(tops, str) or not isinstance(tops, Iterable):
-        raise ValueError(f"tops must be a sequence of tops; got {tops!r}")
-    named: list[Named] = []
-    for word in tops:
-        if isinstance(word, str):
-            label, problem, y0 = word, *check.find(word)
-        else:
-            pair = isinstance(word, (tuple, list)) and len(word) in (2, 3) and isinstance(word[-2], Problem)
-            if not pair or (len(word) == 3 and not isinstance(word[0], str)):
-                raise ValueError(f"tops: a top is a name, or (problem, y0), or (name, problem, y0); got {word!r}")
-            *name, problem, y0 = word
-            y0 = problem.check_state(y0)
-            label = f"{', '.join([*name, str(problem)])} from {y0.tolist()}"
-        named.append((label, problem, y0))
-        for name in invariants:
-            if name not in problem.names:
-                hint = suggestion(str(name), problem.names)
-                raise ValueError(f"unknown invariant {name!r}{hint} Known: {', '.join(problem.names)}")
-            if name not in problem.conserved:
-                raise ValueError(f"{name}: the motion of the top {label} does not conserve it")
-    return named
+def starts_of(tops: Tops, invariants: Iterable[str] = ()) -> tuple[Start, ...]:
+    """The starts of `tops`; ValueError if there is none, or if one does not conserve an invariant."""
+    starts = Start.each_of(tops)
+    if not starts:
+        raise ValueError("tops: give one or more")
+    for start, name in product(starts, invariants):
+        if name not in start.top.names:
+            hint = suggestion(str(name), start.top.names)
+            raise ValueError(f"unknown invariant {name!r}{hint} Known: {', '.join(start.top.names)}")
+        if name not in start.top.conserved:
+            raise ValueError(f"{name}: the motion of the top {start.name} does not conserve it")
+    return starts

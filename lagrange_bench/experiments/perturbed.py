@@ -50,6 +50,7 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.examples import PROBLEMS
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.truth import reference
@@ -132,7 +133,7 @@ def cells(profile: str) -> list[dict]:
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, **way} for way in VARIANTS.get(name, ({},)) if full or len(way) < 2]
-    for state in states.PROBLEMS if full else ():
+    for state in PROBLEMS if full else ():
         for name, method in states.methods_on(state).items():
             sizes = SIZES[profile] if method.control == "step" else (1.0,)
             listed += [{"part": "problem", "method": name, "state": state, "h": h} for h in sizes]

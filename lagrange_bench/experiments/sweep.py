@@ -5,7 +5,6 @@ leaves out is taken from the first cell of the same part of the experiment. A ce
 top, so it can be computed and drawn again without the file.
 """
 
-import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from itertools import product
@@ -15,7 +14,8 @@ from typing import Any, NamedTuple
 from lagrange_bench.experiments.catalogue import SCALED, load, with_units
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, SCHEME_OPTIONS, find, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
-from lagrange_bench.integrators.registry import NAMED_TOPS, NotInstalled, find_method
+from lagrange_bench.integrators.registry import NotInstalled, find_method
+from lagrange_bench.integrators.start import is_taken
 from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
 
@@ -95,7 +95,7 @@ def _table(value: Any) -> Cell:
 def _top(name: str, table: Any) -> Cell:
     """The fields of a cell on a top of the file."""
     with _at(f"[tops.{name}], "):
-        if name in NAMED_TOPS or re.fullmatch(r"(random|wide|close)\d{3}", name):
+        if is_taken(name):
             raise ValueError("the bench has a top of this name; choose another")
         _known(table, ("alpha", "J", "x", "potential", "parameters"))
         if missing := [key for key in ("alpha", "J", "x") if key not in table]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.cases import CASES, Case
+from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
@@ -19,12 +19,12 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
-from lagrange_bench.integrators.registry import find_method, find_top
+from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.start import Start, check_problem
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 
 FEW = 8  # with so few numbers Python is quicker than NumPy
-TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
 
 def prepare(
@@ -65,8 +65,10 @@ def prepare(
     StepError
         The method cannot be prepared for this top and step.
     """
-    problem, record, state, _ = _look_up(top, y0, method)
-    return _prepare(record, problem, state, check_step(own_step(h, h_scaled, (problem, state))), options)
+    start = Start.of(top, y0)
+    record = find_method(default_method(start.top) if method is None else method)
+    h = check_step(own_step(h, h_scaled, (start.top, start.state)))
+    return _prepare(record, start.top, start.state, h, options)
 
 
 def integrate(
@@ -91,7 +93,7 @@ def integrate(
     Parameters
     ----------
     top : LagrangeTop, PerturbedTop, RigidBody, Problem, NamedTop, Case or str
-        What to follow; a name such as "generic" or "bruels" stands for a named top or case.
+        What to follow; a name such as "generic" or "bruels" stands for a named top or case (of "slow" for the top).
     y0 : (6,), optional
         The initial (J, x); of a Problem as many numbers as its space has; of a RigidBody what its `state` returns. A named top
         or case has its own.
@@ -125,7 +127,9 @@ def integrate(
     StepError
         The method failed.
     """
-    problem, record, state, flight = _look_up(top, y0, method)
+    start = Start.of(top, y0)
+    problem, state = start.top, start.state
+    record = find_method(default_method(problem) if method is None else method)
     h = own_step(h, h_scaled, (problem, state))
     if t is None and (h is None or steps is None):
         record.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
@@ -134,9 +138,9 @@ def integrate(
         run = _evaluate(record, problem, state, times, options)
     else:
         run = _advance(record, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
-    if flight is not None:
-        start = replace(run.start, flight=flight)  # type: ignore[type-var]
-        return replace(run, y=np.hstack((run.y, problem.flight_at(flight, run.t))), start=start)
+    if start.flight is not None:
+        inputs = replace(run.start, flight=start.flight)  # type: ignore[type-var]
+        return replace(run, y=np.hstack((run.y, problem.flight_at(start.flight, run.t))), start=inputs)
     return run
 
 
@@ -204,35 +208,11 @@ def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
     return check_step(h_scaled, "h_scaled") * unit
 
 
-def check_problem(top: Any) -> Any:
-    """`top` itself; ValueError if it is no problem."""
-    if not isinstance(top, Problem):
-        hint = ": pass its problem()" if callable(getattr(top, "problem", None)) else ""
-        raise ValueError(f"top must be {TOP_TYPES}; got {type(top).__name__}{hint}")
-    return top
-
-
 def grid_times(h: float, every: int, rows: int) -> Array:
     """0, every·h, 2 every·h, …"""
     if rows <= FEW:
         return np.array([h * (float(every) * k) for k in range(rows)])
     return h * (every * np.arange(rows, dtype=np.float64))
-
-
-def _look_up(top: Any, y0: ArrayLike | None, method: str | Method | None) -> tuple[Any, Method, Array, Array | None]:
-    """The problem, the method and the state, all checked; of a flying body also position and velocity."""
-    if isinstance(top, str):
-        top = CASES[top] if top in CASES else find_top(top)
-    if isinstance(top, (NamedTop, Case)):
-        top, y0 = top.top if isinstance(top, NamedTop) else top.body, top.state if y0 is None else y0
-    check_problem(top).require_single()
-    if y0 is None:
-        raise ValueError(
-            "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
-        )
-    y0, flight = top.split_state(y0)
-    state = top.check_state(y0)
-    return top, find_method(default_method(top) if method is None else method), state, flight
 
 
 def default_method(problem: Any) -> str:

@@ -20,13 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
-from lagrange_bench.integrators.api import check_problem, default_method, grid_times, integrate, own_step
+from lagrange_bench.integrators.api import default_method, grid_times, integrate, own_step
 from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
+from lagrange_bench.integrators.start import check_problem
 from lagrange_bench.integrators.trajectory import RunInputs
 from lagrange_bench.support import machine
 

@@ -75,7 +75,7 @@ def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
 
 def _no_top(name: str, tops: Iterable[Any]) -> str:
     """The message for a top that no cell has. Tops that are drawn at random are too many to list."""
-    from lagrange_bench.experiments.measuring.states import is_drawn
+    from lagrange_bench.integrators.problem.examples import is_drawn
     from lagrange_bench.integrators.registry import NAMED_TOPS
 
     known = sorted(top for top in tops if isinstance(top, str) and not is_drawn(top))

@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.experiments import engine_figures, engines, heavy_top, perturbed, programs
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.experiments.measuring.states import PROBLEMS, find
+from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS, Problem, StepError, cos, integrate, sin
+from lagrange_bench.integrators.problem.examples import PROBLEMS
 from lagrange_bench.results.store import Store, StoreError, make_record
 from lagrange_bench.runner import verify
 from lagrange_bench.runner.engine import run

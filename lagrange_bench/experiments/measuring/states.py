@@ -3,107 +3,34 @@
 from __future__ import annotations
 
 import math
-import random
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from functools import cache
 from time import perf_counter
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.interface import Method, StepError, Stepper
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
-from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.top import TOPS, Array, LagrangeTop
+from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
+from lagrange_bench.integrators.start import Start
 from lagrange_bench.integrators.truth import truths
-from lagrange_bench.support.words import numbers, suggestion
+from lagrange_bench.support.words import numbers
 
-# names of drawn tops, for which `find` takes any three digits
+# names of drawn tops (`integrators.problem.examples`), for which `find` takes any three digits
 RANDOM = tuple(f"random{i:03d}" for i in range(16))  # generic tops, for statistics
 CLOSE = tuple(f"close{i:03d}" for i in range(32))  # close to the separatrix
 WIDE = tuple(f"wide{i:03d}" for i in range(200))  # tops of every kind
 RELEASED = tuple(f"released{i:03d}" for i in range(200))  # released with pure spin
 SPINNING = tuple(f"spinning{i:03d}" for i in range(100))  # released with pure and fast spin
-DRAWN = ("random", "wide", "released", "spinning", "close")
-SPINS = {"wide": (-3, 3), "released": (-3, 2), "spinning": (2, 3)}  # least and largest log10 of |J|²/(|alpha||x|)
-PROBLEMS = (
-    "free_body",
-    "vibrating_pivot",
-    "kirchhoff_body",
-    "central_spin",
-)  # problems other than a top in a fixed field
-
-
-def is_drawn(name: str) -> bool:
-    """Whether this is the name of a top that `find` draws."""
-    return re.fullmatch(rf"({'|'.join(DRAWN)})\d{{3}}", name) is not None
-
-
-@cache
-def problem(name: str) -> tuple[Any, Array]:
-    """The problem and the initial state of a name in PROBLEMS."""
-    from lagrange_bench.integrators.problem.kirchhoff import kirchhoff_body
-    from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
-
-    if name == "free_body":
-        return Problem("free_body", "so3", free_body, (1.0, 2.0, 3.0), frame="body"), np.array([0.3, -0.4, 1.2])
-    if name == "vibrating_pivot":
-        return vibrating_pivot(1.0, 0.5, 2.0), np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
-    if name == "kirchhoff_body":
-        body = kirchhoff_body((1.0, 0.7, 0.4), (0.1, 0.2, -0.1), (0.5, 0.6, 0.9))
-        return body, np.array([0.3, -0.2, 0.8, 0.6, 0.0, 0.8])
-    spins = np.array([(0.6, 0.0, 0.8), (0.0, 1.0, 0.0), (0.8, 0.6, 0.0), (-0.48, 0.64, 0.6)])
-    return Problem("central_spin", 4, central_spin, (0.8, 0.5, 0.3)), spins.ravel()
-
-
-def free_body(t: Any, y: Any, p: Any) -> Any:
-    """Euler's free body: H of the angular momentum in its frame, with moments of inertia p."""
-    return (y[0] * y[0] / p[0] + y[1] * y[1] / p[1] + y[2] * y[2] / p[2]) / 2.0
-
-
-def central_spin(t: Any, y: Any, p: Any) -> Any:
-    """A spin s_1 in a field along e3, coupled with the strengths p to spins without a field: H = s_1³ + Σ p_k s_1·s_{k+1}."""
-    return y[2] + sum(A * (y[:3] @ y[3 * k : 3 * k + 3]) for k, A in enumerate(p, start=1))
 
 
 def find(name: str) -> tuple[Any, Array]:
-    """The problem and initial state of a name: of a named top, of PROBLEMS, or of a drawn top such as "random000".
-
-    Drawn tops have alpha in [0.3, 2], each J in [-2, 2] and |x| in [0.5, 2]. Python's own generator draws them; its `random()`
-    never changes. "wide", "released" and "spinning" tops have either sign of alpha. For "wide" tops |J|²/(|alpha||x|) is from
-    1e-3 to 1e3. "released" and "spinning" tops have J parallel or antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and
-    from 100 to 1e3. For "close" tops, J misses the separatrix by a part of 1e-1 to 1e-8. ValueError : the name is unknown.
-    """
-    if name in TOPS:
-        return TOPS[name].top, TOPS[name].state
-    if name in PERTURBED_TOPS:
-        return PERTURBED_TOPS[name].top, PERTURBED_TOPS[name].state
-    if name in NAMED_TOPS:  # of a package
-        return NAMED_TOPS[name].top, NAMED_TOPS[name].state
-    if name in PROBLEMS:
-        return problem(name)
-    if not is_drawn(name):
-        known = ", ".join((*NAMED_TOPS, *PROBLEMS, *(f"{kind}000 … {kind}999" for kind in DRAWN)))
-        raise ValueError(f"unknown top or problem {name!r}{suggestion(name, (*NAMED_TOPS, *PROBLEMS))} Known: {known}")
-    draw = random.Random(name)  # seeded by the text itself, through SHA-512
-    J = [draw.uniform(-2, 2) for _ in range(3)]
-    x = np.array([draw.uniform(-1, 1) for _ in range(3)])
-    alpha, size = draw.uniform(0.3, 2), draw.uniform(0.5, 2)
-    x *= size / math.sqrt(x[0] * x[0] + x[1] * x[1] + x[2] * x[2])
-    if name.startswith("close"):
-        J = _near_separatrix(alpha, x, J[2] / 2, 10 ** draw.uniform(-8, -1) * draw.choice((-1, 1)))
-    kind = name[:-3]
-    if kind in ("released", "spinning"):
-        J = list(draw.choice((-1, 1)) * x)
-    if kind in SPINS:
-        long = math.sqrt(10 ** draw.uniform(*SPINS[kind]) * alpha * size) / math.hypot(*J)
-        J, alpha = [long * component for component in J], alpha * draw.choice((-1, 1))
-    return LagrangeTop(alpha), np.array([*J, *x])
+    """The problem and the initial state of a name, such as "generic" or "random000", by `Start.of`; ValueError if unknown."""
+    start = Start.of(name)
+    return start.top, start.state
 
 
 def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_potential) -> tuple[Any, Array]:
@@ -123,16 +50,6 @@ def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_pote
 def label(state: str) -> str:
     """The name of a top in figures."""
     return str(NAMED_TOPS[state].label) if state in NAMED_TOPS else state
-
-
-def _near_separatrix(alpha: float, x: Array, share: float, off: float) -> list[float]:
-    """A J near the separatrix J·x = J3 |x|, H = J3²/2 + alpha |x|. share : J3 over its maximum. off : relative, of J1 and J2."""
-    size, flat = math.hypot(*x), math.hypot(x[0], x[1])
-    J3 = share * math.sqrt(2 * alpha * (size + x[2]))
-    along = J3 * (size - x[2]) / flat
-    across = math.sqrt(2 * alpha * (size - x[2]) - along * along)
-    along, across = along * (1 + off), across * (1 + off)
-    return [(along * x[0] - across * x[1]) / flat, (along * x[1] + across * x[0]) / flat, J3]
 
 
 def methods_on(state: str | None = None) -> dict[str, Method]:
