@@ -271,7 +271,7 @@ def test_methods_of_a_top(run, answer):
     assert data["theta_functions"]["refuses"] == refused
     assert refused.replace(" ", ": ", 1) in left_out
     assert data["strang"]["conserves"] == ["C1", "C2"]
-    words = ("methods", "--potential", "charge", "--parameters", "0.1,0,0,2")  # on the vertical: J3 stays
+    words = ("methods", "--potential", "tide", "--parameters", "0.1,0,0,1")  # of the height: J3 stays
     assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
 
 
@@ -401,13 +401,13 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
 
 
 def test_a_potential_on_any_top(answer, tmp_path):
-    words, path = ("--potential", "charge", "--parameters", "-0.1,0,0,2", "--steps", "5"), tmp_path / "run.csv"
+    words, path = ("--potential", "tide", "--parameters", "-0.1,0,0,1", "--steps", "5"), tmp_path / "run.csv"
     data = answer(*IN_A_FIELD, *words, "--state", "0,1,2,0.6,0,0.8", "--alpha", "2", "--output", path)
-    top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["charge"], (-0.1, 0.0, 0.0, 2.0))
+    top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["tide"], (-0.1, 0.0, 0.0, 1.0))
     assert data["y_final"] == integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
     assert all(v["conserved"] for v in data["invariants"].values())
-    assert (data["potential"], data["parameters"]) == ("charge", [-0.1, 0.0, 0.0, 2.0])
-    header = ('potential: "charge"', "parameters: [-0.1, 0.0, 0.0, 2.0]", "alpha: 2.0", f'numpy: "{np.__version__}"')
+    assert (data["potential"], data["parameters"]) == ("tide", [-0.1, 0.0, 0.0, 1.0])
+    header = ('potential: "tide"', "parameters: [-0.1, 0.0, 0.0, 1.0]", "alpha: 2.0", f'numpy: "{np.__version__}"')
     assert {f"# {line}" for line in header} <= set(path.read_text("utf-8").splitlines())
     named = answer(*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
     assert [name for name, v in named["invariants"].items() if not v["conserved"]] == ["J3"]

@@ -616,7 +616,7 @@ def extreme_fields(names: Starts) -> Iterator[Extreme]:
         for size in (1e-30, 1e30):
             yield f"{label(name)}, |J| = {size:g}", top, np.where(momenta, size * y0, y0), 0.3 / size
     if any(CHARGE in label(name) for name in names):
-        top = PerturbedTop(LagrangeTop(1.0), POTENTIALS["charge"], (1.0, 0.0, 0.0, 1.0))
+        top = PerturbedTop(LagrangeTop(1.0), POTENTIALS["charge"], (1.0, 0.0, 0.0, 1.0), axisymmetric=True)
         yield "falling into a charge", top, np.array((0.0, 0.0, 0.0, 0.6, 0.0, 0.8)), 0.1
 
 
@@ -626,7 +626,8 @@ def _placed(name: str, kind: str) -> tuple[Any, Array]:
     size = float(np.linalg.norm(y0[3:]))
     if kind == TIDE:
         return PerturbedTop(top, POTENTIALS["tide"], (0.5 * top.alpha / size, 0.8, 0.0, 0.6)), y0
-    return PerturbedTop(top, POTENTIALS["charge"], (0.2 * top.alpha * size**2, 0.0, 0.0, 1.5 * size)), y0
+    place = (0.0, 0.0, 1.5 * size)
+    return PerturbedTop(top, POTENTIALS["charge"], (0.2 * top.alpha * size**2, *place), axisymmetric=True), y0
 
 
 # ---------------------------------------------------------------- shared

@@ -3,8 +3,7 @@
     J' = ∇U(x) × x        x' = J × x        U = alpha x3 + V(x)
 
 Phase space and bracket are as in `top`: C1 = |x|² and C2 = x·J are constant for any V. J3 is constant if V does not change
-when x turns about the vertical. In general there is no closed form and no torus, so an integrator is needed. The formula of V
-shows which methods apply (`symmetry`).
+when x turns about the vertical. In general there is no closed form and no torus, so an integrator is needed.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_one_or_many
+from lagrange_bench.integrators.checks import Array, check_flag, check_one_or_many
 from lagrange_bench.integrators.problem.potential import Potential
-from lagrange_bench.integrators.problem.symmetry import are_polynomials, generic
+from lagrange_bench.integrators.problem.symmetry import STATES, is_of_height, random_states, values_at, vanish
 from lagrange_bench.integrators.problem.system import System, potential_system, top_system
 from lagrange_bench.integrators.problem.top import LagrangeTop, Top
 
@@ -36,16 +35,21 @@ class PerturbedTop(Top):
         V(x, p), which is added to the energy.
     parameters : tuple of float
         The numbers p. For `integrate_ensemble` alone, these and `alpha` of the top may be arrays (n,), for n tops.
+    axisymmetric : bool
+        Whether V does not change when x turns about the vertical, so that J3 is conserved, and held fixed. A V of x3 alone needs
+        no such word.
 
     Raises
     ------
     ValueError
-        Parameters of the wrong number or kind; a potential that is no formula, or whose gradient is not V's.
+        Parameters of the wrong number or kind; a potential that is no formula, or whose gradient is not V's, or that is said to
+        be axisymmetric and is not.
     """
 
     top: LagrangeTop
     potential: Potential
     parameters: tuple[Any, ...] = ()
+    axisymmetric: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.top, LagrangeTop):
@@ -58,6 +62,16 @@ class PerturbedTop(Top):
         checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
         self.potential.formulas(len(checked))  # or a ValueError
+        single = not any(isinstance(value, np.ndarray) for value in self.arguments)  # else `motion` checks each
+        if check_flag(self.axisymmetric, "axisymmetric") and single and not self._has_no_vertical_torque():
+            raise ValueError(f"axisymmetric: {self.description} changes when x turns about the vertical")
+
+    def _has_no_vertical_torque(self) -> bool:
+        """Whether (x × ∇V)₃ is round-off at random states."""
+        x, p = random_states(3).T, [np.full(STATES, value) for value in self.numbers[1:]]
+        slopes = values_at(self.potential.formulas(len(self.parameters))[1], (*x, *p)).T
+        arms = np.column_stack((x[0] * slopes[1], -x[1] * slopes[0]))
+        return vanish(arms.sum(axis=1, keepdims=True), arms)
 
     @property
     def alpha(self) -> Any:
@@ -72,7 +86,7 @@ class PerturbedTop(Top):
     def motion(self, place: int) -> PerturbedTop:
         """One of many tops."""
         alpha, *parameters = self.numbers_of(place)
-        return PerturbedTop(LagrangeTop(alpha), self.potential, tuple(parameters))
+        return PerturbedTop(LagrangeTop(alpha), self.potential, tuple(parameters), self.axisymmetric)
 
     @property
     def description(self) -> str:
@@ -94,10 +108,10 @@ class PerturbedTop(Top):
 
     @cached_property
     def conserved(self) -> frozenset[str]:  # type: ignore[override]
-        """H, C1, C2, and J3 if the formula of V shows that the motion conserves it."""
-        rates = top_system(*self.potential.formulas(len(self.parameters))).rhs
-        axisymmetric = are_polynomials(rates, -1, generic(self.numbers))[2]
-        return frozenset({"H", "C1", "C2", *(("J3",) * axisymmetric)})
+        """H, C1, C2, and J3 if V depends on x3 only or the user says that it is axisymmetric."""
+        others = frozenset({"H", "C1", "C2"})
+        V, _ = self.potential.formulas(len(self.parameters))
+        return others | {"J3"} if self.axisymmetric or is_of_height(V, self.numbers[1:]) else others
 
     @cached_property
     def offers(self) -> frozenset[str]:

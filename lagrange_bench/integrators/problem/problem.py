@@ -23,7 +23,7 @@ from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, record_own
 from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, parts_of, weight_and_rest
-from lagrange_bench.integrators.problem.symmetry import SAME, are_polynomials, generic, remainder
+from lagrange_bench.integrators.problem.symmetry import are_affine, random_states, vanish
 from lagrange_bench.integrators.problem.system import (
     Space,
     System,
@@ -60,8 +60,8 @@ class Problem:
         Functions as `hamiltonian` with closed flows, whose sum is H. By default H is taken apart, if possible: into functions of
         t and x, functions of components along one axis, multiples of |J|² and of s_j·s_k.
     invariants : dict, optional
-        Name → function as `hamiltonian`: conserved quantities besides H and the Casimir functions. The formulas must show that
-        they are conserved; see `symmetry`.
+        Name → function as `hamiltonian`: conserved quantities besides H and the Casimir functions. They are refused if they
+        change at a random state. A component of y that is named here is held fixed.
     frame : str
         "space", with the bracket of the top, J' = ∂H/∂J × J + ∂H/∂x × x, x' = ∂H/∂J × x; or "body", with the other sign.
 
@@ -106,8 +106,9 @@ class Problem:
         self._check_names()
         self.user_parts = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
-        shown = [program.outputs[0] for word, program in self.extra_invariants if self._change_of(word, program) == 0.0]
-        constant = frozenset(place - 1 for place in shown if self._is_component(place))
+        self._check_invariants()
+        places = [program.outputs[0] for _, program in self.extra_invariants]
+        constant = frozenset(place - 1 for place in places if self._is_component(place))
         self.system = dataclasses.replace(self.system, constant=constant)
         if self.user_parts:
             self._check_parts()
@@ -203,7 +204,7 @@ class Problem:
     @cached_property
     def quadratic(self) -> bool:
         """Whether H is of degree 2 at most, in t and y together."""
-        return all(are_polynomials(self.system.gradient, 1, generic(self.numbers)))
+        return all(are_affine(self.system.gradient, self.numbers))
 
     @cached_property
     def alpha_and_rest(self) -> tuple[float, System]:
@@ -369,23 +370,32 @@ class Problem:
     @cached_property
     def _quadratic(self) -> frozenset[str]:
         """The invariants of `names` that are of degree 2 at most, in t and y together."""
-        degrees = are_polynomials(invariants_of(self.system, self.names, self.extra_invariants), 2, self.numbers)
-        return frozenset(name for name, low in zip(self.names, degrees, strict=True) if low)
+        values = invariants_of(self.system, self.names, self.extra_invariants)
+
+        def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+            return [slope for value in tape.run(values, t, *y, *p) for slope in tape.gradient(value, (t, *y))]
+
+        affine, count = are_affine(self.system.record(slopes), self.numbers), 1 + self.space.size
+        return frozenset(name for i, name in enumerate(self.names) if all(affine[i * count : (i + 1) * count]))
 
     # ------------------------------------------------------------------ checks of the arguments
 
-    def _change_of(self, word: str, program: Program) -> float:
-        """{I, H} + ∂I/∂t, relative to its terms: 0 if the formulas show that. ValueError: it is more than round-off."""
+    def _check_invariants(self) -> None:
+        """ValueError if {I, H} + ∂I/∂t of an invariant I is more than round-off at a random state."""
+        t, *y = random_states(1 + self.space.size).T
+        states = np.transpose(y)
+        for word, program in self.extra_invariants:
 
-        def change(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            slopes = tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
-            rates = (1.0, *self.system.rates(tape, t, y, p))
-            return [sum((a * b for a, b in zip(slopes, rates, strict=True)), tape.constant(0.0))]
+            def slopes(tape: Tape, t: Any, y: Any, p: Any, program: Program = program) -> Any:
+                return tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
 
-        left = remainder(self.system.record(change), self.numbers)
-        if not left <= SAME:
-            raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved, as far as the formulas show")
-        return left
+            by_t, *by_y = self._values(self.system.record(slopes), states, t).T
+            across = np.transpose(by_y)
+            change = by_t + np.sum(across * self.rhs(states, t), axis=1)
+            turning = np.linalg.norm(self._values(self.system.gradient, states, t), axis=1)
+            term = np.linalg.norm(across, axis=1) * turning * np.linalg.norm(states, axis=1)
+            if not vanish(change[:, None], np.column_stack((by_t, term))):
+                raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved at some states")
 
     def _check_parts(self) -> None:
         """ValueError unless the gradients of the user's parts add up, and each part has a closed flow."""
@@ -399,10 +409,13 @@ class Problem:
 
         def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
             parts = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.user_parts]
-            whole = self.system.slopes(tape, t, y, p)
-            return [slope - sum(others, tape.constant(0.0)) for slope, *others in zip(whole, *parts, strict=True)]
+            return [
+                *self.system.slopes(tape, t, y, p),
+                *(sum(of, tape.constant(0.0)) for of in zip(*parts, strict=True)),
+            ]
 
-        if not remainder(self.system.record(slopes), self.numbers) <= SAME:
-            raise ValueError(
-                f"problem {self.name}: parts do not add up to the hamiltonian, as far as the formulas show"
-            )
+        t, *y = random_states(1 + self.space.size).T
+        both = self._values(self.system.record(slopes), np.transpose(y), t)
+        whole, total = np.split(both, 2, axis=1)
+        if not vanish(whole - total, both):
+            raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian at some states")

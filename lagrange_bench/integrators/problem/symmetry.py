@@ -1,149 +1,59 @@
-"""Reads formulas for properties of a problem: do outputs of a program vanish, or are they polynomials, for all inputs?
+"""What a formula shows of a problem, and what random states refute.
 
-A formula is a rational function of its inputs and of the roots, sines, … in it. Each root or sine is replaced by a random number,
-one for each argument, that keeps sin² + cos² = 1, parity, and the values at 0 or 1. One random point modulo a large prime P then
-shows whether the function vanishes. Nothing is rounded there, and no value is small but not zero. Other laws, such as
-exp(a) exp(b) = exp(a + b), are not seen: the answer is no.
+A tape shows that a function is affine if no derivative of it depends on the state, and that it keeps J3 if x1 and x2 do not
+occur in it. The numbers of its parameters are put in first, so that a term times 0 is none. If in doubt, the answer is no.
 
-A constant in a formula stands for the fraction with a denominator of up to a million that rounds to it, if there is one
-(0.1 is a tenth). Otherwise it stands for the double itself, as a parameter always does.
-
-Source: Schwartz, J. ACM 27 (1980) 701; Zippel, EUROSAM '79, Lecture Notes in Computer Science 72 (1979) 216.
+What a user says of a problem, such as that a function is conserved, is believed unless it fails at one of `STATES` random states.
 """
 
 from __future__ import annotations
 
-import cmath
-import hashlib
-import math
-from collections.abc import Sequence
-from fractions import Fraction
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterable, Sequence
 
+import numpy as np
+
+from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.compiling.unroll import Number
+from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.problem.system import depends
 
-P = 2**127 - 1  # prime; −1 is no square modulo P; a double is a multiple of P only if it is 0
-SIMPLE = 10**6  # largest denominator of a constant
-POINTS = 8  # of `remainder`
-SAME = 1e-12  # a smaller remainder may come from rounded numbers, or from laws that are unknown here
-
-
-class Sample(Number):
-    """A number of a formula at a random point.
-
-    residue : the number modulo P. rough : a complex number, with the true roots and sines, but with exp(iw) for exp(w), which is
-    never small and keeps the law of exponents. size : of the terms that add up to it.
-    """
-
-    __slots__ = ("residue", "rough", "size")
-
-    def __init__(self, residue: int, rough: complex, size: float | None = None):
-        self.residue, self.rough, self.size = residue % P, rough, _length(rough) if size is None else size
-
-    def make(self, operation: str, *operands: Any) -> Sample:
-        """The result of an operation. ValueError : division by 0, or a constant that is not finite."""
-        a, b = (x if isinstance(x, Sample) else _constant(x) for x in (operands[0], operands[-1]))
-        if operation == "add":
-            return Sample(a.residue + b.residue, a.rough + b.rough, a.size + b.size)
-        if operation == "sub":
-            return Sample(a.residue - b.residue, a.rough - b.rough, a.size + b.size)
-        if operation == "neg":
-            return Sample(-a.residue, -a.rough, a.size)
-        if operation == "mul":
-            return Sample(a.residue * b.residue, a.rough * b.rough, a.size * b.size)
-        if operation == "div":
-            rough, size = (a.rough / b.rough, a.size / _length(b.rough)) if b.rough else (math.nan, math.nan)
-            return Sample(a.residue * pow(b.residue, -1, P), rough, size)
-        return Sample(_function(operation, a.residue), _rough(operation, a.rough))
+STATES = 128
+# a difference that is smaller than this part of its terms is round-off
+SAME = 1e-12
 
 
-@lru_cache(maxsize=4096)
-def _drawn(*words: Any) -> int:
-    """A random number modulo P, always the same for the same words."""
-    return int.from_bytes(hashlib.sha256(repr(words).encode()).digest(), "big") % P
+def are_affine(program: Program, numbers: Sequence[float]) -> tuple[bool, ...]:
+    """Whether each output is an affine function of all inputs but the last ones, the parameters, which are `numbers`."""
+    tape = Tape()
+    inputs = [tape.input() for _ in range(program.inputs - len(numbers))]
+    direction = [tape.input() for _ in inputs]
+    slopes = tape.along(tape.run(program, *inputs, *numbers), inputs, direction)
+    places = {term.place for term in inputs}
+    return tuple(places.isdisjoint(tape.needed([slope])) for slope in slopes)
 
 
-def _function(name: str, w: int) -> int:
-    """f(w) modulo P: random, but it keeps f(0), f(1), parity and sin² + cos² = 1."""
-    # exp w = (1 + u)/(1 − u),   sin w = 2u/(1 + u²),   cos w = (1 − u²)/(1 + u²),   u odd in w
-    if (name, w) in (("sqrt", 0), ("sqrt", 1), ("log", 1)):
-        return w if name == "sqrt" else 0
-    if name in ("sqrt", "log"):
-        return _drawn(name, w)
-    kind = "exponent" if name == "exp" else "angle"
-    u = _drawn(kind, min(w, P - w)) * (1 if w <= P - w else -1) if w else 0
-    if name == "exp":
-        return (1 + u) * pow(1 - u, -1, P)
-    return (2 * u if name == "sin" else 1 - u * u) * pow(1 + u * u, -1, P)
+def is_of_height(potential: Program, numbers: Sequence[float]) -> bool:
+    """Whether V(x, p) with p = `numbers` depends on x3 only."""
+    tape = Tape()
+    x = [tape.input() for _ in range(3)]
+    return not depends(tape.program(tape.run(potential, *x, *numbers)), [0, 1])
 
 
-def _length(rough: complex) -> float:
-    return math.hypot(rough.real, rough.imag)  # abs() raises where it overflows
+def random_states(size: int) -> Array:
+    """STATES rows of `size` random numbers, of lengths from about 0.1 to 3."""
+    draw = np.random.default_rng(1)
+    return draw.normal(size=(STATES, size)) * 10.0 ** draw.uniform(-1.0, 0.5, size=(STATES, 1))
 
 
-def _rough(name: str, w: complex) -> complex:
-    try:
-        if name == "log":
-            return math.log(_length(w))
-        return cmath.exp(1j * w) if name == "exp" else getattr(cmath, name)(w)  # type: ignore[no-any-return]
-    except (ValueError, OverflowError):
-        return math.nan
+def values_at(program: Program, columns: Iterable[Array]) -> Array:
+    """The outputs of a program (N, k) at inputs given as columns (N,)."""
+    with np.errstate(all="ignore"):
+        outputs = program.on_arrays(*columns)
+    return np.stack([np.broadcast_to(output, STATES) for output in outputs], axis=1)
 
 
-def _sample(number: Fraction) -> Sample:
-    return Sample(number.numerator * pow(number.denominator, -1, P), float(number))
-
-
-@lru_cache(maxsize=4096)
-def _constant(value: float) -> Sample:
-    simple = Fraction(value).limit_denominator(SIMPLE)
-    return _sample(simple if float(simple) == value else Fraction(value))
-
-
-def _at(program: Program, numbers: Sequence[float], point: Sequence[int]) -> list[Sample] | None:
-    """The outputs at a point, with `numbers` as the last inputs; None if one is not finite."""
-    inputs = (Sample(v, 8.0 * (v % P) / P - 4.0) for v in point)
-    try:
-        outputs = program(*inputs, *(_sample(Fraction(v)) for v in numbers))
-        return [value if isinstance(value, Sample) else _constant(value) for value in outputs]
-    except (ValueError, OverflowError):
-        return None
-
-
-def generic(numbers: Sequence[float]) -> tuple[float, ...]:
-    """Random parameters with the same zeros, ±1 and equalities (but for signs): a property that they show holds for `numbers`."""
-    drawn = {0.0: 0.0, 1.0: 1.0}
-    return tuple(math.copysign(drawn.setdefault(abs(v), 0.5 + _drawn(len(drawn)) / P), v) for v in numbers)
-
-
-@lru_cache(maxsize=4096)
-def are_polynomials(program: Program, degree: int, numbers: tuple[float, ...]) -> tuple[bool, ...]:
-    """Whether the formula of each output shows that it is a polynomial of this degree at most; degree −1: that it vanishes.
-
-    degree : in all inputs together except the parameters, which have the values `numbers`. The test: the difference of order
-    degree + 1 along a random line vanishes, Σ_k (−1)^k C(degree + 1, k) f(a + k b) = 0 modulo P.
-    """
-    count, order = program.inputs - len(numbers), degree + 1
-    start, step = ([_drawn(word, i) for i in range(count)] for word in ("start", "step"))
-    totals = [0] * len(program.outputs)
-    for k in range(order + 1):
-        outputs = _at(program, numbers, [a + k * b for a, b in zip(start, step, strict=True)])
-        if outputs is None:
-            return (False,) * len(totals)
-        weight = (-1) ** k * math.comb(order, k)
-        totals = [total + weight * value.residue for total, value in zip(totals, outputs, strict=True)]
-    return tuple(total % P == 0 for total in totals)
-
-
-def remainder(program: Program, numbers: Sequence[float] = ()) -> float:
-    """The largest value, at random points, of outputs that should vanish, relative to their terms.
-
-    It is 0 only if the formulas show that all outputs vanish, and NaN if none is finite anywhere.
-    """
-    points = [[_drawn(k, i) for i in range(program.inputs - len(numbers))] for k in range(POINTS)]
-    outputs = [value for point in points for value in _at(program, numbers, point) or ()]
-    left = [_length(value.rough) / value.size if value.size else math.nan for value in outputs if value.residue]
-    finite = [max(v, math.ulp(0.0)) for v in left if not math.isnan(v)]
-    return max(finite, default=0.0 if outputs and not left else math.nan)
+def vanish(values: Array, terms: Array, least: float = SAME) -> bool:
+    """Whether no finite row of `values` (N, k) is longer than round-off of `terms` (N, m), and some row is finite."""
+    lengths, sizes = np.linalg.norm(values, axis=1), np.linalg.norm(terms, axis=1)
+    good = np.isfinite(lengths) & np.isfinite(sizes)
+    return bool(good.any() and np.all(lengths[good] <= least * sizes[good]))
