@@ -4,13 +4,14 @@ BIN := .venv/bin
 # byte code is kept: without it every process compiles the bench anew, and pytest all assertions, for ten seconds
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup bench test test-all test-oldest test-bounds mutants stress lint full report dist docs web clean
+.PHONY: help setup bench test test-all test-plain test-oldest test-bounds mutants stress lint full report dist docs web clean
 
 help:
 	@echo "make setup   set up and nothing else; then: source .venv/bin/activate"
 	@echo "make bench   set up, run the quick profile (about 4 minutes), draw the report and print where it is"
 	@echo "make test    set up, run the tests (about 5 minutes)"
 	@echo "make test-all  the slow tests, too: clusters, pages in a browser, engines, oldest packages, mutations, stress (about two hours)"
+	@echo "make test-plain    the tests as on a plain x86 processor, whose sums and roots round otherwise: no AVX, no fused operations"
 	@echo "make stress  repeat the tests that start processes beside busy loops (hours); ROUNDS=30"
 	@echo "make test-oldest   the tests with the oldest versions of all packages (tests/oldest.txt), in .venv-oldest"
 	@echo "make test-bounds   the tests of methods and experiments, with every index of a kernel checked"
@@ -51,7 +52,7 @@ test: .venv/ready
 test-all: .venv/ready .venv/engines
 	$(INTERPRETED) interpreted
 	$(COMPILED) "not interpreted"
-	$(MAKE) test-oldest test-bounds mutants
+	$(MAKE) test-plain test-oldest test-bounds mutants
 	$(MAKE) stress ROUNDS=1
 
 ROUNDS ?= 30
@@ -59,6 +60,11 @@ stress: .venv/ready
 	@for i in $$(seq $$((2 * $$(nproc)))); do $(BIN)/python -c "while True: pass" & loops="$$loops $$!"; done; \
 	trap "kill $$loops" EXIT; for round in $$(seq $(ROUNDS)); do \
 		$(BIN)/python -m pytest -m processes -q -p no:cacheprovider -n auto --dist loadgroup || exit 1; done
+
+test-plain: export NPY_DISABLE_CPU_FEATURES = X86_V3 X86_V4
+test-plain: export OPENBLAS_CORETYPE = Prescott
+test-plain: export NUMBA_CPU_NAME = generic
+test-plain: test
 
 test-oldest: BIN = .venv-oldest/bin
 test-oldest: .venv-oldest/ready

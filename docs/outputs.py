@@ -1,9 +1,9 @@
 """Runs the code of the documents, and writes below each block what it prints: python docs/outputs.py.
 
 Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
-line of an ```sh block. A block ```text directly below shows what is printed, and must be that to the letter; ```text
-varies shows what differs from machine to machine. A block that starts with `# name.py` or `# name.toml` is that file.
-What a page saves as NAME.svg and shows goes to docs/pictures.
+line of an ```sh block. A block ```text directly below shows what is printed, as `agree` compares it; ```text varies
+shows what differs from machine to machine. A block that starts with `# name.py` or `# name.toml` is that file. What a
+page saves as NAME.svg and shows goes to docs/pictures.
 
 A part of every reference run, on the same machine and with nothing else running, for the times that pages show: see
 results/README.md. `tests/test_docs.py` holds the pages to what they show.
@@ -33,6 +33,9 @@ PAGES = [
 ]
 PICTURES = DOCS / "pictures"  # what pages save as NAME.svg and show
 REPEATABLE = {"svg.hashsalt": "lagrange-bench", "svg.fonttype": "none"}
+# Numbers up to this one are round-off of errors and invariants of order one: they differ from processor to processor.
+ROUND_OFF = 1e-12
+NUMBER = re.compile(r"([-+−]?(?:\d+\.\d*|\.\d+|\d+)(?:e[-+]?\d+)?)")
 FENCED = re.compile(r"^```(\w+(?: \w+)?)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -63,6 +66,32 @@ def blocks(page: str) -> list[Block]:
     return found
 
 
+def agree(printed: str, shown: str) -> bool:
+    """Whether two texts say the same: words and integers to the letter, other numbers to the last digit that is shown.
+
+    Two numbers at round-off agree. White space does not count: a column is as wide as its numbers.
+    """
+    here, there = NUMBER.split(printed), NUMBER.split(shown)
+    if [text.split() for text in here[::2]] != [text.split() for text in there[::2]]:
+        return False
+    return all(map(_same_number, here[1::2], there[1::2]))
+
+
+def _same_number(printed: str, shown: str) -> bool:
+    a, b = (float(text.replace("−", "-")) for text in (printed, shown))
+    if max(abs(a), abs(b)) <= ROUND_OFF:
+        return True
+    if not {".", "e"} & {*printed, *shown}:
+        return printed == shown
+    return abs(a - b) <= max(1.01 * min(map(_last_digit, (printed, shown))), ROUND_OFF * abs(b))
+
+
+def _last_digit(number: str) -> float:
+    """The size of a unit in the last digit that is shown."""
+    mantissa, _, power = number.partition("e")
+    return 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+
+
 def execute(page: Path) -> list[tuple[Block, str]]:
     """Runs the blocks of a page in the current folder; what each printed."""
     scope: dict = {"__name__": "__main__"}
@@ -85,10 +114,10 @@ def execute(page: Path) -> list[tuple[Block, str]]:
 
 
 def refreshed(page: Path) -> str:
-    """The page with what its blocks print now, in the current folder."""
+    """The page with what its blocks print now, in the current folder. What agrees with the page stays as it is."""
     text = page.read_text(encoding="utf-8")
     for block, printed in reversed(execute(page)):  # from the end, so that places stay right
-        if block.place is not None:
+        if block.place is not None and not (block.shown is not None and agree(printed, block.shown)):
             text = text[: block.place[0]] + printed.rstrip() + "\n" + text[block.place[1] :]
     return text
 

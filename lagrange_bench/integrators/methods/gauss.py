@@ -312,8 +312,8 @@ def stepper(
     check_flag(compensated, "compensated")
     system = problem.system
     if kinds.top(problem):
-        slope = np.linalg.svd(problem.jacobian(y0)[:3, 3:], compute_uv=False)[0]  # half the time of `norm`
-        span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope * math.hypot(*y0[3:])))
+        slope = float(np.linalg.svd(problem.jacobian(y0)[:3, 3:], compute_uv=False)[0])  # half the time of `norm`
+        span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope) * math.sqrt(math.hypot(*y0[3:])))
     else:
         span = abs(h) / problem.scales(y0)[2]
     check_span(name, span, h)

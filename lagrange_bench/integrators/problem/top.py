@@ -13,6 +13,7 @@ This is f' = {f, H} with the Lie-Poisson bracket of e(3): {J1,J2} = J3, {J1,x2} 
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -25,6 +26,8 @@ from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import E3, uniform_system
 from lagrange_bench.support.words import suggestion
+
+LARGEST = sys.float_info.max
 
 
 class Top(Problem):
@@ -62,10 +65,13 @@ class Top(Problem):
         return frozenset((method.claims.conserves | quadratic) & self.conserved)
 
     def scales(self, y: ArrayLike) -> tuple[float, float, float]:
-        """(r, |x|, 1/r), the scales of J, x and time for errors at one state (6,), with r = |J| + √(|alpha||x|); 1/0 is inf."""
+        """(r, |x|, 1/r), the scales of J, x and time for errors at one state (6,), with r = |J| + √(|alpha||x|); 1/0 is inf.
+
+        They are finite, and no time is 0: lengths beyond the largest double count as that.
+        """
         numbers = np.asarray(y, dtype=float).tolist()
-        size = math.hypot(*numbers[3:])
-        rate = math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size)
+        size = min(math.hypot(*numbers[3:]), LARGEST)
+        rate = min(math.hypot(*numbers[:3]) + math.sqrt(abs(self.require_single())) * math.sqrt(size), LARGEST)
         return rate, size, (1.0 / rate if rate > 0 else math.inf)
 
     def sizes(self, y: ArrayLike) -> Array:
