@@ -3,7 +3,7 @@
 Every ```python block of a tutorial is executed, all of a page in one namespace and an empty folder, and so is every
 line of an ```sh block. A block ```text directly below shows what is printed, as `agree` compares it; ```text varies
 shows what differs from machine to machine. A block that starts with `# name.py` or `# name.toml` is that file. What a
-page saves as NAME.svg and shows goes to docs/pictures.
+page saves as NAME.svg or NAME.gif and shows goes to docs/pictures.
 
 A part of every reference run, on the same machine and with nothing else running, for the times that pages show: see
 results/README.md. `tests/test_docs.py` holds the pages to what they show.
@@ -25,13 +25,13 @@ import matplotlib
 from lagrange_bench import __main__ as cli
 
 DOCS = Path(__file__).parent
-GUIDES = ("phase-theory", "reading-figures", "your-own-figures")
+GUIDES = ("gallery", "phase-theory", "reading-figures", "your-own-figures")
 PAGES = [
     *sorted((DOCS / "tutorials").glob("*.md")),
     *sorted(DOCS.glob("adding-*.md")),
     *(DOCS / f"{name}.md" for name in GUIDES),
 ]
-PICTURES = DOCS / "pictures"  # what pages save as NAME.svg and show
+PICTURES = DOCS / "pictures"  # what pages save and show
 REPEATABLE = {"svg.hashsalt": "lagrange-bench", "svg.fonttype": "none"}
 # Numbers up to this one are round-off of errors and invariants of order one: they differ from processor to processor.
 ROUND_OFF = 1e-12
@@ -131,8 +131,8 @@ def main() -> None:
             sys.path.insert(0, folder)
             text = refreshed(page)
             sys.path.remove(folder)
-            for file in Path(folder).glob("*.svg"):
-                if f"pictures/{file.name}" in text:
+            for file in Path(folder).iterdir():
+                if file.suffix in (".svg", ".gif") and f"pictures/{file.name}" in text:
                     shutil.copy(file, PICTURES)
         if text != page.read_text(encoding="utf-8"):
             page.write_text(text, encoding="utf-8")

@@ -257,6 +257,32 @@ class Trajectory(BodyMotion, Rows):
             raise ValueError(f"{word}: this trajectory does not know how it began")
         return self.start
 
+    def animate(self, path: str | Path, frames: int = 72, seconds: float = 6.0) -> Path:
+        """Write a moving picture: the axis of a top, or the three principal axes of a body, on a sphere.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file to write, a GIF.
+        frames : int
+            How many pictures, equally spaced in the rows of the run.
+        seconds : float
+            How long one round of the film takes.
+
+        Returns
+        -------
+        Path
+            The file that was written.
+
+        Raises
+        ------
+        ValueError
+            The run has fewer rows than frames, or it has no axis in space.
+        """
+        from lagrange_bench.integrators import animation
+
+        return animation.animate(self, Path(path), frames, seconds)
+
     def plot(self, what: str = "components", ax: Axes | None = None, **look: Any) -> Axes:
         """Draw the run.
 

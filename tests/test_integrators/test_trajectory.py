@@ -201,3 +201,25 @@ def test_a_file_that_cannot_be_written(runs, tmp_path):
         with pytest.raises(ValueError, match="metadata"):
             runs["top"].save(tmp_path / "run.csv", metadata)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("name", ["top", "body"])
+def test_a_film_has_the_frames_that_were_asked_for(runs, name, tmp_path):
+    """The docs' gallery shows what is drawn; problems without an axis and runs with too few states are refused."""
+    film = runs[name].animate(tmp_path / "film.gif", frames=4, seconds=1.0)
+    assert film.read_bytes()[:4] == b"GIF8"
+    assert film.read_bytes().count(b"\x21\xf9\x04") == 4  # a graphic control extension for each frame
+    with pytest.raises(ValueError, match="5 states, fewer than 72 frames: record more"):
+        runs[name].animate(tmp_path / "no.gif")
+    with pytest.raises(ValueError, match="no axis"):
+        runs["so3"].animate(tmp_path / "no.gif", frames=4)
+
+
+def test_directions_are_the_axis_and_the_principal_axes(runs):
+    """The axis of a fixed symmetric body, through its centre of mass, is one of its principal axes."""
+    from lagrange_bench.integrators.animation import directions
+
+    top, body = directions(runs["top"]), directions(runs["body"])
+    assert np.allclose(top[:, 0], runs["top"].y[:, 3:] / np.linalg.norm(NAMED.state[3:]))
+    along = runs["body"].position / np.linalg.norm(BODY.com)
+    assert np.allclose(np.max(np.abs(np.einsum("nki,ni->nk", body, along)), axis=1), 1.0)
