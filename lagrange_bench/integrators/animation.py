@@ -67,6 +67,6 @@ def animate(run: Any, path: Path, frames: int, seconds: float) -> Path:
         return [part for pair in moving for part in pair]
 
     film = animation.FuncAnimation(figure, show, frames=rows, blit=False)
-    film.save(path, writer=animation.PillowWriter(fps=frames / seconds))
+    film.save(path, writer=animation.PillowWriter(fps=max(round(frames / seconds), 1)))
     plt.close(figure)
     return path
