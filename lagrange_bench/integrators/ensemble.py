@@ -3,8 +3,7 @@
 The exact Bäcklund step offers `Method.many`: it takes a thousand tops in a uniform field in one compiled call, in SIMD lanes. All
 other motions are runs of `integrate`, one by one in each thread; compiled code releases Python's lock.
 
-Every motion has the bits of `integrate`, except in runs of the Bäcklund step of up to `backlund.SHORT` steps. These take λ(h) in
-plain doubles, and differ by round-off. A motion depends neither on the threads, nor on its place or its neighbours.
+Every motion has the bits of `integrate`. A motion depends neither on the threads, nor on its place or its neighbours.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def test_unstable_timings_are_marked_and_bad_calls_refused():
 
 CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
 STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
-LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 17  # tops and steps in one call
+LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 1  # tops and steps in one call
 A_STEP = CALL / (3125 - FEW) / TOPS
 BOUND = CALL / 80_000 * 1e9
 RACE = {"method": "strang", "state": "generic", "span": 16.0, "h": 1 / 8}

@@ -34,10 +34,8 @@ from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import real_map
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
-from lagrange_bench.integrators.torus.plain_step import HALVES, many_plain_constants
 
 PIN = 8  # steps between two pins, by default
-SHORT = 16  # steps; shorter ensembles take λ(h) in plain doubles, or set-up would cost fifty times as much as the steps
 LONGEST_TURN = 16.0  # longest step of the attitude, at rate 1; beyond, near the unstable vertical, |m|² has no digits
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
@@ -104,33 +102,34 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
 
 
 def many(
-    alphas: Array, Y0: Array, h: float, steps: int, every: int, out: Array, stopped: Callable[[], bool],
-    *, pin: int = PIN, lam: complex | None = None,
-) -> NDArray[np.bool_]:  # fmt: skip
-    """The exact steps of many tops, each with its own λ(h) and constants; options as in `prepare_exact`.
-
-    Runs of more than `SHORT` steps have the bits of `prepare_exact`.
-    """
+    alphas: Array,
+    Y0: Array,
+    h: float,
+    steps: int,
+    every: int,
+    out: Array,
+    stopped: Callable[[], bool],
+    *,
+    pin: int = PIN,
+    lam: complex | None = None,
+) -> NDArray[np.bool_]:
+    """The exact steps of many tops, each with its own λ(h) and constants; options and bits as of `prepare_exact`."""
     pin, n = check_count(pin, "pin"), len(Y0)
     if lam is not None:  # λ is another number in the units of each top: they are taken one by one
         check_parameter(lam)
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
-    set_up = many_plain_constants if steps <= SHORT else real_map.many_constants
-    set_up(alphas, Y0, h, states, c, units, forms, turns)
+    real_map.many_constants(alphas, Y0, h, states, c, units, forms, turns)
     dependent = np.zeros(n, dtype=bool)
     if pin:
         real_map.many_nearly_dependent(states, c, dependent)
-    forms_and_parts = (*((form, 1) for form in range(len(real_map.KERNELS))), (HALVES, 2))
-    for (number, parts), precise in product(forms_and_parts, (False, True)):
-        tops = np.flatnonzero((forms == number) & (dependent == precise))
+    for (form, step), precise in product(enumerate(real_map.KERNELS), (False, True)):
+        tops = np.flatnonzero((forms == form) & (dependent == precise))
         if len(tops):
-            form = 0 if number == HALVES else number
-            step, memory = real_map.KERNELS[form], real_map.CARRIED[form]
             back = real_map.restore_invariants_precisely if precise else real_map.restore_invariants
             kernel = (step, back, pin) if pin else (step, None, NEVER)
-            run_lanes(kernel, states, c, tops, parts * steps, parts * every, out, stopped, memory)
+            run_lanes(kernel, states, c, tops, steps, every, out, stopped, real_map.CARRIED[form])
     real_map.leave_many(out, forms, turns, every, units)
     return forms >= 0
 

@@ -348,34 +348,6 @@ def form(c):
 
 
 @jit
-def enter(alphas, Y, h, i, states, units):
-    """(alpha, h) of top i in its own units; h = inf if these are extreme. Its state and units are put into row i."""
-    y = (Y[i, 0], Y[i, 1], Y[i, 2], Y[i, 3], Y[i, 4], Y[i, 5])
-    rate, length, alpha, span = own_units(alphas[i], y, h)
-    if span == math.inf:
-        return alpha, span
-    J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
-    per_J, per_x = 1.0 / J, 1.0 / x
-    for k in range(3):
-        states[i, k], states[i, k + 3] = y[k] * per_J, y[k + 3] * per_x
-        units[i, k], units[i, k + 3] = J, x
-    return alpha, span
-
-
-@jit
-def set_up(alpha, span, i, states, c, forms, turns):
-    """Put the constants of top i, the number of its kernel and its turn (4 numbers) into the arrays; see `many_constants`."""
-    s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-    own, turn = exact_constants(alpha, s, span)
-    (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
-    finite = True
-    for k in range(len(own)):
-        c[i, k] = own[k]
-        finite = finite and math.isfinite(own[k])
-    forms[i] = form(own) if finite else -1
-
-
-@jit
 def many_constants(alphas, Y, h, states, c, units, forms, turns):
     """Fill arrays for each top: its state and constants in its own units, these units, the number of its kernel, and its turn.
 
@@ -383,9 +355,20 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
     """
     for i in range(len(Y)):
         forms[i] = -1
-        alpha, span = enter(alphas, Y, h, i, states, units)
-        if span != math.inf:
-            set_up(alpha, span, i, states, c, forms, turns)
+        y = load_tuple(Y[i], 0, 6)
+        rate, length, alpha, span = own_units(alphas[i], y, h)
+        if span == math.inf:
+            continue
+        J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)
+        for k in range(3):
+            states[i, k], states[i, k + 3] = y[k] * (1.0 / J), y[k + 3] * (1.0 / x)
+            units[i, k], units[i, k + 3] = J, x
+        constants, turn = exact_constants(alpha, load_tuple(states[i], 0, 6), span)
+        (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
+        for k in range(CONSTANTS):
+            c[i, k] = constants[k]
+        if finite(constants):
+            forms[i] = form(constants)
 
 
 @jit
