@@ -89,7 +89,6 @@ def _one_line(message: Warning | str, *where: Any, **line: Any) -> str:
 
 
 def _run(argv: list[str]) -> int:
-    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):  # a terminal without λ shows \u03bb
         with contextlib.suppress(AttributeError):
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
@@ -124,16 +123,6 @@ def _run(argv: list[str]) -> int:
 def _report(message: str, code: int) -> int:
     print("lagrange-bench:", visible(" ".join(message.split())), file=sys.stderr)
     return code
-
-
-def _open_closed_streams() -> None:
-    """Open /dev/null for streams that the caller closed with >&-, or the next file would get their descriptors."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        pass
-    os.close(descriptor)
-    for descriptor, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, os.fdopen(descriptor, "w", encoding="utf-8", closefd=False))
 
 
 def _print(text: str) -> None:

@@ -15,7 +15,6 @@ import math
 import numbers
 import os
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
@@ -39,14 +38,6 @@ SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of row fields that may be li
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
 NAMES = (REFERENCE.name, "quick", "full")  # words that name results in place of a path
 LONGEST = 2000  # characters of a message
-SHAPE: dict[str, tuple[type, ...]] = {  # the types of a record's fields
-    **dict.fromkeys(("key", "experiment", "status"), (str,)),
-    **dict.fromkeys(("schema", "version", "position"), (int,)),
-    **dict.fromkeys(("cell", "provenance"), (dict,)),
-    **dict.fromkeys(("rows", "warnings"), (list,)),
-    "error": (dict, type(None)),
-    "seconds": (int, float),
-}
 COMPUTED: Record = {"rows": [], "error": None, "warnings": [], "seconds": 0.0}  # the outcome of a cell by default
 
 
@@ -95,12 +86,10 @@ def find_results(chosen: str | Path | None) -> Path:
         if name := name_of(folder):
             command = f"lagrange-bench run --profile {name}"
             raise FileNotFoundError(f"there is no {name} run yet in {os.path.abspath(folder)}: compute it, {command}")
-        beside = sorted(path for path in default_results("quick").parent.glob("*/") if path.name not in NAMES)
-        there = [*(name for name in NAMES if folder_of(name).is_dir()), *map(str, beside)]
         close = suggestion(str(folder), NAMES)
         if folder.name in NAMES:
             close = f"; the name {folder.name} alone means {folder_of(folder.name)}."
-        raise FileNotFoundError(f"no such folder of results: {folder}{close} Known: {', '.join(there)}")
+        raise FileNotFoundError(f"no such folder of results: {folder}{close} Known: {', '.join(NAMES)}")
     if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
         raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
     return folder
@@ -309,17 +298,8 @@ class Store:
     def path(self, experiment: str) -> Path:
         return self.folder / f"{experiment}.jsonl"
 
-    def check_writable(self) -> None:
-        """Create the folder, and for a moment a file in it. StoreError if that fails."""
-        with self._explained():
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with tempfile.TemporaryFile(dir=self.folder) as file:
-                file.write(bytes(4096))
-                file.flush()
-                os.fsync(file.fileno())
-
     def append(self, *records: Record) -> None:
-        """Add records to their journals. On return they are on the disk. If that fails, a journal is as before."""
+        """Add records to their journals. On return they are on the disk. StoreError if that fails."""
         journals: dict[str, list[bytes]] = {}
         for record in records:
             line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
@@ -398,48 +378,30 @@ class Store:
 
 
 def _parse(line: bytes) -> Record | None:
-    """The record in a line; None if its SHA-256 does not match, or if it lacks a field of a record."""
+    """The record in a line; None if its SHA-256 does not match."""
     head, _, tail = line.rpartition(b'"sha256":"')
     digest, mark, rest = tail[:64], tail[64:66], head + tail[66:]
     if mark != b'",' or hashlib.sha256(rest).hexdigest().encode() != digest:
         return None
-    record = json.loads(rest)  # whoever made the digest wrote JSON
-    newer = record.get("schema") not in (None, SCHEMA)
-    return record if newer or all(type(record.get(name, ...)) in types for name, types in SHAPE.items()) else None
+    record: Record = json.loads(rest)  # whoever made the digest wrote a record
+    return record
 
 
 def _append(path: Path, lines: bytes) -> None:
-    """Write lines at the end of a journal, on a fresh line, and sync them. If that fails, remove what was written."""
-    new = not path.exists()
+    """Write lines at the end of a journal, on a fresh line, and sync them. Readers skip a line that is cut off."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o644)
     try:
         _lock(file, exclusive=True)
         size = os.fstat(file).st_size
         if size and os.pread(file, 1, size - 1) != b"\n":
             lines = b"\n" + lines  # the last writer was cut off
-        try:
-            written = 0
-            while written < len(lines):  # a full disk takes a part first, and says why only when asked again
-                written += os.write(file, lines[written:])
-            os.fsync(file)
-        except OSError:
-            with contextlib.suppress(OSError):  # if this fails too, readers skip the torn line
-                os.ftruncate(file, size)
-            raise
+        written = 0
+        while written < len(lines):  # a full disk takes a part first, and says why only when asked again
+            written += os.write(file, lines[written:])
+        os.fsync(file)
     finally:
         os.close(file)
-    if new:
-        _sync_folder(path.parent)
-
-
-def _sync_folder(folder: Path) -> None:
-    """Sync a folder, so that the name of a new file is on the disk, too; some systems cannot do that."""
-    with contextlib.suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def _lock(file: int, exclusive: bool) -> None:

@@ -120,7 +120,6 @@ def run(
     choice.check(cell for some in listed.values() for cell in some)
     if profile == PROFILES[0] and cells is None and not (choice.methods or choice.archive):
         listed = {name: _without_archive(some) for name, some in listed.items()}
-    store.check_writable()  # before anything is computed, but after the arguments were checked
     files = Sources()  # as they are when the run begins
     plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
     tasks = [task for missing in plan.values() for task in missing]

@@ -12,7 +12,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lo
 from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available, find_stored
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
-from lagrange_bench.results.compare import differences, is_time
+from lagrange_bench.results.compare import compare_cell, is_time
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical, find_results
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
@@ -34,7 +34,7 @@ class Verification:
     cells: int = 0
     identical: int = 0
     close: int = 0  # within the tolerance
-    # each with its experiment, cell, columns as in `compare.Cells`, and sources: what `sources.judge` says of the stored cell
+    # each with its experiment, cell, columns as in `ComparedCells`, and sources: what `sources.judge` says of the stored cell
     changed: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
@@ -83,14 +83,13 @@ def verify(
 
 
 def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
-    own = declared(old["experiment"], "TIMES", ())
-    if not differences(old, new, own, lambda _: (0.0, 0.0)):
-        result.identical += 1
-    elif differing := differences(old, new, own, _tolerance(old["cell"].get("method"))):
+    times, tolerance = declared(old["experiment"], "TIMES", ()), _tolerance(old["cell"].get("method"))
+    word, columns = compare_cell(old, new, times, tolerance)
+    result.identical += word == "same"
+    result.close += word == "close"
+    if columns:
         cell = {"experiment": old["experiment"], "cell": old["cell"]}
-        result.changed.append({**cell, "columns": differing, "sources": sources.judge(old, here)})
-    else:
-        result.close += 1
+        result.changed.append({**cell, "columns": columns, "sources": sources.judge(old, here)})
 
 
 def _tolerance(method: Any) -> Any:
