@@ -12,11 +12,11 @@ examples:
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
 
-After you have edited a method or an experiment, the run says how many stored cells depend on it, and --again computes them again.
-The bench knows them by a digest (a hash) that is stored with each cell: of the experiment, the method, and all files that these
-import. New results are added to the file of the experiment, and the old ones stay in it. Methods and potentials in files of your
-own need no --again: after an edit a plain run computes their cells. If a file is edited while the run goes on, or if a worker has
-another version of it, the results are not stored; they are counted as set aside.
+After an edit of the bench, the run says how many stored cells are of other sources. --again computes them again, and
+lagrange-bench verify --old a sample of them. The bench knows them by a digest (a hash) that is stored with each cell: of the
+experiment, and of all that measures and integrates. New results are added to the file of the experiment, and the old ones stay
+in it. Methods and potentials in files of your own need no --again: after an edit a plain run computes their cells. If a file is
+edited while the run goes on, or if a worker has another version of it, the results are not stored; they are counted as set aside.
 
 Timing cells, which measure times, run on this machine, one at a time, after all others, whatever --jobs and --scheduler say.
 --no-timings leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
@@ -83,6 +83,9 @@ def run(options: argparse.Namespace) -> Answer:
         lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
     if summary.old and not options.again:
         lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
+        lines.append(
+            f"or whether they still hold: lagrange-bench verify {shlex.quote(name_of(results) or str(results))} --old"
+        )
     report = f"lagrange-bench report --results {shlex.quote(name_of(results) or str(results))}"
     modules = _own_modules(names, file.cells if file else ())
     report += "".join(f" --module {module}" for module in modules) + choice.words

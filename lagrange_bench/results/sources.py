@@ -1,22 +1,20 @@
-"""Which source code computed a cell. Each cell is stored with a digest of the files that its rows depend on.
+"""Which source code computed a cell. Each cell is stored with digests of files.
 
-The files are those of the experiment, the method and the potential, and all that these import (`support.source_digest`).
-If an experiment names a method in quotes, the file of that method counts for all its cells. The process that computes a cell
-takes the digest before it begins, and afterwards checks that no file was edited. What decides about no row does not count:
-comments and docstrings, how figures look, how cells are run, and the list of methods.
+`sources` is the digest of what computes: all files of `integrators/` and of `experiments/measuring/`, the file of the experiment,
+and those of a method or a potential of the user's own. `own_sources` is the digest of the last alone: if it changed, a run
+computes the cell again. Of a module in a package all files of the package count. What a module of the user's imports from
+elsewhere does not count.
+
+The process that computes a cell takes the digests before it begins, and afterwards checks that no file was edited.
 """
 
-import re
 from collections.abc import Mapping
-from functools import cache
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import declared, installed
-from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, SourceDigest, Sources
-
-DEFAULT = "backlund"  # the method of a cell that names none
-QUOTED = re.compile(rb"""["'](\w+)["']""")
+from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, PACKAGE, SourceDigest, Sources, files_of
 
 SAME, OTHER, UNKNOWN, OUTDATED = "same", "other", "unknown", "outdated"
 WORDS = {
@@ -26,12 +24,25 @@ WORDS = {
 }
 
 
-def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> str | None:
-    """The digest of the source code that computes a cell; None if it is not known. sources : see `code_of_cell`."""
-    return code_of_cell(experiment, cell, sources).digest
+class CellSources(NamedTuple):
+    """The source code that computes a cell; None where it is not known."""
+
+    all: SourceDigest | None
+    own: SourceDigest | None  # of the user's own method and potential; None also if there is none
+
+    @property
+    def digests(self) -> dict[str, str | None]:
+        """The fields of a record: `sources`, and `own_sources` if there are any."""
+        own = {"own_sources": self.own.digest} if self.own else {}
+        return {"sources": self.all.digest if self.all else None, **own}
+
+    @property
+    def edited(self) -> bool:
+        """Whether a file was edited since it was read."""
+        return self.all is not None and self.all.edited
 
 
-def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> SourceDigest:
+def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> CellSources:
     """The source code that computes a cell.
 
     sources : the files as this process read them; `Sources()` takes them as they are now.
@@ -39,38 +50,35 @@ def code_of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IM
     method, potential = (name if isinstance(name, str) else None for name in map(cell.get, ("method", "potential")))
     asked = experiment, method, potential
     if asked not in sources.known:
-        try:
-            sources.known[asked] = _code(sources, *asked)
-        except Exception:  # a plug-in that is not here, or that cannot be read
-            sources.known[asked] = SourceDigest(None)
-    return sources.known[asked]
+        sources.known[asked] = _of_names(sources, *asked)
+    return sources.known[asked]  # type: ignore[no-any-return]
 
 
-def _code(sources: Sources, experiment: str, method: str | None, potential: str | None) -> SourceDigest:
+def _of_names(sources: Sources, experiment: str, method: str | None, potential: str | None) -> CellSources:
+    try:
+        bench = [PACKAGE / "integrators", PACKAGE / "experiments" / "measuring", *_files_of_experiment(experiment)]
+        sources.code(*bench)  # is read before any of it is imported
+        own = _own_files(method, potential)
+        return CellSources(sources.code(*bench, *own), sources.code(*own) if own else None)
+    except Exception:  # a plug-in that is not here, or that cannot be read
+        return CellSources(None, None)
+
+
+def _own_files(method: str | None, potential: str | None) -> list[Path]:
+    """The files of a method and a potential of the user's own; none of those of the bench."""
     from lagrange_bench.integrators.registry import METHODS, POTENTIALS
 
-    modules = {_module(experiment)}
-    for name, registry in ((method or DEFAULT, METHODS), (potential, POTENTIALS)):
-        if name is not None and (":" in name or name in set(registry)):  # compares names, loads nothing
-            modules.add(registry.module(name))
-    while True:
-        files = sources.files(modules)
-        texts = (sources.read(path) for name, path in files.items() if not name.startswith(f"{BENCH}.integrators."))
-        named = {METHODS.module(word) for word in frozenset().union(*map(_quoted, texts)) & set(METHODS)}
-        if named <= modules:
-            return sources.code(modules, words=False)
-        modules |= named
+    named = ((method, METHODS), (potential, POTENTIALS))
+    modules = {registry.module(name) for name, registry in named if name is not None and name not in registry.built_in}
+    own = sorted(module for module in modules if not module.startswith(f"{BENCH}."))
+    return [path for module in own for path in files_of(module)]
 
 
-def _module(experiment: str) -> str:
-    if experiment in EXPERIMENTS:
-        return f"lagrange_bench.experiments.{experiment}"
-    return experiment if "." in experiment else installed()[experiment].module
-
-
-@cache
-def _quoted(source: bytes) -> frozenset[str]:
-    return frozenset(word.decode() for word in QUOTED.findall(source))
+def _files_of_experiment(name: str) -> list[Path]:
+    if name in EXPERIMENTS:
+        place = PACKAGE / "experiments" / name
+        return [path for path in (place, place.with_suffix(".py")) if path.exists()]
+    return files_of(name if "." in name else installed()[name].module)
 
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
@@ -80,12 +88,12 @@ def judge(record: Mapping[str, Any], sources: Sources) -> str:
         return UNKNOWN
     if here != record["version"]:
         return OUTDATED
-    return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources))
+    return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources).digests["sources"])
 
 
 def compared(one: str | None, other: str | None) -> str:
-    """SAME or OTHER; UNKNOWN if a digest is missing, or if one is of the older, shorter kind."""
-    if one is None or other is None or len(one) != len(other):
+    """SAME or OTHER; UNKNOWN if a digest is missing."""
+    if one is None or other is None:
         return UNKNOWN
     return SAME if one == other else OTHER
 

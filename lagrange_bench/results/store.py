@@ -103,36 +103,27 @@ def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.
         return pd.DataFrame(table, columns=columns)
 
 
-def cell_key(experiment: str, version: int, cell: Mapping[str, Any], digest: str | None = None) -> str:
-    """SHA-256 of all that the rows of a cell depend on: experiment, its VERSION, the cell, versions of packages.
+def cell_key(experiment: str, version: int, cell: Mapping[str, Any], own_sources: str | None = None) -> str:
+    """SHA-256 of all that decides whether a cell is stored: experiment, its VERSION, the cell, versions of packages.
 
-    digest : of the source code that computes the cell. It is part of the key if the method or the potential is a user's own: so
-    a run computes these cells again after an edit. Methods of the bench need no digest: its version is part of the key.
+    own_sources : digest of the files of the user's own method or potential. So a run computes these cells again after an edit.
     """
     content = {"experiment": experiment, "version": version, "cell": clean(cell), "packages": _packages()}
-    own = (cell.get(word, known[0]) not in known for word, known in _built_in().items())
-    if digest is not None and any(own):
-        content["source"] = digest
+    if own_sources is not None:
+        content["source"] = own_sources
     return _digest(content)
-
-
-@cache
-def _built_in() -> dict[str, tuple[str | None, ...]]:
-    from lagrange_bench.integrators.registry import METHODS, POTENTIALS
-
-    return {"method": (None, *METHODS.built_in), "potential": (None, *POTENTIALS.built_in)}
 
 
 def make_record(experiment: str, version: int, position: int, cell: Mapping[str, Any], **outcome: Any) -> Record:
     """A record without its SHA-256. position : of the cell in the list of its experiment; `rows` come in this order.
 
     outcome : the fields that differ from `COMPUTED`; an `error` means that the cell failed. If another process computed the
-    cell, `sources` is the digest of its source code (None: not known). If another machine did, `provenance` is its own.
+    cell, `sources` and `own_sources` are its digests (None: not known). If another machine did, `provenance` is its own.
     """
     outcome = {**COMPUTED, "status": "failed" if outcome.get("error") else "done", **outcome}
     if "sources" not in outcome:
-        outcome["sources"] = sources.of_cell(experiment, cell)
-    key = cell_key(experiment, version, cell, outcome["sources"])
+        outcome |= sources.of_cell(experiment, cell).digests
+    key = cell_key(experiment, version, cell, outcome.get("own_sources"))
     head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
     return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}
 

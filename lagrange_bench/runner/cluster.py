@@ -136,7 +136,7 @@ def _compare(facts: dict[str, Any]) -> None:
 
 
 def compute(
-    experiment: str, cell: dict[str, Any], expected: str | None, limit: float
+    experiment: str, cell: dict[str, Any], expected: dict[str, str | None] | None, limit: float
 ) -> tuple[dict[str, Any], Outcome]:
     """Compute a cell on a Dask worker: the worker's versions of packages, and the outcome.
 

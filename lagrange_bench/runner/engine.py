@@ -131,8 +131,8 @@ def run(
             with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
                 aside = [task for task, outcome in outcomes if workers.failed_by(outcome, workers.OTHER_SOURCES)]
                 same = [(task, outcome) for task, outcome in outcomes if task not in aside]
-                # the process that computed the cell gave its digest; if it died, the digest is not known
-                records = ((task, {"sources": None, **outcome}) for task, outcome in same)
+                # the process that computed the cell gave its digests; if it died, they are not known
+                records = ((task, {**(task.sources or {}), "sources": None, **outcome}) for task, outcome in same)
                 store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in records))
                 for task, outcome in same:
                     _count(summary, task, outcome)
@@ -192,15 +192,15 @@ def _missing(
         if not choice.takes(cell):
             continue
         counts.cells += 1
-        digest = sources.of_cell(experiment, cell, files)
-        key = cell_key(experiment, module.VERSION, cell, digest)
+        digests = sources.of_cell(experiment, cell, files).digests
+        key = cell_key(experiment, module.VERSION, cell, digests.get("own_sources"))
         if key in seen:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
         if taken := set(ADDED) & set(cell):
             field = f"experiment {experiment!r}: cell field {taken.pop()!r}"
             raise ValueError(f"{field}: this name is reserved by the store")
         seen.add(key)
-        age = sources.compared(done.get(key), digest)
+        age = sources.compared(done.get(key), digests["sources"])
         if key in done and (age == sources.SAME or not again):
             skipped = None
         elif package := _missing_package(cell.get("method")) or missing_package(experiment, cell):
@@ -208,7 +208,7 @@ def _missing(
         elif cell.get("timing") and not timings:
             skipped = f"the timing cells of {experiment}, as asked"
         else:
-            tasks.append(Task(experiment, module.VERSION, position, cell, digest))
+            tasks.append(Task(experiment, module.VERSION, position, cell, digests))
             continue
         if skipped and (note := f"skipped: {skipped}") not in summary.notes:
             summary.notes.append(note)

@@ -27,7 +27,6 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import clean_rows, restore, text_of
 from lagrange_bench.support import announce, interrupts
-from lagrange_bench.support.source_digest import IMPORTED_SOURCES
 
 # numerical libraries read these when they are imported
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
@@ -46,7 +45,7 @@ class Task:
     version: int
     position: int
     cell: dict[str, Any]
-    sources: str | None = None  # digest of the source code that must compute it; None for any
+    sources: dict[str, str | None] | None = None  # digests of the source code that must compute it; None for any
 
 
 Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources, unless the process died
@@ -248,18 +247,24 @@ def _limit_memory() -> None:
         resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
-def compute(experiment: str, cell: dict[str, Any], limit: float | None = None, expected: str | None = None) -> Outcome:
+def compute(
+    experiment: str,
+    cell: dict[str, Any],
+    limit: float | None = None,
+    expected: dict[str, str | None] | None = None,
+) -> Outcome:
     """Measure one cell. Exceptions and warnings become part of the outcome.
 
     limit : s; the parent watches it. Here it only ends a process in compiled code that has lost its parent.
-    expected : digest of the source code. If the code here is another, or was edited meanwhile, the outcome is OTHER_SOURCES.
+    expected : digests of the source code, as `CellSources.digests`. If the code here is another, or was edited meanwhile, the
+    outcome is OTHER_SOURCES.
     """
     start = perf_counter()
-    code = sources.code_of_cell(experiment, cell)  # the files are read before they are imported
-    if expected in (None, code.digest) and not IMPORTED_SOURCES.edited(code):
+    code = sources.of_cell(experiment, cell)  # the files are read before they are imported
+    if expected in (None, code.digests) and not code.edited:
         outcome = {**_measure(experiment, cell, limit), "seconds": round(perf_counter() - start, 3)}
-        if not IMPORTED_SOURCES.edited(code):
-            return {**outcome, "sources": code.digest}
+        if not code.edited:
+            return {**outcome, **code.digests}
     return failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0)
 
 

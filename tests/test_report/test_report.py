@@ -27,6 +27,7 @@ from lagrange_bench.report.claims import Answer, Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
 from lagrange_bench.support.files import write_file
+from lagrange_bench.support.source_digest import SourceDigest
 
 NASTY = "50 % of a_b & <script>alert(1)</script> | α"
 TOYS = ("toy.good", "toy.broken", "toy.empty")
@@ -92,7 +93,8 @@ def results(tmp_path_factory):
             patch.setitem(sys.modules, name, toy(name))
         patch.setattr(page, "EXPERIMENTS", TOYS)
         patch.setattr(promises, "CLAIMS", CLAIMS)
-        patch.setattr(sources, "of_cell", lambda *cell: "1" * 24)  # toys have no file
+        known = sources.CellSources(SourceDigest("1" * 24, ()), None)
+        patch.setattr(sources, "of_cell", lambda *cell: known)  # toys have no file
         for name in TOYS[:2]:
             for i, drift in enumerate(DRIFT):
                 method, h = TOY_METHODS[i // 3], STEPS[i % 3]

@@ -1,17 +1,16 @@
 """Two stores are compared to the last digit; a stored run can be checked.
 
-With a row there is a digest of all the code that computes it, as it was imported; and of nothing else.
+With a row there is a digest of the files that may compute it, as they were imported; and one of the user's own.
 """
 
 import importlib
 import json
 import math
-import os
 import sys
 from pathlib import Path
 
 import pytest
-from faults import HERE, python
+from faults import HERE
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.results import compare, sources
@@ -196,78 +195,54 @@ def test_compiled_methods_are_held_to_the_bit():
 
 
 ROOT = Path(__file__).resolve().parents[2]
-COMPUTED = {(e, m) for e in ("drift", "phase", "engines") for m in ("rk4", "kahan", "backlund", "taylor")}
-
-
-INTERPRETED = """
-import sys
-from lagrange_bench.experiments import drift
-from lagrange_bench.integrators import METHODS, LagrangeTop, available
-from lagrange_bench.support import source_digest
-from lagrange_bench.results import sources
-
-tried = 0
-for method in (name for name in METHODS if available(METHODS[name]) and METHODS[name].takes(LagrangeTop()) is None):
-    called, cell = set(), {"part": "h", "method": method, "state": "generic", "span": 1, "h": 0.25}
-    sys.setprofile(lambda frame, event, _: called.add(frame.f_code.co_filename))
-    drift.measure(cell)
-    sys.setprofile(None)
-    homes = {module.__file__: name for name, module in sys.modules.items() if getattr(module, "__file__", None)}
-    ours = {homes[file] for file in called if homes.get(file, "").partition(".")[0] == source_digest.BENCH}
-    ours = {name for name in ours if not source_digest.IGNORED_MODULES.fullmatch(name)}
-    found = source_digest.IMPORTED_SOURCES.files({"lagrange_bench.experiments.drift", METHODS.module(method)})
-    assert ours <= set(found), (method, ours - set(found))
-    assert METHODS.module(method) in ours or METHODS[method].requires, "negative control"
-    assert sources.of_cell("drift", cell)
-    tried += 1
-print(tried)
-"""
-
-
-def test_what_measuring_calls_is_in_the_digest():
-    """With kernels in the interpreter, where it is seen what they call."""
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "NUMBA_DISABLE_JIT": "1"}
-    done = python("-c", INTERPRETED, cwd=ROOT, env=environment)
-    assert done.returncode == 0, done.stderr
-    assert int(done.stdout) >= 30
+PACKAGE = ROOT / "lagrange_bench"
+CELL = {"method": "kahan"}
 
 
 class Edited(Sources):
-    def __init__(self, file):
+    """The sources with one file more, or another content of a file: `code` of a copy of the folder."""
+
+    def __init__(self, copy):
         super().__init__()
-        path = ROOT / file  # as it is imported
-        self.content[str(path)] = path.read_bytes() + b"\nEDITED = True\n"
+        self.copy = copy
+
+    def code(self, *places):
+        return super().code(*(self.copy / place.relative_to(PACKAGE) for place in places))
 
 
-def of(*words):
-    return {cell for cell in COMPUTED if set(cell) & set(words)}
+def test_an_edit_marks_the_cells_that_the_file_may_compute(tree):
+    """Those of all experiments, if it is one of integrators or measuring; those of its own, if it is an experiment's."""
+    copy = tree / "lagrange_bench"
 
+    def digests():
+        return {name: sources.of_cell(name, CELL, Edited(copy)).digests["sources"] for name in ("drift", "phase")}
 
-def test_an_edit_marks_the_cells_that_depend_on_the_file():
-    def digests(files):
-        return {(e, m): sources.of_cell(e, {"method": m}, files) for e, m in COMPUTED}
-
-    before = digests(Sources())
+    before = digests()
+    assert before == {name: sources.of_cell(name, CELL).digests["sources"] for name in before}
+    assert len({*before.values()}) == 2
     assert None not in before.values()
     for file, marked in {
-        "lagrange_bench/integrators/methods/kahan.py": of("kahan"),
-        "lagrange_bench/integrators/methods/backlund.py": COMPUTED,  # the experiments name it
-        "lagrange_bench/integrators/problem/top.py": COMPUTED,
-        "lagrange_bench/experiments/drift.py": of("drift"),
-        "lagrange_bench/integrators/registry.py": set(),
-        "lagrange_bench/experiments/programs.py": of("engines"),
-        "lagrange_bench/experiments/drawing/style.py": set(),
-        "lagrange_bench/experiments/drift_figures.py": set(),
-        "lagrange_bench/experiments/heavy_top.py": set(),
-        "lagrange_bench/results/store.py": set(),
+        "integrators/problem/top.py": {"drift", "phase"},
+        "integrators/methods/new.py": {"drift", "phase"},
+        "integrators/cases/bruels.toml": {"drift", "phase"},
+        "experiments/measuring/metrics.py": {"drift", "phase"},
+        "experiments/drift.py": {"drift"},
+        "experiments/drift_figures.py": set(),
+        "experiments/drawing/style.py": set(),
+        "results/store.py": set(),
     }.items():
-        now = digests(Edited(file))
-        assert {cell for cell in COMPUTED if now[cell] != before[cell]} == marked, file
+        path = copy / file
+        old = path.read_bytes() if path.exists() else None
+        path.write_bytes((old or b"") + b"\n# edited\n")
+        now = digests()
+        assert {name for name in now if now[name] != before[name]} == marked, file
+        path.unlink() if old is None else path.write_bytes(old)
+    assert digests() == before
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder of the user's: write(name, text) → the digest of the cells of mine:METHOD."""
+    """A folder of the user's: write(name, text) → the digest of the files of a method there."""
     monkeypatch.chdir(tmp_path)
 
     def write(name, text, method="mine:METHOD"):
@@ -275,74 +250,54 @@ def folder(tmp_path, monkeypatch):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         importlib.invalidate_caches()
-        return sources.of_cell("drift", {"method": method}, Sources())
+        own = sources.of_cell("drift", {"method": method}, Sources()).own
+        return own and own.digest
 
     return write
 
 
-IMPORTS = (
-    "import helper as h, os",
-    "from helper import (  # a comment)\n    x,\n)",
-    "def f():\n    from helper import x",
-    "import middle",
-)
-
-
-@pytest.mark.parametrize("text", IMPORTS)
-def test_all_that_a_file_of_ones_own_imports_counts(folder, text):
-    folder("middle/__init__.py", "from .inner import y\n")
-    folder("middle/inner.py", "from .. import z\nimport helper\n")
-    folder("helper.py", "x = 1\n")
-    folder("other.py", "x = 1\n")
-    first = folder("mine.py", text)
-    assert first not in (None, folder("helper.py", "x = 2\n"))
-    assert first == folder("helper.py", "x = 1\n") == folder("other.py", "x = 2\n")
-    assert "mine" not in sys.modules, "nothing of the user's is run for it"
-
-
-CODE = 'def f(x):\n    if x:\n        return """a\n\n    # b"""\n    return (x, 2)\n'
-
-
 @pytest.mark.parametrize(
-    ("old", "new", "same"),
-    [
-        ("", "# a comment\n", True),
-        ("def f(x):\n", 'def f(x):\n    """Two\n\n    lines."""  # and more\n\n', True),
-        ("    if x:\n", "    # why\n    if x:  # so\n\n", True),
-        ("(x, 2)", "(\n        x,  # the one\n        2,\n    )", False),  # a comma more
-        ("# b", "# c", False),
-        ("a\n\n", "a\n", False),
-        ("return (x, 2)", '"""return (x, 2)"""', False),
-    ],
+    ("method", "file", "other"),
+    [("mine:METHOD", "mine.py", "other.py"), ("pack.inner.mine:METHOD", "pack/helper.py", "other.py")],
 )
-def test_comments_and_docstrings_are_no_code(folder, old, new, same):
-    assert (folder("mine.py", CODE) == folder("mine.py", CODE.replace(old, new, 1))) == same
+def test_the_file_of_ones_own_method_counts_or_all_of_its_package(folder, method, file, other):
+    folder("pack/inner/mine.py", "")
+    first = folder(file, "x = 1\n", method)
+    assert first not in (None, folder(file, "x = 2\n", method))
+    assert first == folder(file, "x = 1\n", method) == folder(other, "x = 2\n", method)
+    assert not {"mine", "pack"} & set(sys.modules), "nothing of the user's is run for it"
 
 
 def test_what_cannot_be_known_is_not(folder):
-    now = sources.of_cell("drift", {"method": "rk4"})
-    assert sources.compared(now, "0" * 16) == sources.compared(None, now) == sources.UNKNOWN, "a digest of other things"
+    now = sources.of_cell("drift", CELL).digests["sources"]
+    assert sources.compared(None, now) == sources.UNKNOWN
     assert (sources.compared(now, now), sources.compared(now, "0" * 24)) == (sources.SAME, sources.OTHER)
-    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}) is None
-    assert sources.of_cell("no.such", {}) is None
+    assert sources.of_cell("drift", {"method": "no_such_module:METHOD"}).digests == {"sources": None}
+    assert sources.of_cell("no.such", {}).digests == {"sources": None}
     assert folder("mine.py", "x = '\\udc80'\n") is not None
 
 
-def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none():
-    for method, field, count in (("rk4", "tide", 1), ("mine:METHOD", "tide", 2), ("backlund", "mine:POTENTIAL", 2)):
-        cell = {"method": method, "potential": field}
-        assert len({cell_key("drift", 1, cell, digest) for digest in ("1" * 24, "2" * 24)}) == count
+def test_an_edit_of_ones_own_file_is_another_key_and_of_the_benchs_is_none(folder):
+    def keys(cell):
+        digests = sources.of_cell("drift", cell, Sources()).digests
+        return digests["sources"], make_record("drift", 1, 0, cell, **digests)["key"]
+
+    for cell in ({"method": "mine:METHOD"}, {"method": "rk4", "potential": "mine:POTENTIAL"}):
+        folder("mine.py", "x = 1\n")
+        first = keys(cell)
+        folder("mine.py", "x = 2\n")
+        assert all(old != new for old, new in zip(first, keys(cell), strict=True))
+    assert cell_key("drift", 1, CELL) == make_record("drift", 1, 0, CELL, sources="0" * 24)["key"]
 
 
 @pytest.mark.parametrize("back", [False, True])
 def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, back):
     """Also one that was taken back, as by git: what was imported in between is not known."""
     folder("mine.py", "VALUE = 1\n")
-    files = Sources()
-    code = sources.code_of_cell("drift", {"method": "mine:METHOD"}, files)
+    code = sources.of_cell("drift", {"method": "mine:METHOD"}, Sources())
     folder("other.py", "")
-    assert not files.edited(code), "negative control"
-    assert folder("mine.py", "VALUE = 2\n") != code.digest
+    assert not code.edited, "negative control"
+    assert folder("mine.py", "VALUE = 2\n") != code.own.digest
     if back:
-        assert folder("mine.py", "VALUE = 1\n") == code.digest
-    assert files.edited(code)
+        assert folder("mine.py", "VALUE = 1\n") == code.own.digest
+    assert code.edited

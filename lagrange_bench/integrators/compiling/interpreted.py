@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import COMPILED, Kernel, is_cached
+from lagrange_bench.integrators.compiling.compiled import COMPILED
 
 PATIENCE = (
     4.0  # seconds that a kernel is interpreted in a process, about what compiling takes; 0 where times are measured
@@ -38,7 +38,7 @@ def at_first_interpreted(kernel: Any) -> Any:
     def call(*arguments: Any) -> Any:
         nonlocal spent, ready
         if ready is None:
-            ready = is_cached(kernel)
+            ready = kernel.is_saved
         ready = ready or spent >= PATIENCE or bool(kernel.overloads)
         arrays = [] if ready else [(k, a) for k, a in enumerate(arguments) if isinstance(a, np.ndarray)]
         if ready or any(a.size > MANY for _, a in arrays):
@@ -80,7 +80,7 @@ def interpreted(thing: Any, functions: Any = math) -> Any:
     if isinstance(thing, ModuleType) and thing.__name__.startswith(PACKAGE):
         return _Kernels(thing, functions)
     # unrolled functions and intrinsics have a Python function; without compilation a kernel is one
-    function = unwrap(thing) if isinstance(thing, Kernel) else getattr(thing, "py_func", thing)
+    function = unwrap(thing) if hasattr(thing, "is_saved") else getattr(thing, "py_func", thing)
     if function is not thing or (functions is not math and isinstance(function, FunctionType)):
         return _function(function, functions)
     return function

@@ -9,11 +9,12 @@ import operator
 from collections.abc import Callable
 from typing import Any
 
-from numba import TypingError, types
-from numba.core import cgutils
-from numba.extending import intrinsic
-
 from lagrange_bench.integrators.compiling.compiled import COMPILED
+
+if COMPILED:
+    from numba import TypingError, types
+    from numba.core import cgutils
+    from numba.extending import intrinsic
 
 
 def as_python(function: Callable[..., Any]) -> Callable[[Callable[..., Any]], Any]:

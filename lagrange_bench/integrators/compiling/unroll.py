@@ -13,12 +13,14 @@ from collections.abc import Callable
 from functools import update_wrapper, wraps
 from typing import Any
 
-from numba import types
-from numba.extending import lower_builtin, type_callable
+from lagrange_bench.integrators.compiling.compiled import COMPILED, digest_of
 
-from lagrange_bench.integrators.compiling.compiled import COMPILED, IDENTIFIED, digest_of, identified
+if COMPILED:
+    from numba import types
+    from numba.extending import lower_builtin, type_callable
 
-TUPLE: Any = types.BaseTuple
+    from lagrange_bench.integrators.compiling.machine_code import IDENTIFIED, identified
+
 FUNCTIONS = ("sqrt", "sin", "cos", "exp", "log")
 
 
@@ -114,9 +116,13 @@ def unrolled(function: Callable[..., Any]) -> Any:
     return result
 
 
+def _is_tuple(kind: Any) -> bool:
+    return isinstance(kind, types.BaseTuple)
+
+
 def example(kind: Any) -> Any:
     """A value of a type, to find the type that a function returns."""
-    return tuple(map(example, kind.types)) if isinstance(kind, TUPLE) else Unknown()
+    return tuple(map(example, kind.types)) if _is_tuple(kind) else Unknown()
 
 
 def type_of(value: Any) -> Any:
@@ -124,13 +130,13 @@ def type_of(value: Any) -> Any:
 
 
 def wrap(builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, TUPLE):
+    if _is_tuple(kind):
         return tuple(wrap(builder, t, builder.extract_value(value, i)) for i, t in enumerate(kind.types))
     return Symbol(builder, value)
 
 
 def unwrap(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    if isinstance(kind, TUPLE):
+    if _is_tuple(kind):
         parts = [unwrap(context, builder, t, v) for t, v in zip(kind.types, value, strict=True)]
         return context.make_tuple(builder, kind, parts)
     return value.value if isinstance(value, Symbol) else context.get_constant(kind, value)

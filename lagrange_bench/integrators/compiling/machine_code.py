@@ -1,0 +1,102 @@
+"""Kernels, compiled by Numba, and a cache of their machine code that is never out of date.
+
+Numba saves the code of a function under its name, and notices a change in the file of the function, but not in the functions
+that it calls. So the cache has one folder for each state of `integrators`, named by the digest of all files there. If a file is
+edited while a process runs, this process neither saves nor loads code of the kernels that it has not compiled yet.
+
+LAGRANGE_BENCH_CACHE names another folder of caches; if it is empty, there is no cache.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import sys
+from functools import cache
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+from weakref import WeakValueDictionary
+
+import llvmlite.binding as llvm
+import numba
+from numba.core.registry import CPUDispatcher
+
+from lagrange_bench.support import announce
+from lagrange_bench.support.files import cache_folder
+from lagrange_bench.support.source_digest import IMPORTED_SOURCES, PACKAGE
+
+SOURCES = IMPORTED_SOURCES.code(PACKAGE / "integrators")  # before a kernel is imported
+# Numba's settings that change machine code
+SETTINGS = ("BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
+
+# the kernels and unrolled functions of this process by their digests
+IDENTIFIED: WeakValueDictionary[str | None, Any] = WeakValueDictionary()
+
+
+def identified(digest: str | None) -> Any:
+    """The kernel or unrolled function with this digest."""
+    return IDENTIFIED[digest]
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function: Numba's dispatcher with a digest, which identifies it in all processes, or None."""
+
+    digest: str | None = None
+    _saves: bool | None = None  # whether its machine code is saved; None: not yet decided
+
+    def __reduce__(self) -> Any:
+        """Pickle the digest. Numba's cache identifies a function by the pickles of all that it closes over."""
+        return super().__reduce__() if self.digest is None else (identified, (self.digest,))
+
+    def compile(self, signature: Any) -> Any:
+        """As Numba's, but without an error if the machine code cannot be saved."""
+        self.begin_to_save()
+        with announce.long_work("compiling, once on this machine" if self._saves else "compiling"):
+            try:
+                return super().compile(signature)
+            except OSError:  # it was compiled before Numba tried to save it
+                return super().compile(signature)
+
+    def begin_to_save(self) -> None:
+        """Let Numba save the machine code in the folder of caches, as if the file of the function were there, if it can be."""
+        if self._saves is not None:
+            return
+        folder = _folder() if self.digest is not None and not SOURCES.edited else None
+        self._saves = folder is not None
+        if folder is not None:
+            function = self.py_func
+            code = function.__code__.replace(co_filename=str(folder / "kernels.py"))
+            self.py_func = FunctionType(code, function.__globals__, function.__name__, None, function.__closure__)
+            self.py_func.__qualname__ = function.__qualname__
+            self.enable_caching()
+            self.py_func = function
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the cache has machine code of the kernel, for any types."""
+        self.begin_to_save()
+        return bool(self._saves and self._files())
+
+    def _files(self) -> list[Path]:
+        return sorted(Path(str(self.stats.cache_path)).glob(f"*_{self.digest}-*.nb[ic]"))
+
+
+@cache
+def _folder() -> Path | None:
+    """The folder for machine code, with a file for Numba; None if there is no cache."""
+    home = cache_folder()
+    if home is None:
+        return None
+    settings = [f"{name}={getattr(numba.config, name)}" for name in SETTINGS]
+    machine = [llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
+    words = [SOURCES.digest, numba.__version__, str(sys.implementation.cache_tag), *settings, *machine]
+    folder = home / hashlib.sha256("\n".join(words).encode()).hexdigest()[:24]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.suppress(FileExistsError):
+            (folder / "kernels.py").touch(exist_ok=False)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
