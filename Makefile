@@ -91,12 +91,12 @@ dist:
 
 # without JIT, kernels show their signature and docstring; with ALLOW_EXEC, NumPy before 2.1 may run lscpu when imported
 docs: .venv/ready
-	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench
+	NUMBA_DISABLE_JIT=1 PDOC_ALLOW_EXEC=1 $(BIN)/pdoc -d numpy -o build/docs lagrange_bench '!lagrange_bench[.]experiments[.]engines[.].*_run'
 	@echo build/docs/lagrange_bench.html
 
 # engines that run in node; their rows are judged and stored by the experiment, like all others
 web: .venv/bench
-	npm install --prefix lagrange_bench/experiments/web --no-audit --no-fund --no-package-lock
+	npm install --prefix lagrange_bench/experiments/engines/web --no-audit --no-fund --no-package-lock
 	$(BIN)/lagrange-bench run engines --profile full --no-timings
 
 lint: .venv/ready

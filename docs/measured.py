@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import CASES, METHODS, Case, RigidBody, judge
-from lagrange_bench.experiments import engine_figures, programs
+from lagrange_bench import CASES, Case, RigidBody, judge
+from lagrange_bench.experiments.engines import figures, programs
 from lagrange_bench.results.store import REFERENCE, Store
 
 DOCS = Path(__file__).parent
@@ -66,92 +66,82 @@ def references() -> list[str]:
 
 
 @cache
-def orders() -> tuple[pd.DataFrame, str]:
-    """Integrators of engines with their errors, and the column of the position at the step of the documents."""
-    errors = engine_figures.tables(stored())["orders"]
-    return errors, next(name for name in errors if name.startswith("position, h"))
-
-
-def defaults() -> list[str]:
-    """The table of programs in the README: how far the default and the best integrator of each are off on `bruels`."""
-    errors, position = orders()
-    errors = errors[errors.case == "bruels"]
-    exact = errors[errors.integrator == "backlund"].iloc[0]
-    lines = []
-    for engine, rows in errors[errors.engine != exact.engine].groupby("engine", sort=False):
-        cells = [f"{engine}, {rows.version.iloc[0]}"]
-        for setting in ("default", "best"):
-            chosen = rows[rows.setting.str.contains(setting, na=False)]
-            errors_of = [f"{row.integrator}: {metres(row[position], 'gave up')}" for _, row in chosen.iterrows()]
-            cells.append("; ".join(errors_of) or "–")
-        lines.append(cells)
-    lines.append(["this bench", "", f"`backlund`, any step: {metres(exact[position])}"])
-    return table("program | default | best", lines)
-
-
-def sweep() -> list[str]:
-    """The default and the best integrators of the sweep, and below them methods of the bench."""
-    errors, position = orders()
-    engines, ours = [], []
-    for (engine, integrator), cases in errors.groupby(["engine", "integrator"], sort=False):
-        fast, slow = (cases[cases.case == case].iloc[0] for case in ("bruels", "slow"))
-        own = engine == programs.OURS
-        if not own and not fast.setting:
-            continue
-        exact = own and METHODS[integrator].order is None
-        cells = [
-            f"{'this bench' if own else engine}, {fast.version}",
-            f"`{integrator}`" if own else f"{integrator} ({fast.setting})",
-            *("exact" if exact else shown(each["order of rotation"], ".1f") for each in (fast, slow)),
-            *(metres(each[position], "gave up") for each in (fast, slow)),
-            *(shown(fast[name] / 1e3, ".2g") for name in ("ns per step", "overhead, ns")),
-        ]
-        (ours if own else engines).append(cells)
-    head = "program, version | integrator | order, `bruels` | order, `slow` | position, `bruels` | position, `slow` "
-    return table(f"{head}| µs a step | overhead, µs", [*engines, *ours])
-
-
-@cache
 def stored() -> pd.DataFrame:
     """The rows of engines."""
     return Store(REFERENCE).rows("engines")
 
 
+@cache
+def orders() -> pd.DataFrame:
+    """Integrators of engines with their errors at the step of the documents, `position`."""
+    errors = figures.tables(stored())["orders"]
+    return errors.rename(columns={"position, h = 1/1024": "position"})
+
+
+def defaults() -> list[str]:
+    """The table of programs in the README: how far the default and the best integrator of each are off, first on `slow`."""
+    errors = orders()
+    lines = []
+    for engine, rows in errors[errors.engine != programs.OURS].groupby("engine", sort=False):
+        cells = [figures.title(engine, rows.version.iloc[0])]
+        for case in ("slow", "bruels"):
+            least = np.inf
+            for setting in (programs.DEFAULT, programs.BEST):
+                chosen = rows[(rows.case == case) & (rows.setting == programs.WORDS[setting])]
+                texts = [f"{row.integrator}: {metres(row.position, 'gave up')}" for _, row in chosen.iterrows()]
+                if setting == programs.BEST and len(chosen) and chosen.position.iloc[0] > least:
+                    texts[0] += f" ({programs.ENGINES[engine].worse})"
+                least = chosen.position.fillna(np.inf).min() if len(chosen) else np.inf
+                cells.append("; ".join(texts) or "–")
+        lines.append(cells)
+    exact = errors[errors.integrator == "backlund"].set_index("case").position
+    texts = [f"`backlund`, any step: {metres(exact[case])}" for case in ("slow", "bruels")]
+    lines.append(["this bench", "", texts[0], "", texts[1]])
+    advised = programs.WORDS[programs.BEST]
+    return table(f"program | default | {advised} | 150 rad/s: default | 150 rad/s: {advised}", lines)
+
+
 def known() -> list[str]:
     """Known engines with the steps of games, and the splitting of this bench beside them."""
     lines = []
-    for _, row in engine_figures.overview(stored()).iterrows():
-        errors = (metres(row[step]) for step in engine_figures.OVERVIEW)
+    for _, row in figures.overview(stored()).iterrows():
+        errors = (metres(row[step]) for step in figures.OVERVIEW)
         lines.append([row.engine, row.setting, *errors, shown(row.until, ".2g", " s"), row.limit])
-    ours = [metres(value(programs.OURS, "strang", h=h)) for h in engine_figures.OVERVIEW.values()]
+    ours = [metres(value(programs.OURS, "strang", h=h)) for h in figures.OVERVIEW.values()]
     lines.append(["this bench", "`strang`, the splitting of Touma and Wisdom", *ours, "2 s", "the exact motion"])
     errors = "error, 1/60 s | error, 1/1024 s | within 10 cm, 1/60 s"
-    return table(f"program, version | settings | {errors} | smaller steps lead to", lines)
+    return table(f"program | setting | {errors} | smaller steps lead to", lines)
 
 
-def energies() -> list[str]:
-    """What becomes of the energy in known engines, and how small their errors get."""
-    rows = engine_figures.tables(stored())["energy"]
-    rows = rows[rows.engine.isin(engine_figures.KNOWN) & rows.setting.isin((programs.DEFAULT, programs.BEST))]
-    lines = []
-    for _, row in rows.iterrows():
-        setting = row.setting if row.integrator == row.setting else f"{row.setting}: {row.integrator}"
-        energy = shown(row["energy gained"], ".1e"), shown(row["exponent p"], ".1f")
-        least = metres(row["least error"]), f"1/{1 / row['its step']:.0f} s"
-        lines.append([row.engine, setting, row.precision, *energy, *least])
-    return table("program | settings | numbers | energy gained | p | least error | its step", lines)
+def scripts() -> list[str]:
+    """Two of the files that run engines, whole."""
+    texts = [(programs.HERE / f"{name}_run.py").read_text(encoding="utf-8") for name in ("mujoco", "rapier")]
+    return ["\n".join(["```py", text.rstrip(), "```", ""]) for text in texts]
+
+
+FAMILY = 0.05  # relative: integrators whose errors differ by less at all steps take the same step
+
+
+def same_step() -> tuple[list[str], pd.Series]:
+    """The engines whose default makes the errors of MuJoCo's, and these errors by step."""
+    rows = figures.runs(stored()[stored().status == "done"], sweep=False)
+    rows = rows[(rows.case == "slow") & (rows.engine != programs.OURS)].dropna(subset=["position"])
+    errors = rows.pivot_table("position", ["engine", "integrator"], "h", sort=False)
+    ratios = np.log(errors / errors.loc["MuJoCo", "Euler"])
+    near = (ratios.abs().max(axis=1) < FAMILY) & (ratios.notna().sum(axis=1) > 1)
+    return list(dict.fromkeys(errors.index[near].get_level_values("engine"))), errors.loc["MuJoCo", "Euler"]
 
 
 def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
     """What is stored of a run; NaN if it gave up."""
-    rows = engine_figures.runs(stored(), sweep=False)
+    rows = figures.runs(stored(), sweep=False)
     (found,) = rows[(rows.engine == engine) & (rows.integrator == kind) & (rows.case == case) & (rows.h == h)][column]
     return float(found)
 
 
 def story() -> list[str]:
     """What the rows say, in sentences with their numbers."""
-    rows = engine_figures.runs(stored(), sweep=False)
+    rows = figures.runs(stored(), sweep=False)
     rows = rows[(rows.status == "done") & rows.engine.ne(programs.OURS)]
     finest = rows[rows.h == rows.groupby(["case", "engine", "integrator"]).h.transform("min")]
     racket, default = finest[finest.case == "racket"], rows[rows.setting == programs.DEFAULT]
@@ -162,7 +152,7 @@ def story() -> list[str]:
     games = default[(default.case == "slow") & (default.h == 1 / 60)]
     near = sorted(set(games[games.until >= programs.UNTIL].engine))
     far = games[games.until < programs.UNTIL].until
-    family = engine_figures.families(stored())[0]
+    names, errors = same_step()
     spins = {name: 10 + value(name, "default", column="spin") for name in ("cannon-es", "PhysX", "Jolt", "Havok")}
     releases = {"3.6": "MuJoCo 3.6", "3.10": "MuJoCo 3.10", "3.17": "MuJoCo 3", "4.0": "MuJoCo"}
     box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}
@@ -175,8 +165,8 @@ def story() -> list[str]:
         f"turns over, whatever the step. No option for it was found in {', '.join(without)}.",
         f"2. **With default settings and steps of 1/60 s** these stay within 10 cm for 2 s on `slow`: {', '.join(near)}. "
         f"The others do so for {far.min():.2g} to {far.max():.2g} s.",
-        f"3. **One formula has many names**: {', '.join(dict.fromkeys(name for name, _, _ in family))} take the "
-        f"semi-implicit Euler step in reduced coordinates, and are all off by {family[0][2][1 / 1024]:.2g} m with 1/1024 s. "
+        f"3. **One formula has many names**: {', '.join(names)} take the "
+        f"semi-implicit Euler step in reduced coordinates, and are all off by {errors[1 / 1024]:.2g} m with 1/1024 s. "
         f"Bullet's point joint, a constraint, errs by {joint:.2g} m there.",
         "4. **Some defaults are no physics**: damping and caps. With the smallest step a spin of 10 rad/s on `slow` is after "
         f"2 s {spun}.",
@@ -196,7 +186,7 @@ def metres(error: float, none: str = "–") -> str:
     return shown(error, ".1e", " m", none)
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story, energies, sweep], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:

@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from lagrange_bench.experiments.engine_figures import OVERVIEW, overview
+from lagrange_bench.experiments.engines.figures import OVERVIEW, overview
+from lagrange_bench.experiments.engines.programs import OURS, UNTIL
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
-from lagrange_bench.experiments.programs import OURS, UNTIL
 from lagrange_bench.integrators.interface import INVARIANTS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS

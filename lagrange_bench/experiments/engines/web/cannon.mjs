@@ -15,7 +15,7 @@ export function start(top, h, best) {
   body.updateInertiaWorld(true);
   world.addBody(body);
   if (best) body.linearDamping = body.angularDamping = 0; // default: 0.01
-  if (!top.free) {
+  if (!top.is_free) {
     const ground = new Body({ mass: 0 });
     world.addBody(ground);
     const pivot = top.com.map((x) => -x);

@@ -27,7 +27,7 @@ export async function start(top, h, best) {
   H.HP_World_AddBody(world, body, false);
   H.HP_Body_SetLinearVelocity(body, top.velocity);
   H.HP_Body_SetAngularVelocity(body, top.omega);
-  if (!top.free) {
+  if (!top.is_free) {
     const ground = add(H.MotionType.STATIC), [, joint] = H.HP_Constraint_Create();
     H.HP_World_AddBody(world, ground, false);
     H.HP_Constraint_SetParentBody(joint, ground);

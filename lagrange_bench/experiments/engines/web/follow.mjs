@@ -1,7 +1,7 @@
 // A rigid body in an engine of the web, as a CSV file that `lagrange-bench judge` reads:
 // node follow.mjs ENGINE SETTING STEP STEPS EVERY BODY
 // ENGINE: a file of this folder. SETTING: "default", or any other word for its best. STEP: s; STEPS: how many; EVERY: steps
-// between two rows. BODY: JSON, as of `Body` in experiments/adapters.py.
+// between two rows. BODY: JSON, as of `Body` in ../follow.py.
 //
 // An adapter exports start(body, h, best), which gives step() and read(): the centre of mass, the quaternion with the scalar
 // last, the angular velocity in the world.

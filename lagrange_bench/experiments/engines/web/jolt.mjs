@@ -28,7 +28,7 @@ export async function start(top, h, best) {
   made.mAngularVelocity = new J.Vec3(...top.omega);
   const body = bodies.CreateBody(made);
   bodies.AddBody(body.GetID(), J.EActivation_Activate);
-  if (!top.free) {
+  if (!top.is_free) {
     const point = new J.PointConstraintSettings();
     point.mPoint1 = point.mPoint2 = new J.RVec3(0, 0, 0);
     physics.AddConstraint(point.Create(J.JoltInterface.prototype.sGetFixedToWorldBody(), body));

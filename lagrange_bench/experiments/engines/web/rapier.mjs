@@ -14,7 +14,7 @@ export async function start(top, h, best) {
     .setCanSleep(false);
   const body = world.createRigidBody(description);
   body.recomputeMassPropertiesFromColliders(); // or worldCom() is the origin before the first step
-  if (!top.free) {
+  if (!top.is_free) {
     const ground = world.createRigidBody(RAPIER.RigidBodyDesc.fixed());
     const origin = vector([0, 0, 0]);
     world.createImpulseJoint(RAPIER.JointData.spherical(origin, origin), ground, body, true);

@@ -17,7 +17,7 @@ export async function start(top, h, best) {
   body.setActivationState(4); // never sleep
   if (best) body.setFlags(2); // BT_ENABLE_GYROSCOPIC_FORCE_EXPLICIT
   world.addRigidBody(body);
-  if (!top.free) world.addConstraint(new A.btPoint2PointConstraint(body, vector(top.com.map((x) => -x))), true);
+  if (!top.is_free) world.addConstraint(new A.btPoint2PointConstraint(body, vector(top.com.map((x) => -x))), true);
   return {
     step: () => world.stepSimulation(h, 0),
     read: () => {

@@ -42,7 +42,7 @@ export async function start(top, h, best) {
   body.setAngularVelocity(vector(top.omega));
   body.setSleepThreshold(0);
   scene.addActor(body);
-  if (!top.free) T.SphericalJointCreate(physics, undefined, none, body, none);
+  if (!top.is_free) T.SphericalJointCreate(physics, undefined, none, body, none);
   return {
     step: () => {
       scene.simulate(h);

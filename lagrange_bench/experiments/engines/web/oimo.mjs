@@ -17,7 +17,7 @@ export function start(top, h) {
   body.syncShapes();
   body.linearVelocity.set(...top.velocity);
   body.angularVelocity.set(...top.omega);
-  if (!top.free) {
+  if (!top.is_free) {
     const config = new JointConfig();
     Object.assign(config, { scale: 1, invScale: 1, body1: add([0, 0, 0], false), body2: body, allowCollision: false });
     config.localAnchorPoint1.set(0, 0, 0);
