@@ -1,5 +1,4 @@
-"""A rigid body in Drake. A top has a joint with three angles, whose frames are turned: the spin is the roll, and z, along which
-the joint is singular, points where the axis comes least near."""
+"""A rigid body in Drake. The joint of a top has three angles: the spin is the roll, and along z it is singular."""
 
 import numpy as np
 from pydrake import all as drake
@@ -15,8 +14,8 @@ def turned(body):
 
 def run(body, integrator, h, steps, every):
     plant = drake.MultibodyPlant(h if integrator == "discrete" else 0.0)
-    moments = drake.RotationalInertia(*body.moments)
-    top = plant.AddRigidBody("top", drake.SpatialInertia.MakeFromCentralInertia(body.mass, body.com, moments))
+    inertia = drake.SpatialInertia.MakeFromCentralInertia(body.mass, body.com, drake.RotationalInertia(*body.moments))
+    top = plant.AddRigidBody("top", inertia)
     if not body.is_free:
         ends, pose = (("joint", plant.world_frame()), ("body", top.body_frame())), turned(body)
         frames = [plant.AddFrame(drake.FixedOffsetFrame(*end, pose)) for end in ends]
@@ -26,7 +25,7 @@ def run(body, integrator, h, steps, every):
     simulator = drake.Simulator(plant)
     context = simulator.get_mutable_context()
     if body.is_free:
-        plant.SetFreeBodySpatialVelocity(top, drake.SpatialVelocity(body.omega, body.velocity), context)
+        plant.SetFreeBodySpatialVelocity(context, top, drake.SpatialVelocity(body.omega, body.velocity))
     else:
         joint.set_angular_velocity(context, pose.rotation().matrix().T @ body.omega)
     if integrator != "discrete":
@@ -35,6 +34,7 @@ def run(body, integrator, h, steps, every):
         drake.ApplySimulatorConfig(config, simulator)
     simulator.Initialize()
     for n in range(steps // every + 1):
-        simulator.AdvanceTo(n * every * h)
+        if n:
+            simulator.AdvanceTo(n * every * h)
         pose, twist = plant.EvalBodyPoseInWorld(context, top), plant.EvalBodySpatialVelocityInWorld(context, top)
         yield *pose.multiply(body.com), *pose.rotation().matrix().ravel(), *twist.rotational()

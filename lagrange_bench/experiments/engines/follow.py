@@ -4,9 +4,9 @@
     lagrange-bench judge run.csv --case slow --omega world
 
 The words are a file NAME_run.py of this folder, an integrator of the program, the step (s), the number of steps, the steps
-between two rows, and a body. The file has a function `run` of a `Body` and the four words between. Its rows, from the start on, are
-the centre of mass (m), the rotation from body to world, and the angular velocity in the world (rad/s). Rotations are quaternions
-with the scalar last, or matrices, row by row. All numbers are the program's own, so their precision can be seen.
+between two rows, and a body. The file has a function `run` of a `Body` and the four words between. Its rows, from the start on,
+are the centre of mass (m), the rotation from body to world, and the angular velocity in the world (rad/s). Rotations are
+quaternions with the scalar last, or matrices, row by row. All numbers are the program's own, so their precision can be seen.
 """
 
 import csv
