@@ -1,4 +1,4 @@
-"""mpmath with more digits, for one thread at a time: mpmath has one precision for the whole process."""
+"""mpmath and FLINT with more digits, for one thread at a time: each has one precision for the whole process."""
 
 from __future__ import annotations
 
@@ -15,4 +15,13 @@ def workdps(digits: int) -> Iterator[None]:
     import mpmath
 
     with ONE_AT_A_TIME, mpmath.workdps(digits):
+        yield
+
+
+@contextmanager
+def workprec(bits: int) -> Iterator[None]:
+    """The same for the ball arithmetic of FLINT, in bits."""
+    import flint
+
+    with ONE_AT_A_TIME, flint.ctx.workprec(bits):
         yield

@@ -1,7 +1,16 @@
 """Writes a case as one file of C or Python without dependencies, for tests of other programs. The templates are in `code`.
 
-For a free body the file has the closed form of `methods.free_body`, in principal axes i, ±j, k: in this order one formula serves
-all bodies. For a symmetric heavy body it has the exact step, which goes from the start to the time in a few equal steps. Their
+For a free body the file has a closed form in principal axes i, ±j, k; in this order one formula serves all bodies. With the
+constants and axes of `problem.free_motion` and L upright, axis k has turned about the vertical since u = 0 by
+
+    ψ = a_j G t + (a_j G² − D)/(G λ) C(u) + atan(p sn u cn u/dn u)        p = (a_i − a_j) G/λ
+    C(u) = ∫ N sn²/(1 − N sn²) du = N sn³/3 · R_J(cn², dn², 1, 1 − N sn²)     1 − N = (a_j G² − D)/(a_i G² − D)
+
+(Landau & Lifshitz, Mechanics, section 37, with their −r taken to N = (k² + r)/(1 + r) by DLMF 19.7.10: then all terms have one
+sign, or, for bodies of matter, cancel by half at most.) Then R(t) = R(0) M(0)ᵀ M(t), M = R3(ψ) R2(−θ) R3(−η), with
+η = arg(L_1 + i L_2) and the angle θ from axis k to L, in axes 1, 2, 3 = k.
+
+For a symmetric heavy body it has the exact step, which goes from the start to the time in a few equal steps. Their
 λ = R + iη, m and χ are power series of the step h. With C1 = 1, λ = ih/2 + …, m = 1 + …,
 
     2η dλ/dh = −m λ̄        m² = Q(λ)        dχ/dh = −2R/|λ|²,  χ(0) = π
@@ -12,26 +21,28 @@ Whole periods are taken off the time first. Their length, and the turns in a per
 from __future__ import annotations
 
 import math
-from fractions import Fraction
 from functools import cache
 from importlib.metadata import version
 from textwrap import wrap
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from flint import arb, fmpq
 from mpmath import mp, mpf
 from scipy.spatial.transform import Rotation
+from scipy.special import elliprf, elliprj
 
 from lagrange_bench.integrators.cases import Case
-from lagrange_bench.integrators.methods import free_body
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.free_motion import free_motion
-from lagrange_bench.integrators.truth import free_body as truth
-from lagrange_bench.integrators.truth import symmetric_body
-from lagrange_bench.integrators.truth.exact import DIGITS
-from lagrange_bench.support.precision import workdps
+from lagrange_bench.integrators.problem.free_motion import FreeMotion, free_motion
+from lagrange_bench.integrators.truth import free_body, symmetric_body
+from lagrange_bench.integrators.truth.curve import BITS
+from lagrange_bench.integrators.truth.states import as_mpf
+from lagrange_bench.integrators.truth.table import exact_period, turns_in
+from lagrange_bench.support.precision import workdps, workprec
 
 LANGUAGES = {"c": ("exact.c.j2", "//"), "python": ("exact.py.j2", "#")}  # template, mark of a comment
+DIGITS = 40  # of periods and turns
 TERMS = 10  # of each power series
 LEFT_OUT = 2.0**-55  # size of the first term that is left out, at the longest step
 
@@ -82,57 +93,105 @@ def templates() -> Any:
     return environment
 
 
-def parts(word: str, v: Any) -> dict[str, Any]:
-    """A number of mpmath as `word`, and the part that its double lacks as `word`_lo."""
-    return {word: v, f"{word}_lo": v - mpf(float(v))}
+def parts(word: str, v: arb) -> dict[str, Any]:
+    """A number as `word`, and the part that its double lacks as `word`_lo."""
+    exact = as_mpf(v.mid())
+    with workdps(DIGITS):
+        return {word: +exact, f"{word}_lo": exact - mpf(float(exact))}
 
 
 def free_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a free body."""
-    motion, start = free_motion(body.inertia, y[4:]), body.rotations(y)
-    if motion is None:
+    numbers, exact, start = free_motion(body.inertia, y[4:]), free_body.motion_of(body, y), body.rotations(y)
+    if numbers is None:
         rate = body.angular_velocity(y)
-        inertia, state = (tuple(map(Fraction, v.tolist())) for v in (body.inertia, y))
-        exact: Any = truth.find_motion(inertia, state, DIGITS)
-        with workdps(DIGITS):
-            turn = parts("turn", exact.turn / (2 * mp.pi))
+        with workprec(BITS):
+            turn = sum((drift.left for drift in exact.drifts()), arb(0)) / (2 * arb.pi())
         axis = rate / (np.linalg.norm(rate) or 1.0)
-        return {"kind": "spin", "rate": rate, "axis": axis, "start": start.as_quat(scalar_first=True), **turn}
-    order, size = list(motion.axes), np.abs(motion.amplitudes)
-    frame = np.copysign(1.0, (motion.amplitudes[0], 1.0, motion.amplitudes[2]))[:, None] * body.axes[order]
+        return {
+            "kind": "spin",
+            "rate": rate,
+            "axis": axis,
+            "start": start.as_quat(scalar_first=True),
+            **parts("turn", turn),
+        }
+    order, size = list(numbers.axes), np.abs(numbers.amplitudes)
+    frame = np.copysign(1.0, (numbers.amplitudes[0], 1.0, numbers.amplitudes[2]))[:, None] * body.axes[order]
     side = np.sign(np.linalg.det(frame))  # of axis j
     frame[1] *= side
-    formula = free_body.formula(motion)
-    whole: dict[str, Any] = {}
-    with workdps(DIGITS):
-        for word in ("slow", "half", "turn"):
-            whole |= parts(word, mp.fsum(getattr(formula, word)))
-    s, c = formula.start
-    psi = free_body.bent(formula, s, c, math.sqrt(c * c + motion.complement * s * s))
+    with workprec(BITS):
+        slow = exact.a[order[1]] * arb(exact.G2).sqrt() / (2 * arb.pi())
+        whole = parts("slow", slow)
+        if exact.node is None:
+            period = exact_period(exact)
+            turn = exact.half_turn(period, order[2]) - slow * period / 2
+            whole |= {**parts("half", arb(period / 2)), **parts("turn", turn - turn.mid().floor())}
+    form = formula(numbers)
+    s, c = form.start
+    psi = bent(form, s, c, math.sqrt(c * c + numbers.complement * s * s))
     L, to_frame = frame @ body.axes.T @ y[4:], Rotation.from_matrix(frame)
     angles = float(psi), -math.atan2(math.hypot(L[0], L[1]), L[2]), -math.atan2(L[1], L[0])
     left = start * (Rotation.from_euler("ZYZ", angles) * to_frame).inv()
     return {
-        **{"kind": "free", "complement": motion.complement, "inertia": body.inertia[order], "alpha": size[0]},
-        **{"beta": side * motion.amplitudes[1], "gamma": size[2], **formula._asdict(), **whole},
+        **{"kind": "free", "complement": numbers.complement, "inertia": body.inertia[order], "alpha": size[0]},
+        **{"beta": side * numbers.amplitudes[1], "gamma": size[2], **form._asdict(), **whole},
         **{"left": left.as_quat(scalar_first=True), "frame": to_frame.as_quat(scalar_first=True)},
     }
+
+
+class Formula(NamedTuple):
+    """The numbers of the formula for a free body, in its doubles."""
+
+    start: tuple[float, float]  # sn and cn of u0, on the unit circle
+    phase: float  # u0; u = λ t + u0
+    rate: float  # λ
+    fast: float  # (a_j G² − D)/(G λ)
+    bend: float  # p
+    ratio: float  # N
+    rest: float  # 1 − N
+
+
+def formula(motion: FreeMotion) -> Formula:
+    """The numbers of a motion, computed from fractions and rounded once."""
+    (s, c), (a_i, a_j, _), G, rate = motion.start, motion.inverse, motion.momentum, motion.rate
+    size = math.hypot(s, c)
+    s, c = s / size, c / size
+    return Formula(
+        start=(s, c),
+        phase=s * float(elliprf(c * c, c * c + motion.complement * s * s, 1.0)),
+        rate=float(rate),
+        fast=float(motion.middle / (G * rate)),
+        bend=float((a_i - a_j) * G / rate),
+        ratio=float((a_i - a_j) * G**2 / motion.high),
+        rest=float(motion.middle / motion.high),
+    )
+
+
+def bent(f: Formula, s: float, c: float, d: float) -> float:
+    """ψ − a_j G t, from sn, cn and dn."""
+    if f.rest == 0.0:  # on the separatrix cn = dn
+        return math.atan(f.bend * s)
+    C = f.ratio * s**3 / 3.0 * elliprj(c * c, d * d, 1.0, c * c + f.rest * s * s)
+    return float(f.fast * C + math.atan2(f.bend * s * c, d))
 
 
 def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a symmetric heavy body."""
     start, alpha, world = body.reduced(y), body.top.alpha, Rotation.from_matrix(body.world)
     J, x = start[:3], start[3:]
-    motion, period, _ = symmetric_body.find_motion(symmetric_body.facts_of(body, y), DIGITS)
-    steady, whole = motion.orbit is None, {}
-    with workdps(DIGITS):
-        period = mpf(1) if steady else mp.ldexp(period, -motion.rate)
-        if mp.isfinite(period):
-            whole = parts("period", period)
-            # if the motion is steady, the turn of the top is about the other end of the axis
-            side = np.sign(body.axis @ body.axes[body.symmetry]) if steady else 1
-            for word, rate in ("up", motion.turn), ("spin", -2 * side * motion.spin):
-                whole |= parts(word, mp.ldexp(rate, motion.rate) * period / (2 * mp.pi))
+    exact, whole = symmetric_body.motion_of(body, y), {}
+    if exact.node is None:
+        with workprec(BITS):
+            if exact.steady:
+                period, drifts = fmpq(1), exact.drifts()
+                up, own = (sum(rates, arb(0)) for rates in ([v.left for v in drifts], [v.right for v in drifts]))
+                up, own = up / (2 * arb.pi()), own / (2 * arb.pi())
+            else:
+                period = exact_period(exact)
+                up, own = map(arb, turns_in(exact, period))
+                own += exact.spin * period / (2 * arb.pi())
+            side = int(np.sign(body.axis @ body.axes[body.symmetry]))
+            whole = {**parts("period", arb(period)), **parts("up", up), **parts("spin", side * own)}
     unit = 1.0 / (float(np.linalg.norm(J)) + math.sqrt(alpha))
     # Q(λ) = 1 + 2 C2 λ + 2 H λ² + 2 alpha J3 λ³ + alpha² λ⁴
     Q = (
@@ -147,7 +206,14 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     scales = np.array((unit * reach**2, unit * reach, 1.0, reach, reach)) * reach ** (2.0 * np.arange(TERMS)[:, None])
     own = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)
     return {
-        **{"kind": "steady" if steady else "heavy", "alpha": alpha, "J": J, "x0": x, "axis": body.axis, "own": own},
+        **{
+            "kind": "steady" if exact.steady else "heavy",
+            "alpha": alpha,
+            "J": J,
+            "x0": x,
+            "axis": body.axis,
+            "own": own,
+        },
         **{"left": world.inv().as_quat(scalar_first=True), "longest": unit * reach, "rows": rows[:TERMS] * scales},
         **{"right": (world * body.rotations(y)).as_quat(scalar_first=True), **whole},
     }

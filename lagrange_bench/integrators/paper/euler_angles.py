@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache
+from operator import mul
 from random import Random
 from typing import Any
 
@@ -35,8 +36,8 @@ from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.phase_space import components, function, refuse, sqrt
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.exact import check_times, solution
-from lagrange_bench.integrators.truth.orbit import State, real
+from lagrange_bench.integrators.truth.exact import solution
+from lagrange_bench.integrators.truth.states import check_times
 from lagrange_bench.support.precision import workdps
 
 __all__ = ["Motion", "Weierstrass", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
@@ -197,6 +198,10 @@ class Weierstrass:
         return self.omega1 + (-I * y if slope < 0 else I * y)
 
 
+def real(q: Fraction) -> mpf:
+    return mpf(q.numerator) / q.denominator
+
+
 class Motion:
     """The motion through one state: its constants, as mpmath numbers made and used at `dps` digits.
 
@@ -207,8 +212,9 @@ class Motion:
     def __init__(self, alpha: float, y0: tuple[float, ...], digits: int) -> None:
         if alpha == 0:
             raise ValueError("alpha = 0: no elliptic functions in a free rotation; use exact.solution")
-        state = State(Fraction(alpha), tuple(map(Fraction, y0[:3])), tuple(map(Fraction, y0[3:])))
-        a, m, l, c1, H = state.alpha, state.m, state.l, state.c1, state.H
+        a, J, x = Fraction(alpha), list(map(Fraction, y0[:3])), list(map(Fraction, y0[3:]))
+        squares, c1, l = (sum(map(mul, u, v), Fraction(0)) for u, v in ((J, J), (x, x), (J, x)))
+        m, H, velocity = J[2], squares / 2 + a * x[2], J[0] * x[1] - J[1] * x[0]
         g2 = H**2 / 3 + a**2 * c1 - a * l * m
         g3 = H**3 / 27 - a * l * m * H / 6 - a**2 * c1 * H / 3 + a**2 * (l**2 + c1 * m**2) / 4
         if (discriminant := g2**3 - 27 * g3**2) == 0:
@@ -217,7 +223,7 @@ class Motion:
         lost = sum(decimals(g2**3 / v) for v in (discriminant, pole_distance) if v)  # by differences that nearly vanish
         self.dps = 2 * (digits + 15) + max(0, lost)  # a turning point costs half of the digits
         with workdps(self.dps):
-            slopes = real(a * state.velocity / 2), real((a * l - m * H + m**3 / 2) / 2)
+            slopes = real(a * velocity / 2), real((a * l - m * H + m**3 / 2) / 2)
             a, m, l, c1, H = (real(v) for v in (a, m, l, c1, H))
             self.alpha, self.m, self.c1, self.H = a, m, c1, H
             self.wp, s, (J1, J2, _, x1, x2, x3) = Weierstrass(real(g2), real(g3)), mp.sqrt(c1), map(mpf, y0)

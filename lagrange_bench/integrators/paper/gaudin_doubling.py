@@ -35,7 +35,7 @@ from numpy.polynomial.polynomial import polyadd, polydiv, polysub
 from lagrange_bench.integrators.paper.gaudin_curve import pade_roots, polynomial_roots, spectral_polynomial
 from lagrange_bench.integrators.paper.gaudin_maps import two_point
 from lagrange_bench.integrators.paper.phase_space import Numbers, dot, numbers, root_near
-from lagrange_bench.integrators.truth.orbit import horner
+from lagrange_bench.integrators.truth.curve import horner
 from lagrange_bench.support.precision import workdps
 
 DIGITS, MOST_DIGITS = 30, 600  # of the first run, and of the last

@@ -23,7 +23,7 @@ from lagrange_bench.integrators.paper import phase_space
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, ladder, lift, root_near
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.orbit import horner
+from lagrange_bench.integrators.truth.curve import horner
 
 PAULI = np.array((((0, 1), (1, 0)), ((0, -1j), (1j, 0)), ((1, 0), (0, -1))))
 PERMUTATION = np.array(((1, 0, 0, 0), (0, 0, 1, 0), (0, 1, 0, 0), (0, 0, 0, 1)))

@@ -1,84 +1,56 @@
-"""The exact motion and rotation of a free rigid body, by theta functions, for any moments, any start and any time.
+"""The exact motion and rotation of a free rigid body, for any moments, any start and any time: a top in a tide, and more.
 
-    L' = L × ω,   ω = L/I,   a = 1/I,   G = |L|,   D = Σ a L²
+    L' = L × ω,   ω = a L,   a = 1/I,   G = |L|,   D = Σ a L²
 
-Axes i, j, k are as in Euler's solution: j is the middle one, and L goes round k.
+Let j be the axis of the middle moment, and i, k the next two in cyclic order. In a frame that turns about L at the rate a_j G,
+the axis x = R_j is that of a top (`truth.top`) without weight in a tide of the strength (a_i − a_j)(a_j − a_k), with e = L in the
+world. Proof: J = ω − a_j L is the angular velocity in this frame; in the body it has the components (a_n − a_j) L_n, so J·x = 0.
+From L_i' = (a_j − a_k) L_j L_k, L_k' = (a_i − a_j) L_i L_j follows J' = (a_i − a_j)(a_j − a_k) L_j (L_k R_i − L_i R_k), and the
+last factor is L × x.∎ Hence X = L_j, l = 0 and M = D − a_j G².
 
-    L_i = α cn u,  L_j = β sn u,  L_k = γ dn u,   u = λ (t − t0),  λ² = (a_j − a_k)(a_i G² − D),  k² = (a_i − a_j)(D − a_k G²)/λ²
-    α² = (D − a_k G²)/(a_i − a_k),   β² = (D − a_k G²)/(a_j − a_k),   γ² = (a_i G² − D)/(a_i − a_k)
+To Z = x+ of this top come L_i and L_k. They are quotients of the same kind, as L_i'/L_i = (a_j − a_k) L_j L_k/L_i, and
 
-Take a frame of the world whose third axis is along L. The complex number ζ_n holds the other two components of body axis n in it.
-ζ' = ζ × ω, and its solutions are quotients of theta functions of v = πu/2K, with one common phase:
+    L_i² = (D − a_k G² − (a_j − a_k) X²)/(a_i − a_k)        L_k² = (a_i G² − D − (a_i − a_j) X²)/(a_i − a_k)
 
-    ζ_i = γ/G θ4(v − iβ)/θ4(iβ),   ζ_j = ±i θ3(v − iβ)/θ3(iβ),   ζ_k = −α/G θ1(v − iβ)/θ1(−iβ),   all times θ4(0)/θ4(v) e^(iΛt)
+vanish where X' = 0. Let ζ_n be the part of R_n across L. From ζ × L = iGζ the parts of the other two axes follow,
 
-Here β = ±πb/2K with the sign of a_i − a_k, and sc²(b, k') = (a_j − a_k)/(a_i − a_j). Λ makes ζ_j turn at the rate D/G when
-L_j = 0. For k² > 1/2 Jacobi's imaginary transformation replaces v by ix with x = πu/2K', and v − iβ by ix + δ with δ = ±πb/2K'.
-It exchanges θ2 and θ4. So the nome never exceeds e^-π. It vanishes on the separatrix, and if two moments are equal.
+    ζ_i (G² − X²) = (−L_i X + iG L_k) ζ_j        ζ_k (G² − X²) = (−L_k X − iG L_i) ζ_j                  (cyclic for every n)
 
-With w = iv or −x all these functions are sums of e^(mw) over one list of whole numbers m. As in `exact`, half periods are
-subtracted from t − t0, and whole turns from the mean growth of the phase. mpmath computes the constants from the doubles as
-rationals, so no case is decided by rounding. No method is imported, and no formula is shared with one.
+On the separatrix R turns about axis j in the end, and ζ_i and ζ_k are what does not vanish. (arg ζ_i)' = a_j G + G (a_j − a_i)
+L_i²/(G² − L_i²), also in the frame of the world; L_i² = κ (G² − X²), κ = (a_j − a_k)/(a_i − a_k).
 
-Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics (1937), section 69; DLMF 20.2, 20.7(viii), 22.2,
-19.25(v).
+The numbers of the start are taken as exact. q/|q| is the rotation, and |q| stays constant.
+Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics, section 69. Tested against `truth.rigid_body`.
 """
 
 from __future__ import annotations
 
-import math
-from fractions import Fraction
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from mpmath import mp, mpf
+from flint import acb, arb, ctx, fmpq
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.rotation import product
-from lagrange_bench.integrators.truth.exact import (
-    DIGITS,
-    NEVER,
-    NOTHING,
-    Clock,
-    check_digits,
-    check_times,
-    reduced,
-    split,
+from lagrange_bench.integrators.truth import states
+from lagrange_bench.integrators.truth.curve import (
+    BITS,
+    Point,
+    Terms,
+    Zeros,
+    above,
+    around,
+    certified,
+    dot,
+    fraction,
+    power_above,
+    rational,
 )
-from lagrange_bench.support.precision import workdps
-
-GUARD = 15  # digits
-DOUBLE = 20  # digits to which series are summed in doubles
-BLOCK = 4096  # so many times are computed at once
-IN_DOUBLES = np.exp, np.real, np.imag
-IN_MPMATH = tuple(np.frompyfunc(function, 1, 1) for function in (mp.exp, mp.re, mp.im))
-Rationals = tuple[Fraction, ...]
-
-
-class Motion(NamedTuple):
-    """Constants of the motion: mpmath numbers, or these rounded to doubles."""
-
-    axes: tuple[int, int, int]  # i, j, k
-    half_period: Any  # 2K/λ, inf on the separatrix
-    t0: Any
-    turn: Any  # mean rate of the phase
-    drift: Any  # rate of the rest of the phase, which is the same in each half period
-    speed: Any  # rate of w: imaginary, or real after the transformation
-    barrier: Any  # minus the logarithm of the nome
-    orders: Any  # m (M,)
-    logs: Any  # (M,): terms of the sums are e^(mw − log)
-    table: Any  # (7, M): coefficients of the numerators of L_i, L_j, L_k, ζ_i, ζ_j, ζ_k and of their denominator
-    before: Any  # (4,): q(0) times the inverse of the quaternion at t = 0 in the frame of L
-
-
-class Spin(NamedTuple):
-    """A turn about an axis that is fixed in the body and in the world."""
-
-    axis: Any  # (3,), its length is 1, or 0 at rest
-    turn: Any  # |ω|
+from lagrange_bench.integrators.truth.rotations import conjugate, matrix, product, quaternion, square, turns_about
+from lagrange_bench.integrators.truth.top import Drift, Near, Rationals, Top, angle
+from lagrange_bench.support.precision import workprec
 
 
 def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
@@ -86,239 +58,159 @@ def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: 
 
     Parameters
     ----------
-    body, y0 : a RigidBody without torque, and a state (7,). Its moments and the state are taken as exact. q/|q| is the rotation,
-    and |q| stays constant.
+    body, y0 : a RigidBody without torque, and a state (7,).
     t, digits : as in `exact.solution`.
     more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
 
     Returns
     -------
-    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. The errors of doubles are below 2e-15 of |q| and |L|
-    at every t, with `digits` below 10^-digits of these. ValueError as in `exact.solution`, and if a torque acts on the body.
+    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. Doubles are tested to 2e-15 of |q| and |L| at every t;
+    with `digits` they are proven to 10^-digits of these. ValueError as in `exact.solution`, and if a torque acts on the body.
     """
     if not kinds.free_body(body):
         raise ValueError(f"body must be a free RigidBody; got {body!r}")
-    start = tuple(Fraction(v) for v in body.check_state(y0).tolist())
-    inertia = tuple(Fraction(v) for v in body.inertia.tolist())
-    if digits is None:
-        times = check_times(t)
-        rows, rest = np.atleast_1d(times), np.broadcast_to(more, np.size(times))
-        parts = [slice(first, first + BLOCK) for first in range(0, max(1, len(rows)), BLOCK)]
-        y = np.vstack([in_doubles(inertia, start, rows[part], rest[part]) for part in parts])
-    else:
-        digits, times = check_digits(digits), check_times(t, exact=True)
-        y = in_mpmath(inertia, start, np.atleast_1d(times), digits)
-    return y[0] if times.ndim == 0 else y
+    return states.solution(motion_of(body, y0), t, digits, more)
 
 
-# ---------------------------------------------------------------- constants
+def motion_of(body: Any, y0: ArrayLike) -> FreeBody:
+    return motion(*body.inertia.tolist(), *body.check_state(y0).tolist())
 
 
 @lru_cache(maxsize=256)
-def find_motion(inertia: Rationals, start: Rationals, digits: int) -> Motion | Spin:
-    """The constants of a motion, to `digits` decimal digits."""
-    a, L = [1 / v for v in inertia], start[4:]
-    with workdps(digits + GUARD):
-        if all(L[n] * L[m] * (a[n] - a[m]) == 0 for n, m in ((0, 1), (1, 2), (2, 0))):
-            size = mp.sqrt(real(sum(v * v for v in L)))
-            omega = mp.sqrt(real(sum((v * w) ** 2 for v, w in zip(L, a, strict=True))))
-            return Spin(np.array([real(v) / (size or 1) for v in L]), omega)
-        motion = tumbling(a, L, digits)
-        first = quaternions(*components(motion, np.array([-motion.t0]), np.array([mpf(0)]), IN_MPMATH))[:, 0]
-        inverse = first[0], -first[1], -first[2], -first[3]
-        return motion._replace(before=np.array(product([real(v) for v in start[:4]], inverse)))
+def motion(*numbers: float) -> FreeBody:
+    exact = [rational(v) for v in numbers]
+    return FreeBody(exact[:3], exact[3:7], exact[7:])
 
 
-def tumbling(a: list[Fraction], L: Rationals, digits: int) -> Motion:
-    """The constants of a motion with a moving L, except `before`."""
-    G2, D = sum(v * v for v in L), sum(v * w * w for v, w in zip(a, L, strict=True))
-    i, j, k = sorted(range(3), key=lambda n: -a[n])
-    if a[j] * G2 < D or a[j] == a[k]:
-        i, k = k, i
-    ij, jk, ik = a[i] - a[j], a[j] - a[k], a[i] - a[k]
-    low, high = D - a[k] * G2, a[i] * G2 - D
-    m, m1 = ij * low / (jk * high), ik * (a[j] * G2 - D) / (jk * high)  # k² and k'²
-    alpha, beta, gamma = (mp.sqrt(real(v)) for v in (low / ik, low / jk, high / ik))
-    alpha, gamma = -alpha if L[i] < 0 else alpha, -gamma if L[k] < 0 else gamma
-    parity, side = 1 if (j - i) % 3 == 1 else -1, 1 if ik > 0 else -1
-    beta *= parity * side * mp.sign(alpha) * mp.sign(gamma)  # L_j' = ±(a_i − a_k) L_k L_i
-    G, rate = mp.sqrt(real(G2)), mp.sqrt(real(jk * high))
-    K, K1 = (mp.pi / (2 * mp.agm(1, mp.sqrt(real(v)))) if v else mp.inf for v in (m1, m))
-    u0 = first_kind(real(L[j]) / beta, real(L[i]) / alpha, real(m1))
-    transformed = 2 * m > 1
-    if transformed:
-        unit, barrier, divisor = mp.pi / (2 * K1), mp.pi * K / K1, 2
-        shift, centre = 1j * side * unit * first_kind(mp.sqrt(abs(real(jk))), mp.sqrt(abs(real(ij))), real(m)), 0
-    else:  # K' − b in place of b, which is infinite if a_i = a_j
-        unit, barrier, divisor = mp.pi / (2 * K), mp.pi * K1 / K, 4
-        shift, centre = -side * unit * first_kind(abs(gamma), abs(alpha), real(m)), side
-    last = reach(barrier, digits + GUARD)
-    orders = np.arange(-last, last + 1)
-    logs = np.array([smallness(v, 0, barrier) if transformed else mpf(0) for v in orders.tolist()])
+class FreeBody(Top):
+    """The moments and the start (q, L). Variables and states are (q, L)."""
 
-    def series(number: int, shift: Any = 0, centre: int = 0) -> Any:
-        """Coefficients of a theta function of w + shift + barrier/2 centre, up to one factor for even and one for odd m."""
-        terms = zip(orders.tolist(), logs.tolist(), strict=True)
-        return np.array([sign(number, v) * mp.exp(log - smallness(v, centre, barrier) + v * shift) if mp.isfinite(log) else mpf(0)
-                         for v, log in terms])  # fmt: skip
+    def __init__(self, moments: Rationals, q: Rationals, L: Rationals) -> None:
+        self.a, self.q, self.L, self.length = [1 / v for v in moments], list(q), list(L), square(q)
+        a, R = self.a, matrix(q)
+        _, j, _ = sorted(range(3), key=a.__getitem__)
+        self.places = (j + 1) % 3, j, (j + 2) % 3
+        i, j, k = self.places
+        self.G2, self.D = dot(L, L), sum((w * v * v for w, v in zip(a, L, strict=True)), fmpq(0))
+        J = [sum(((a[n] - a[j]) * L[n] * row[n] for n in range(3)), fmpq(0)) for row in R]
+        tide = (a[i] - a[j]) * (a[j] - a[k])
+        super().__init__(fmpq(0), tide, J, [row[j] for row in R], [dot(row, L) for row in R])
+        self.start = [*q, *L]
+        with workprec(64):
+            self.bounds, self.scale = self.amplitudes()
+            self.rate = power_above(self.scale)
 
-    def value(coefficients: Any) -> Any:
-        return sum(coefficients * IN_MPMATH[0](-logs))
+    def amplitudes(self) -> tuple[list[fmpq], arb]:
+        """Squares of the largest |L_n|, by G and D; and r of the majorant, for L_n in units of these and the unit quaternion."""
+        (i, j, k), a, bounds = sorted(range(3), key=lambda n: -self.a[n]), self.a, [self.G2] * 3
+        if not self.steady:
+            low, high = self.D - a[k] * self.G2, a[i] * self.G2 - self.D
+            bounds[i], bounds[k] = low / (a[i] - a[k]), high / (a[i] - a[k])
+            bounds[j] = min(part / gap for part, gap in ((low, a[j] - a[k]), (high, a[i] - a[j])) if gap)
+        rates = [sum((w * w * v for w, v in zip(a, bounds, strict=True)), fmpq(0))]
+        for n, p, q in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+            if not self.steady:
+                rates.append((a[p] - a[q]) ** 2 * bounds[p] * bounds[q] / bounds[n])
+        return bounds, arb(max(rates)).sqrt()
 
-    other = 6 - divisor
-    divide, across, along, middle = (series(number) for number in (divisor, other, 3, 1))
-    top, side_on, end_on = (series(number, shift, centre) for number in (divisor, 3, 1))
-    scale = value(divide)
-    slope = value(along) / value(across) * (-1j if transformed else 1)  # sn u = slope θ1/θ4, or θ1/θ2
-    speed = rate * unit * (-1 if transformed else 1j)
-    table = np.array((
-        alpha * scale / value(across) * across,
-        beta * slope * middle,
-        gamma * scale / value(along) * along,
-        gamma / G * scale / value(top) * top,
-        1j * parity * scale / value(side_on) * side_on,
-        -alpha / G * scale / value(end_on) * end_on,
-        divide,
-    ))  # fmt: skip
-    turn = real(D) / G - mp.im(speed * value(orders * side_on) / value(side_on))
-    drift = mp.im(shift) * rate / K  # θ(ix + δ)/θ2(ix) takes up a factor of e^(−2iδ) in a half period
-    return Motion((i, j, k), 2 * K / rate, -u0 / rate, turn - drift, drift, speed, barrier, orders, logs, table, None)
-
-
-def real(q: Fraction | int) -> mpf:
-    return mpf(q.numerator) / q.denominator
-
-
-def first_kind(s: mpf, c: mpf, complement: mpf) -> mpf:
-    """Legendre's integral of the first kind at the angle of (c, s), c >= 0. complement : 1 − k²."""
-    size = mp.hypot(s, c)
-    s, c = s / size, c / size
-    return s * mp.elliprf(c * c, c * c + complement * s * s, 1)
-
-
-def reach(barrier: mpf, digits: int) -> int:
-    """The largest |m| that is needed for so many digits."""
-    return 1 + math.ceil(math.sqrt(1 + 4 * math.log(10) * digits / barrier))
-
-
-def smallness(m: int, centre: int, barrier: mpf) -> mpf:
-    """Minus the logarithm of the power of the nome at e^(mw), relative to the largest one."""
-    power = (m - centre) ** 2 - (m - centre) % 2
-    return barrier * power / 4 if power else mpf(0)
-
-
-def sign(number: int, m: int) -> Any:
-    """The sign of e^(mw) in a theta function."""
-    if (number in (1, 2)) != (m % 2 == 1):
-        return 0
-    turn = -1 if number in (1, 4) and m % 4 > 1 else 1
-    return turn * (mp.mpc(0, -1) if number == 1 else 1)
-
-
-# ---------------------------------------------------------------- evaluation
-
-
-def components(c: Motion, r: Any, angle: Any, functions: Any, odd: Any = 0) -> tuple[Any, Any, Any]:
-    """Re ζ, Im ζ and L (3, N) at the times r since t0. odd : 1 after an odd number of half periods, else 0.
-
-    angle : the mean rate of the phase times t. functions : IN_DOUBLES or IN_MPMATH, as the numbers are.
-    """
-    exp, re, im = functions
-    w = c.speed * r
-    largest = abs(w) if not im(c.speed) else 0 * r
-    sums = c.table @ exp(np.multiply.outer(c.orders, w) - c.logs[:, None] - largest)
-    flip, phase = 1 - 2 * odd, exp(1j * (angle + c.drift * r))
-    quotients = sums[:6] / sums[6]
-    quotients[:2] *= flip
-    quotients[3:5] *= phase
-    quotients[5] *= flip * phase
-    order = np.argsort(c.axes)
-    L, zeta = quotients[:3][order], quotients[3:][order]
-    return re(zeta), im(zeta), re(L)
-
-
-def quaternions(first: Any, second: Any, L: Any) -> Any:
-    """The quaternions (4, N) from the body to a frame. Its axes have these components (3, N) in the body; L has any length."""
-    third = L / sum(L * L) ** 0.5
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = first, second, third
-    # 4 q qᵀ; take the row with the largest diagonal
-    rows = np.array((
-        (1 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
-        (zy - yz, 1 + xx - yy - zz, xy + yx, xz + zx),
-        (xz - zx, xy + yx, 1 - xx + yy - zz, yz + zy),
-        (yx - xy, xz + zx, yz + zy, 1 - xx - yy + zz),
-    ))  # fmt: skip
-    diagonal = np.array([rows[n, n] for n in range(4)], dtype=float)
-    q = rows[np.argmax(diagonal, axis=0), :, np.arange(rows.shape[2])].T
-    return q / sum(q * q) ** 0.5
-
-
-@lru_cache(maxsize=256)
-def prepared(inertia: Rationals, start: Rationals) -> tuple[Motion | Spin, Clock, Clock]:
-    """The constants as doubles, and the clocks of half periods and of the turn."""
-    motion = find_motion(inertia, start, DIGITS)
-    with workdps(DIGITS + GUARD):
-        turn = clock(2 * mp.pi / abs(motion.turn) if motion.turn else mp.inf, mpf(0))
-        if isinstance(motion, Spin):
-            return Spin(motion.axis.astype(float), float(motion.turn)), turn, turn
-        half = clock(motion.half_period, motion.t0)
-        keep = abs(motion.orders) <= reach(motion.barrier, DOUBLE)
-        motion = motion._replace(
-            speed=complex(motion.speed) if mp.im(motion.speed) else float(motion.speed),
-            turn=float(motion.turn),
-            drift=float(motion.drift),
-            orders=motion.orders[keep].astype(float),
-            logs=motion.logs[keep].astype(float),
-            table=motion.table[:, keep].astype(complex),
-            before=motion.before.astype(float),
+    def equations(self) -> list[Terms]:
+        """q' = q ω/2, L' = L × ω."""
+        h = [w / 2 for w in self.a]
+        q0, q1, q2, q3, L1, L2, L3 = range(7)
+        spins = (
+            ((-h[0], q1, L1), (-h[1], q2, L2), (-h[2], q3, L3)),
+            ((h[0], q0, L1), (h[2], q2, L3), (-h[1], q3, L2)),
+            ((h[1], q0, L2), (h[0], q3, L1), (-h[2], q1, L3)),
+            ((h[2], q0, L3), (h[1], q1, L2), (-h[0], q2, L1)),
         )
-    return motion, half, turn
+        pairs = (1, 2), (2, 0), (0, 1)
+        return [*spins, *(((self.a[q] - self.a[p], 4 + p, 4 + q),) for p, q in pairs)]
 
+    def sizes(self) -> list[arb]:
+        return [arb(self.length).sqrt()] * 4 + [arb(v).sqrt() for v in self.bounds]
 
-def clock(period: mpf, t0: mpf) -> Clock:
-    if mp.isinf(period):
-        return Clock(NEVER, split(t0, t0), NOTHING, 0.0, NEVER)
-    return Clock(split(period, period), split(t0, period), NOTHING, 0.0, NEVER)
+    def radii(self, tolerance: fmpq) -> list[fmpq]:
+        return [tolerance * above(arb(self.length).sqrt())] * 4 + [tolerance * above(arb(self.G2).sqrt())] * 3
 
+    def zeros(self) -> tuple[Zeros, ...]:
+        i, j, k = (self.a[n] for n in self.places)
+        squares = (self.D - k * self.G2, j - k), (i * self.G2 - self.D, i - j)
+        return (*super().zeros(), *(Zeros(acb(0), acb(0), arb(v0), arb(v1)) for v0, v1 in squares))
 
-def in_doubles(inertia: Rationals, start: Rationals, times: Array, more: Array) -> Array:
-    """States (N, 7) at `times` + `more`."""
-    motion, half, turn = prepared(inertia, start)
-    angle = motion.turn * (reduced(turn, times)[1] + more)
-    if isinstance(motion, Spin):
-        return spun(motion, [float(v) for v in start], angle, np.cos, np.sin)
-    n, r = reduced(half, times)
-    return followed(motion, r + more, angle, IN_DOUBLES, np.remainder(n, 2.0))
+    def own_turn(self, t: fmpq) -> acb:
+        """The turn of the top's frame."""
+        sin, cos = (self.a[self.places[1]] * t * arb(self.G2).sqrt()).sin_cos()
+        return acb(cos, sin)
 
+    def point(self, u: list[arb], t: fmpq) -> Point:
+        (i, j, k), L = self.places, u[4:]
+        axis = self.frame_with(ctx.prec).across([row[j] for row in matrix(u[:4])])
+        Z = axis * self.own_turn(t).conjugate(), acb(L[i]), acb(L[k])
+        return Point(L[j], (self.a[k] - self.a[i]) * L[i] * L[k], Z)
 
-def in_mpmath(inertia: Rationals, start: Rationals, times: NDArray[Any], digits: int) -> NDArray[Any]:
-    """States (N, 7) at `times`, to `digits` digits."""
-    rough = find_motion(inertia, start, DIGITS)
-    fastest = abs(rough.turn) + (0 if isinstance(rough, Spin) else 1 / rough.half_period)
-    needed = digits + max(0, int(mp.log10(max(map(abs, times), default=mpf(0)) * fastest + 1)))
-    needed = -(-needed // 16) * 16  # rounded up, so that cached motions are used
-    motion = find_motion(inertia, start, needed)
-    with workdps(needed + GUARD):
-        if isinstance(motion, Spin):
-            cos, sin = (np.frompyfunc(function, 1, 1) for function in (mp.cos, mp.sin))
-            y = spun(motion, [real(v) for v in start], motion.turn * times, cos, sin)
-        else:
-            since = times - motion.t0
-            n = np.array([mp.nint(v / motion.half_period) for v in since], dtype=object)
-            r = since if mp.isinf(motion.half_period) else since - n * motion.half_period
-            odd = np.array([int(v) % 2 for v in n], dtype=object)
-            y = followed(motion, r, motion.turn * times, IN_MPMATH, odd)
-    with workdps(digits):
-        return +y
+    def variables(self, p: Point, t: fmpq) -> list[arb]:
+        (i, j, k), L = self.places, [arb(0)] * 3
+        L[i], L[j], L[k] = p.Z[1].real, p.x, p.Z[2].real
+        return self.whole(j, p.Z[0] * self.own_turn(t), L)
 
+    def whole(self, n: int, zeta: acb, L: list[arb]) -> list[arb]:
+        """(q, L), from ζ of axis n and L."""
+        frame, zetas, (p, q) = self.frame_with(ctx.prec), [zeta] * 3, ((n + 1) % 3, (n + 2) % 3)
+        across, G = self.G2 - L[n] * L[n], frame.length
+        zetas[p] = zeta * acb(-L[p] * L[n], G * L[q]) / across
+        zetas[q] = zeta * acb(-L[q] * L[n], -G * L[p]) / across
+        columns = [frame.vector(v, along / G) for v, along in zip(zetas, L, strict=True)]
+        size = arb(self.length).sqrt()
+        return [*(size * v for v in quaternion(list(zip(*columns, strict=True)))), *L]
 
-def followed(c: Motion, r: Any, angle: Any, functions: Any, odd: Any) -> NDArray[Any]:
-    """States (N, 7) of a motion with a moving L; arguments as of `components`."""
-    first, second, L = components(c, r, angle, functions, odd)
-    return np.vstack((*product(c.before, quaternions(first, second, L)), L)).T
+    def state(self, u: list[arb], t: fmpq) -> list[arb]:
+        return u
 
+    def turned(self, t: fmpq) -> list[arb]:
+        if not self.G2:
+            return [arb(v) for v in self.start]
+        frame = self.frame_with(ctx.prec)
+        return [*product(frame.turned(self.D / self.G2 * t * frame.length), self.q), *map(arb, self.L)]
 
-def spun(c: Spin, start: list[Any], angle: Any, cos: Any, sin: Any) -> NDArray[Any]:
-    """States (N, 7) after turns about a fixed axis by the angles (N,)."""
-    turn = cos(angle / 2), *(v * sin(angle / 2) for v in c.axis)
-    return np.vstack((*product(start[:4], turn), *np.broadcast_to(np.array(start[4:])[:, None], (3, len(angle))))).T
+    def limit(self, near: Near) -> list[arb]:
+        (i, j, k), G2, G, X, L = self.places, self.G2, arb(self.G2).sqrt(), near.p.x, [arb(0)] * 3
+        L_i, L_k = (v.real for v in near.p.Z[1:])
+        zeta = near.p.Z[0] * acb(-L_i * X, G * L_k) / (G2 - X * X)
+        L[i], L[j], L[k] = around(L_i), near.X, around(L_k)  # both only decrease
+        kappa = (self.a[j] - self.a[k]) / (self.a[i] - self.a[k])
+        bend = kappa * (self.a[j] - self.a[i])
+        turn = near.turn((G * (bend * G2), arb(0), -G * bend), (arb(G2 * (1 - kappa)), arb(0), arb(kappa)))
+        size = ((G2 - L[i] * L[i]) / G2).sqrt()
+        return self.whole(i, zeta / abs(zeta) * size * turn * self.own_turn(near.t), L)
+
+    # ------------------------------------------------------------------ for tables
+
+    def advance(self, before: list[arb], after: list[arb]) -> tuple[arb, arb]:
+        turn = product(after[:4], conjugate(before[:4]))
+        return 2 * angle(turn[0], dot(turn[1:], self.frame_with(ctx.prec).axes[2])), arb(0)
+
+    def half_turn(self, period: fmpq, k: int) -> fmpq:
+        """The turns about L in half a period, mod 1, if L goes round axis k: then L_k is as before, L_i and L_j are opposite."""
+        half = [fmpq(0), *(fmpq(n == k) for n in range(3))]
+
+        def compute() -> list[arb]:
+            before, after = product(self.q, half), self.variables_at(period / 2)[:4]
+            turn = product(after, conjugate(before))
+            return [angle(turn[0], dot(turn[1:], self.frame_with(ctx.prec).axes[2])) / arb.pi()]
+
+        return rational(fraction(certified(compute, [fmpq(1, 2**130)], BITS)[0]))
+
+    def drifts(self) -> list[Drift]:
+        if not self.G2 or (self.node is None and not self.steady):
+            return []
+        rate = self.D / self.G2 * arb(self.G2).sqrt()
+        return [Drift(rate, arb(0), is_beyond=not self.steady)]
+
+    def fastest(self) -> arb:
+        return self.scale
+
+    def in_doubles(self, u: Array, left: Array, right: Array) -> Array:
+        """States (N, 7) that are turned about L."""
+        size = float(arb(self.G2).sqrt()) or 1.0
+        turn = turns_about([float(v) / size for v in self.up], left)
+        return np.column_stack((*product(turn, u[:, :4].T), u[:, 4:]))

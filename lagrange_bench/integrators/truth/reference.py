@@ -40,7 +40,6 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
 from lagrange_bench.integrators.problem.vectors import cross
-from lagrange_bench.integrators.truth.orbit import horner
 from lagrange_bench.support.files import cache_folder, write_file
 from lagrange_bench.support.precision import ONE_AT_A_TIME, workdps
 
@@ -353,6 +352,14 @@ class Mpmath:
         size = max(size, mpf(1))
         radii = [float((size / c) ** (mpf(1) / k)) for c, k in zip(last, (p - 1, p), strict=True) if c]
         return min([*radii, 1e6]) * math.exp(-2 - 0.7 / (p - 1))
+
+
+def horner(coefficients: Sequence[mpf], t: mpf) -> mpf:
+    """The value of a polynomial; coefficients by increasing power."""
+    value = coefficients[-1]
+    for c in coefficients[-2::-1]:
+        value = value * t + c
+    return value
 
 
 def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float], order: int) -> list[list[mpf]]:
