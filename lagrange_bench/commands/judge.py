@@ -80,8 +80,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
     text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
     how.add_argument("--quat", choices=("wxyz", "xyzw"), help=text)
-    text = "frame of the angular velocity (default: body)"
-    how.add_argument("--omega", default="body", choices=("body", "world"), help=text)
+    text = "frame of the angular velocity (default: as its name says, else body; of an angular momentum world)"
+    how.add_argument("--omega", choices=("body", "world"), help=text)
     axes = tuple(sign + name for name in "xyz" for sign in ("", "-"))
     how.add_argument("--up", choices=axes, help="axis of the world that points up (default: as in the case)")
     how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: as in the case)")
@@ -107,9 +107,9 @@ def run(options: argparse.Namespace) -> Answer:
     check_target("--draw", options.draw, PICTURES)
     request = judging.request_of(options.case, options.body, options.start)
     body, known = options.case or options.body, request.start == "case"
-    convention = frames.Convention(options.quat or "wxyz", options.omega, options.up, options.axis)
+    convention = frames.Convention(options.quat or "wxyz", options.omega or "body", options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat")
-    written = columns.Options(**{name: getattr(options, name) for name in names})
+    written = columns.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
     with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
         judged = [judging.judge_file(path, request, convention, written) for path in options.files]
     orders = judgement.orders(judged, options.steps or [each.step for each in judged])

@@ -3,39 +3,49 @@
 from __future__ import annotations  # signatures show names of types, not what they stand for
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.judging import columns, row_blocks, values
+from lagrange_bench.judging.columns import Options, Trajectory, read
 from lagrange_bench.judging.consistency import Rows, rate_notes
-from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Exact, Frames
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, UNITS, Convention, Exact, Frames
 from lagrange_bench.judging.hints import CLOCKS, RIGHT, SINGLE, START, Hints, find_hints, own_hints
-from lagrange_bench.judging.judgement import Judgement
+from lagrange_bench.judging.judgement import Error, Judgement
 
 Array = np.ndarray
 Floors = Mapping[str, float]
+STARTS = ("case", "first-row", "fit")
 UNEXPLAINED = "are the columns what they are taken for? If the run starts elsewhere: --start first-row."
+POINTS = 2000  # of a curve
+BLOCK = 1 << 16  # rows that are compared at once
+HEAD, SOME = 2000, 4000  # the first rows that are looked at for what is wrong, and how many of all others
+FITTED = 50  # rows that --start fit takes
+# Sums of steps are rounded: times that are as near to decimals of DECIMALS places, relative to the last time, may be these.
+DECIMALS, NEAR = 8, 1e-10
+# Residuals of a fit are noise if they change from row to row by so much of their size; a smooth error changes less.
+NOISE = 0.7
 
 
 class Request(NamedTuple):
-    """The motion that rows are compared with. start : "case"; "first-row"; None if only the body counts."""
+    """The motion that rows are compared with. start : one of STARTS; None if only the body counts."""
 
     case: Case
     start: str | None
 
 
 def judge(
-    t: ArrayLike,
+    t: ArrayLike | str | os.PathLike[str],
     position: ArrayLike | None = None,
     rotation: ArrayLike | Rotation | None = None,
     omega: ArrayLike | None = None,
@@ -43,19 +53,21 @@ def judge(
     case: str | Case | None = None,
     body: str | Case | RigidBody | None = None,
     start: str = "case",
-    quat: str = "wxyz",
-    omega_frame: str = "body",
+    quat: str | None = None,
+    omega_frame: str | None = None,
     up: str | None = None,
     axis: str | None = None,
+    **written: Any,
 ) -> Judgement:
     """Judge the trajectory of a rigid body by its exact motion; at least one of position, rotation and omega.
 
         judge(t, position=x, rotation=R, case="bruels").rotation.max
+        judge("run.csv", case="bruels").findings
 
     Parameters
     ----------
-    t : (N,)
-        In s, increasing.
+    t : (N,), str or path
+        In s, increasing. Or a file, which has all the rest.
     position : (N, 3), optional
         In m, of the centre of mass.
     rotation : Rotation of N, (N, 3, 3) or (N, 4), optional
@@ -67,74 +79,63 @@ def judge(
     body : str, Case or RigidBody
         In place of a case: nothing is known of the start. Conserved quantities are compared with the first row, and the rows with
         each other.
-    start : {"case", "first-row"}
-        Where the exact motion starts: as the case does, or as the first row does, which then needs a rotation and omega.
+    start : {"case", "first-row", "fit"}
+        Where the exact motion starts: as the case does; as the first row does, which then needs a rotation and omega, or omega
+        alone of a free body; or so that it fits the first rows best.
     quat : {"wxyz", "xyzw"}
-        The order of the quaternions.
+        The order of the quaternions; "wxyz" if no name in a file says another one.
     omega_frame : {"body", "world"}
-        The frame of omega. Its error is measured in the same frame.
+        The frame of omega; "body" if no name in a file says another one. Its error is measured in the same frame.
     up : str, optional
         The axis that points up in the world of these numbers, such as "y" or "-z"; by default as in the case. The smallest
         turn leads to it; where that is half a turn, it is about x.
     axis : str, optional
         The axis of symmetry in the body of these numbers, likewise.
+    **written
+        How a file is written: columns, units, angles, where, step, t0, since, until, as the options of `lagrange-bench judge`.
 
     Returns
     -------
     Judgement
-        The largest and the last error of each quantity; `hints`, `notes` and `start` say what may be wrong.
+        The largest and the last error of each quantity; `findings`, `notes` and `start` say what may be wrong.
 
     Raises
     ------
     ValueError
         Other shapes, times that do not increase, a name that is not known.
     """
-    trajectory: dict[str, Array] = {"time": np.asarray(t, dtype=float).ravel()[:, None]}
-    n = len(trajectory["time"])
-    if n == 0 or (position is None and rotation is None and omega is None):
-        raise ValueError("give times and at least one of position, rotation and omega")
-    if isinstance(rotation, Rotation):
-        rotation = rotation.as_matrix()
-    for name, array, shapes in (
-        ("position", position, [(n, 3)]),
-        ("rotation", rotation, [(n, 3, 3), (n, 4)]),
-        ("omega", omega, [(n, 3)]),
-    ):
-        if array is not None:
-            values = np.asarray(array, dtype=float)
-            if values.shape not in shapes:
-                raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
-            kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
-            trajectory[kind] = values.reshape(n, -1)
-
-    blocks = partial(row_blocks.of_arrays, trajectory)
-    return _judged(request_of(case, body, start), Convention(quat, omega_frame, up, axis), blocks, {}, {})
+    request, convention = request_of(case, body, start), Convention(quat or "wxyz", omega_frame or "body", up, axis)
+    if isinstance(t, str | os.PathLike):
+        if position is not None or rotation is not None or omega is not None:
+            raise ValueError("a file has its own positions, rotations and ω")
+        return judge_file(Path(t), request, convention, Options(quat=quat, omega_frame=omega_frame, **written))
+    if written:
+        raise ValueError(f"{next(iter(written))} is for files")
+    return _judged(request, convention, _of_arrays(t, position, rotation, omega))
 
 
-def judge_file(path: Path, what: Request, convention: Convention, how: columns.Options) -> Judgement:
-    """The judgement of a file. what : the motion to compare it with. how : the file is written like this."""
+def judge_file(path: Path, request: Request, convention: Convention, written: Options) -> Judgement:
+    """The judgement of a file. written : what the user says of it."""
+    case = request.case
     try:
-        layout, way = columns.survey(path, how), ""
-        angles, quat = layout.how.angles or convention.angles, layout.quat or convention.quat
-        if layout.quat == "wxyz":  # by names: --quat has no effect there
-            w, x, y, z = layout.groups["quaternion"]
-            way = f"--columns qw={z},qx={w},qy={x},qz={y}"
-        blocks, convention = partial(values.blocks, layout), replace(convention, angles=angles, quat=quat)
-        judgement = _judged(what, convention, blocks, layout.floor, layout.first_floor, way)
+        found = read(path, written, case.points, case.body.com if case.body.fixed else (0, 0, 0))
+        frame = written.omega_frame or found.frame or ("world" if "momentum" in found.arrays else "body")
+        angles, quat = found.angles or convention.angles, found.quat or convention.quat
+        judgement = _judged(request, replace(convention, angles=angles, quat=quat, omega_frame=frame), found)
     except (ValueError, EOFError, StepError) as error:
         clock = "; perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
-        raise ValueError(f"{path}: {error}{clock * isinstance(error, StepError)}") from None
-    return replace(judgement, file=str(path), notes=[*layout.notes, *judgement.notes], columns=layout.columns)
+        raise ValueError(f"{path}: {error}{clock if isinstance(error, StepError) else ''}") from None
+    return replace(judgement, file=str(path), notes=[*found.notes, *judgement.notes], columns=found.columns)
 
 
 def request_of(case: str | Case | None, body: str | Case | RigidBody | None, start: str) -> Request:
     """A case, or the body of one; ValueError unless it is one of the two."""
     if (case is None) == (body is None):
         raise ValueError("give a case, or a body without a start; one of the two")
-    if start not in ("case", "first-row"):
-        raise ValueError(f"start must be case or first-row; got {start!r}")
+    if start not in STARTS:
+        raise ValueError(f"start must be one of {', '.join(STARTS)}; got {start!r}")
     if body is not None and start != "case":
-        raise ValueError("a body without a start is not followed: for --start first-row give a case")
+        raise ValueError(f"a body without a start is not followed: for --start {start} give a case")
     if kinds.rigid_body(body):
         return Request(Case("body", body, np.eye(3), np.zeros(3)), None)  # type: ignore[arg-type]
     known = case is not None and start == "case"
@@ -155,101 +156,219 @@ def find(case: str | Case, start: bool = True) -> Case:
         raise ValueError(error.args[0]) from None
 
 
-def _from_first_row(case: Case, frames: Frames, trajectory: Mapping[str, Array]) -> Case:
-    """The case with the start that the first row has; a flying body gets the velocity that fits all positions best."""
-    first = {name: rows[:1] for name, rows in trajectory.items()}
-    R, omega = frames.motion(first)
-    if omega is None or not frames.attitudes(first) or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
-        raise ValueError("--start first-row: the first row needs a rotation and an angular velocity")
-    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.launch), strict=True))
-    return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
+def _of_arrays(
+    t: ArrayLike, position: ArrayLike | None, rotation: ArrayLike | Rotation | None, omega: ArrayLike | None
+) -> Trajectory:
+    """The rows of arrays; what is masked is missing."""
+    times: Array = np.ma.filled(np.ma.asarray(t, dtype=float), np.nan).ravel()
+    n = len(times)
+    if n == 0 or (position is None and rotation is None and omega is None):
+        raise ValueError("give times and at least one of position, rotation and omega")
+    if isinstance(rotation, Rotation):
+        rotation = rotation.as_matrix()
+    arrays = {"time": times[:, None]}
+    for name, array, shapes in (
+        ("position", position, [(n, 3)]),
+        ("rotation", rotation, [(n, 3, 3), (n, 4)]),
+        ("omega", omega, [(n, 3)]),
+    ):
+        if array is not None:
+            values: Array = np.ma.filled(np.ma.asarray(array, dtype=float), np.nan)
+            if values.shape not in shapes:
+                raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
+            kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
+            arrays[kind] = values.reshape(n, -1)
+    return Trajectory(arrays, times - times[0])
 
 
-def _judged(
-    what: Request, convention: Convention, blocks: row_blocks.Blocks, floor: Floors, first_floor: Floors, way: str = ""
-) -> Judgement:
-    """The judgement of a trajectory.
-
-    floor, first_floor : for each group of columns, the error that the digits of the file and of its first row hide. way : the
-    option that takes quaternions in another order.
-    """
-    case, own_start = what.case, what.start != "case"
-    run, digit = row_blocks.look(blocks), floor.get("matrix", 0.0)
-    (first, end), zero = run.span, run.span[0] if own_start else 0.0
-    seen = {**run.seen, "time": run.seen["time"] - zero}
-
-    def timed() -> Iterator[dict[str, Array]]:
-        for block in blocks():
-            yield {**block, "time": (row_blocks.decimals(block["time"]) if run.decimals else block["time"]) - zero}
-
+def _judged(request: Request, convention: Convention, found: Trajectory) -> Judgement:
+    """The judgement of rows."""
+    case, own_start, floor = request.case, request.start != "case", found.floor
+    written = found.arrays["time"][:, 0]
+    _check_times(written if not own_start else found.elapsed, written)
+    rows = {**found.arrays, "time": (found.elapsed if own_start else written)[:, None]}
+    n, notes, digit = len(written), list[str](), floor.get("matrix", 0.0)
     with np.errstate(all="ignore"):
         frames = Frames(case.body, convention, digit, None if own_start else case)
+        rows = frames.with_omega(rows)
         if own_start:
-            frames.refer(seen)
-        if what.start == "first-row":
-            case = _from_first_row(case, frames, seen)
+            frames.refer(rows)
+        if request.start in ("first-row", "fit"):
+            case = _first_row(case, frames, rows)
+            notes.append(f"The motion starts as the first row does, at t = {written[0]:.9g} s.")
+            if request.start == "fit":
+                case, notes[-1:] = _fitted(case, frames, rows)
             frames = Frames(case.body, convention, digit, case)
-        measured = row_blocks.measure(frames, timed(), run.rows)
-        errors = measured.errors
+        errors, used, note = _of_both_clocks(frames, rows)
+        rows["time"], notes = used, [*note, *notes]
+        measured = {name: _error(error) for name, error in errors.items()}
+        if not measured:
+            raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
+        seen = {name: values[_some(n)] for name, values in rows.items()}
         exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
-        known = [error for name, error in frames.errors(seen, exact).items() if name in GROUPS]
-        good = np.flatnonzero(np.isfinite(known).all(axis=0))
-        rows = frames.rows(next(timed()))
-        if own_start:
-            hints = own_hints(frames, seen, rows, way)
-            if exact is not None and len(good) and not hints:
-                hints = Hints(frames, seen, exact, good, way).bodies()
-        else:
-            assert exact is not None
-            hints = find_hints(frames, seen, exact, good, rows, way) if len(good) else []
-        if 2 * measured.mirrored > run.rows:
-            hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
+        hints = _hints(frames, seen, exact, own_start, found)
+    t, first = rows["time"][:, 0], {name: float(error[0]) for name, error in errors.items()}
 
     def floors_of(known: Floors) -> dict[str, float]:
         worst = {name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items()}
         return {name: value for name, value in worst.items() if value > 0 and name in errors}
 
     floors = floors_of(floor)
-    notes = list(_notes(measured, run.rows, frames, rows, hints))
-    if max(zero - first, end - zero) > frames.known_until:
-        after = f"rows after t = {zero + frames.known_until:.6g} s are not compared."
+    notes = [*_odd_rows(frames, rows, errors, hints), *notes]
+    if max(-t[0], t[-1]) > frames.known_until:
+        after = f"rows after t = {written[0] - t[0] + frames.known_until:.6g} s are not compared."
         notes.append(f"No closed form is known of this motion: {after}")
-    if what.start == "first-row":
-        notes.append(f"The motion starts as the first row does, at t = {first:.9g} s.")
     if exact is not None and (blur := floor.get("time", 0.0)):
         blurred = _blurred(frames, seen["time"][:, 0], exact, blur)
-        if hidden := [name for name in blurred if name in errors and blurred[name] > floors.get(name, 0.0)]:
-            floors |= {name: blurred[name] for name in hidden}
-            notes.append(f"The times are rounded by {blur:.1e} s, which hides errors of {', '.join(hidden)}.")
+        hidden = [name for name in blurred if name in errors and blurred[name] > floors.get(name, 0.0)]
+        floors |= {name: blurred[name] for name in hidden}
+        if shown := [name for name in hidden if not measured[name].max > 100 * blurred[name]]:
+            notes.append(f"The times are rounded by {blur:.1e} s, which hides errors of {', '.join(shown)}.")
+    if not set(errors) - {"length", "orthogonality"}:
+        notes.append("There is neither a rotation nor ω: nothing but lengths is judged.")
     start: dict[str, Any] = {}
     if not own_start:
-        off = {name: measured.first[name] for name in GROUPS if name in errors}
-        start = {"t": first, **off}
+        off = {name: first[name] for name in GROUPS if name in errors}
+        start = {"t": float(written[0]), **off}
         for word, least in (("right", START), ("single", SINGLE)):
-            start[word] = frames.starts(off, least, floors_of(first_floor)) if first == 0 else None
-    whole = rows if rows is not None and rows.rows == run.rows else None
-    turns = _turns(seen["time"][:, 0], seen.get("omega") if exact is None else exact[2], whole)
-    curves, sizes = measured.curves, frames.sizes
-    judged = Judgement(case.name, run.rows, run.span, errors, start, floors, hints, notes, curves, turns, sizes)
-    if own_start:
-        return judged
-    if first == 0 and not hints and any(error > RIGHT * frames.sizes[name] for name, error in off.items()):
-        judged.notes.append(f"No usual mistake explains this start: {UNEXPLAINED}")
-    wrong = judged.leaves or start["right"] is False
-    if end - first > 10 * case.until and wrong and not any("--units t=" in hint for hint in hints):
-        unit = min(CLOCKS.values(), key=lambda unit: abs(math.log((end - first) * unit[1] / case.until)))[0]
-        perhaps = f"perhaps they are no seconds: --units t={unit}"
-        judged.notes.insert(0, f"The times go to {end:.9g}, the case to {case.until:g} s: {perhaps}.")
-    if judged.ends_before(case.until):
-        judged.notes.insert(0, f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s.")
+            start[word] = frames.starts(off, least, floors_of(found.first_floor)) if t[0] == 0 else None
+    span = float(written[0]), float(written[-1])
+    curves = {name: _curve(t, error) for name, error in errors.items()}
+    turns = _turns(frames, seen, exact)
+    judged = Judgement(case.name, n, span, measured, start, floors, hints, notes, curves, turns, frames.sizes)
+    if not own_start:
+        judged.notes[:0] = _other_clock(judged, case, hints)
+        if t[0] == 0 and not hints and any(error > RIGHT * frames.sizes[name] for name, error in off.items()):
+            judged.notes.append(f"No usual mistake explains this start: {UNEXPLAINED}")
     return judged
 
 
-def _turns(t: Array, omega: Array | None, rows: Rows | None) -> float:
+def _check_times(t: Array, written: Array) -> None:
+    wrong = np.flatnonzero(~(np.diff(t, prepend=-math.inf) > 0) | ~np.isfinite(t))
+    if len(wrong):
+        i = int(wrong[0])
+        before = f" after {written[i - 1]:.12g}" if i else ""
+        raise ValueError(f"row {i + 1}: the time is {written[i]:.12g}{before}; times must be numbers that increase")
+
+
+def _some(n: int) -> Array:
+    """The first rows, some of all others, and the last one."""
+    return np.unique(np.concatenate((np.arange(min(n, HEAD)), np.linspace(0, n - 1, min(n, SOME)).astype(int))))
+
+
+# ------------------------------------------------------------------------------------------------------------ the start
+
+
+def _first_row(case: Case, frames: Frames, rows: Mapping[str, Array]) -> Case:
+    """The case with the start that the first row has; a flying body gets the velocity that fits all positions best.
+
+    Of a free body ω alone is enough, for it does not depend on the attitude.
+    """
+    first = {name: values[:1] for name, values in rows.items()}
+    R, omega = frames.motion(first)
+    known = frames.attitudes(first) or (kinds.free_body(case.body) and case.body.fixed)
+    if omega is None or not known or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
+        raise ValueError("--start first-row, fit: the first row needs a rotation and an angular velocity")
+    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.launch), strict=True))
+    return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
+
+
+def _fitted(case: Case, frames: Frames, rows: Mapping[str, Array]) -> tuple[Case, list[str]]:
+    """The case with the start that fits the first rows best, by least squares over rotation and ω; and what to say of it."""
+    head = {name: values[:FITTED] for name, values in rows.items()}
+    R, omega = frames.motion(head)
+    assert omega is not None
+    good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
+    t, R, omega, known = head["time"][good, 0], R[good], omega[good], bool(frames.attitudes(head))
+    size, first = float(np.linalg.norm(omega, axis=1).max()) or 1.0, Rotation.from_matrix(R[0])
+    unknowns = 6 if known else 3
+
+    def start(u: Array) -> Case:
+        turn = Rotation.from_rotvec(u[3:]) if known else Rotation.identity()
+        return replace(case, rotation=turn * first, omega_body=omega[0] + size * u[:3])
+
+    def residuals(u: Array) -> Array:
+        motion = start(u).solution(t)
+        parts = [(motion.omega_body - omega) / size]
+        if known:
+            parts.append((motion.rotation.inv() * Rotation.from_matrix(R)).as_rotvec())
+        return np.concatenate(parts, axis=None)
+
+    if 3 * len(t) * (2 if known else 1) <= unknowns:
+        return case, ["Too few rows to fit a start: it is that of the first row."]
+    fit = least_squares(residuals, np.zeros(unknowns))
+    off = fit.fun.reshape(-1, len(t), 3)
+    rms, changes = np.sqrt(np.mean(off**2, axis=(1, 2))), np.sqrt(np.mean(np.diff(off, axis=1) ** 2, axis=(1, 2)))
+    scatter = ", ".join(
+        f"{value:.2g} {unit}" for value, unit in zip(rms * [size, 1][: len(rms)], ("rad/s", "rad"), strict=False)
+    )
+    noise = " from row to row: noise" if np.all(changes > NOISE * rms) and rms[0] > 1e-12 else ""
+    return start(fit.x), [f"The motion fits the first {len(t)} rows best; they are off by {scatter}{noise}."]
+
+
+# ----------------------------------------------------------------------------------------------------------- the errors
+
+
+def _of_both_clocks(frames: Frames, rows: dict[str, Array]) -> tuple[dict[str, Array], Array, list[str]]:
+    """The errors of all rows, (n,) each, the times (n, 1) of them, and what to say of these.
+
+    A sum of steps is rounded, so the decimals near to the times may be the right ones: those with the smaller errors are taken.
+    """
+    t, rounded = rows["time"], _decimals(rows["time"])
+    errors, off = _errors(frames, rows), float(np.max(np.abs(rounded - t)))
+    if off == 0 or off > NEAR * float(np.max(np.abs(t))):
+        return errors, t, []
+    others = _errors(frames, {**rows, "time": rounded})
+    judged = [name for name in ("rotation", "position", "omega", "kinematics") if name in errors]
+    before, after = (max((float(np.median(each[name])) for name in judged), default=0.0) for each in (errors, others))
+    if after >= before:
+        return errors, t, []
+    matters = after < before / 2 and off > 1e-13 * float(np.max(np.abs(t)))
+    note = f"The times are taken for the decimals near to them, by up to {off:.1e} s: sums of steps are rounded."
+    return others, rounded, [note] if matters else []
+
+
+def _decimals(t: Array) -> Array:
+    """Times rounded to the eighth decimal place of the last of them; a sum of steps is not far from such decimals."""
+    last = float(np.max(np.abs(t)))
+    # per second; a power of ten, so that decimals are its multiples
+    unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0
+    return np.asarray(np.round(t * unit) / unit)
+
+
+def _errors(frames: Frames, rows: Mapping[str, Array]) -> dict[str, Array]:
+    """The error of each quantity in each row, in parts, to save memory; slopes need two rows before a part and one after it."""
+    n, parts = len(rows["time"]), list[dict[str, Array]]()
+    for first in range(0, n, BLOCK):
+        begin, end = max(0, first - 2), min(n, first + BLOCK + 1)
+        part = {name: values[begin:end] for name, values in rows.items()}
+        exact = None if frames.case is None else frames.exact(part["time"][:, 0])
+        kept = slice(first - begin, min(n, first + BLOCK) - begin)
+        parts.append({name: error[kept] for name, error in frames.errors(part, exact).items()})
+    names = [name for name in UNITS if any(name in part for part in parts)]
+    missing = [np.full(min(BLOCK, n - first), np.nan) for first in range(0, n, BLOCK)]
+    return {
+        name: np.concatenate([part.get(name, nan) for part, nan in zip(parts, missing, strict=True)]) for name in names
+    }
+
+
+def _error(error: Array) -> Error:
+    return Error(float(error.max()), float(error[-1]))
+
+
+def _curve(t: Array, error: Array) -> Array:
+    """Times and the largest errors of some rows each, (2, M), to draw."""
+    starts = np.unique(np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int))[:-1]
+    return np.stack([t[starts], np.maximum.reduceat(error, starts)])
+
+
+def _turns(frames: Frames, rows: Mapping[str, Array], exact: Exact | None) -> float:
     """How often the body turns, ∫|ω| dt/2π; without ω by all attitudes, NaN without either."""
+    t, omega = rows["time"][:, 0], rows.get("omega") if exact is None else exact[2]
     if omega is not None:
         return float(np.trapezoid(np.linalg.norm(omega, axis=1), t)) / math.tau
-    return math.nan if rows is None else float(np.sum(rows.speed() * rows.dt[:, 0])) / math.tau
+    both = frames.rows(rows)
+    return math.nan if both is None else float(np.sum(both.speed() * both.dt[:, 0])) / math.tau
 
 
 def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
@@ -259,16 +378,55 @@ def _blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, f
     return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
-def _notes(
-    measured: row_blocks.Measured, n: int, frames: Frames, rows: Rows | None, hints: Sequence[str]
+# ------------------------------------------------------------------------------------------------------------- the words
+
+
+def _hints(
+    frames: Frames, seen: Mapping[str, Array], exact: Exact | None, own_start: bool, found: Trajectory
+) -> list[str]:
+    way = ""
+    if found.wxyz:  # as the columns would have to be named
+        w, x, y, z = found.wxyz
+        way = f"--columns qw={z},qx={w},qy={x},qz={y}"
+    rows = frames.rows({name: values[:HEAD] for name, values in seen.items()})
+    known = [error for name, error in frames.errors(seen, exact).items() if name in GROUPS]
+    good = np.flatnonzero(np.isfinite(known).all(axis=0))
+    if own_start:
+        hints = own_hints(frames, seen, rows, way)
+        if exact is not None and len(good) and not hints:
+            hints = Hints(frames, seen, exact, good, way).bodies()
+    else:
+        assert exact is not None
+        hints = find_hints(frames, seen, exact, good, rows, way) if len(good) else []
+    if "matrix" in seen and np.median(np.linalg.det(seen["matrix"].reshape(-1, 3, 3))) < 0:
+        hints.insert(0, "a row or column of the matrices has the wrong sign: their determinant is negative.")
+    return hints
+
+
+def _odd_rows(
+    frames: Frames, rows: Mapping[str, Array], errors: Mapping[str, Array], hints: list[str]
 ) -> Iterator[str]:
-    """Notes on n rows: what is odd about them, and what attitudes and ω say without an exact motion."""
-    if measured.bad:
-        what = "a number that is missing or not finite, a matrix or quaternion that is no rotation, or a position of length 0"
-        yield f"{measured.bad} of {n} rows have {what}, the first at t = {measured.bad_from:.9g}."
-    if "orthogonality" in measured.errors and (off := measured.errors["orthogonality"].max) > 1e-3:
+    """Notes on the rows: what is odd about them, and what attitudes and ω say without an exact motion."""
+    t = rows["time"][:, 0]
+    bad = ~np.all([np.isfinite(error) for error in errors.values()], axis=0) & (np.abs(t) <= frames.known_until)
+    if count := int(np.count_nonzero(bad)):
+        odd = "a number that is missing or not finite, a matrix or quaternion that is no rotation, or a position of length 0"
+        yield f"{count} of {len(t)} rows have {odd}, the first at t = {t[bad][0]:.9g}."
+    if "orthogonality" in errors and (off := errors["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
-    if rows is not None:
-        yield from rows.notes()
-        if rows.omega is not None and frames.axis is not None and not hints:
-            yield from rate_notes(rows.t, rows.spin_rate(frames.axis))
+    both: Rows | None = frames.rows({name: values[:HEAD] for name, values in rows.items()})
+    if both is not None:
+        yield from both.notes()
+        if both.omega is not None and frames.axis is not None and not hints:
+            yield from rate_notes(both.t, both.spin_rate(frames.axis))
+
+
+def _other_clock(judged: Judgement, case: Case, hints: list[str]) -> Iterator[str]:
+    """Notes on a file that ends early, or whose times go far beyond the case."""
+    first, end = judged.span
+    if judged.ends_before(case.until):
+        yield f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s."
+    wrong = judged.leaves or judged.start["right"] is False
+    if end - first > 10 * case.until and wrong and not any("--units t=" in hint for hint in hints):
+        unit = min(CLOCKS.values(), key=lambda unit: abs(math.log((end - first) * unit[1] / case.until)))[0]
+        yield f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds: --units t={unit}."

@@ -1,14 +1,15 @@
-"""Which columns of a file are what, in which units and conventions: by its names, by its first rows, by what the user says."""
+"""The trajectory in a file: which columns are what, by their names, the first rows and what the user says; and their numbers."""
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.names import (
     EXPECTED,
@@ -18,6 +19,7 @@ from lagrange_bench.judging.names import (
     Group,
     Name,
     Unit,
+    frame_of,
     groups_of,
     kind_of,
     parse,
@@ -29,16 +31,19 @@ from lagrange_bench.support.words import suggestion
 Array = np.ndarray
 KNOWN = (
     "t x y z px py pz ux uy uz qw qx qy qz q0 q1 q2 q3 q4 e0 e1 e2 e3 r11 r12 r13 r21 r22 r23 r31 r32 r33 rx ry rz roll pitch yaw"
-    " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz"
+    " angle1 angle2 angle3 mrp1 mrp2 mrp3 axis_x axis_y axis_z angle wx wy wz Lx Ly Lz"
 )
 # what --units names -> the groups
 OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "rotation vector")}
 OF_UNITS |= {"t": ["time"], "length": ["position", "displacement"]}
 OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
-JUDGED += ["mrp", "omega"]
+JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
+COUNTS = {("step",), ("steps",), ("timestep",), ("time", "step"), ("frame",), ("iteration",)}  # of rows, not of bodies
 WHOLE = 1e-3  # quaternions are as near to length 1
+# times with so many digits, before a point and in all, are more than a double holds
+STAMP = re.compile(r"[-+]?(?=[\d.]{16})\d{9,}(\.\d+)?")
 
 
 @dataclass(frozen=True)
@@ -47,7 +52,8 @@ class Options:
 
     columns : name → word of the header, or index from 0. units : group → unit. angles : the axes of three angles, as SciPy names
     them. where : column → the word in its rows that are read. step : s, where there are no times. t0 : s, the first time. quat :
-    the order of quaternions without names.
+    the order of quaternions without names. omega_frame : of ω.
+    since, until : s, only rows from this time on, and up to it.
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)
@@ -57,36 +63,44 @@ class Options:
     step: float | None = None
     t0: float | None = None
     quat: str | None = None
+    omega_frame: str | None = None
+    since: float | None = None
+    until: float | None = None
 
 
 @dataclass
-class Layout:
-    """How a file is written.
+class Trajectory:
+    """The rows of a body.
 
-    groups : the indices of its columns. quat : order of the quaternions, if their names tell it: wxyz if a name says which is
-    the scalar, xyzw if they are counted from 1. floor : half a unit of the last printed digit; first_floor : of numbers as large
-    as those of the first row. columns : the groups and their names, and what is not used, to be read.
+    arrays : group of columns → numbers (n, columns) in SI units; what is missing is NaN. elapsed : (n,), s, since the first row,
+    with the digits of the file. quat : order of the quaternions, if their names tell it: wxyz if a name says which is the
+    scalar, xyzw if they are counted from 1. frame : of ω, if its name tells it. angles : their axes. floor : half a unit of the
+    last printed digit; first_floor : of numbers as large as those of the first row. columns : the groups and their names, and
+    what is not used, to be read. wxyz : the names of the parts of quaternions, where they decide.
     """
 
-    table: Table
-    how: Options
-    groups: dict[str, list[int]]
-    quat: str | None
-    floor: dict[str, float]
-    first_floor: dict[str, float]
-    notes: list[str]
-    columns: str
-    factors: dict[int, float]
-    rows: dict[int, str]
-    labels: list[int]
+    arrays: dict[str, Array]
+    elapsed: Array
+    quat: str | None = None
+    frame: str | None = None
+    angles: str | None = None
+    floor: dict[str, float] = field(default_factory=dict)
+    first_floor: dict[str, float] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    columns: str = ""
+    wxyz: tuple[str, ...] = ()
 
 
-def survey(path: Path, how: Options | None = None) -> Layout:
-    """How a file is written, from its beginning.
+def read(
+    path: Path, how: Options | None = None, points: ArrayLike | None = None, com: ArrayLike = (0, 0, 0)
+) -> Trajectory:
+    """The trajectory in a file. points : (K, 3), m, places in the body whose positions the file has; com : its centre of mass.
+
+    Rodrigues parameters, axis and angle become rotation vectors; points become rotations and positions. Equal rows count once.
 
     Raises
     ------
-    ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things.
+    ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things, rows of several bodies.
     """
     how = how or Options()
     table = open_table(path, [int(where) for where in how.columns.values() if where.isdecimal()])
@@ -97,48 +111,103 @@ def survey(path: Path, how: Options | None = None) -> Layout:
     free = [i for i in range(table.width) if i not in rows and i not in given]
     labels = [i for i in free if _label(header[i], table.sample, i)]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
-    chosen = _choose(groups, header, sample, how, notes)
+    chosen = _points(groups, points) or _choose(groups, header, sample, how, notes)
+    counted = next(
+        (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in given), None
+    )
     if how.step is None and "time" not in chosen:
-        listed = f"its columns are {' '.join(table.names)[:200]}" if table.names else ""
-        columns = listed or f"it has no header of {table.width} names"
-        advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
-        raise ValueError(f"no column is named t or time; {columns}. {advice}")
+        raise ValueError(_no_times(table, counted))
     if how.step is not None and "time" in chosen:
         place = chosen.pop("time").places[0]
         if all(is_number(row[place]) for row in sample):  # else they are dates
             raise ValueError(f"--step is for files without times: leave it out, or the column {header[place] or place}")
     if not set(chosen) - {"time"}:
         raise ValueError(_nothing(names, notes, table.names))
-    quat = None
-    if "quaternion" in chosen:
-        order = chosen["quaternion"].order
-        if order[0] not in "01":  # named by letters
-            quat = "wxyz"
-        elif order == "1 2 3 4" and how.quat is None:
-            quat = "xyzw"
-            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     factors: dict[int, float] = {}
     words: list[str] = []
-    floor: dict[str, float] = {}
-    first_floor: dict[str, float] = {}
+    found = Trajectory({}, np.empty(0), angles=how.angles, notes=notes)
     for kind, group in chosen.items():
         factors |= _factors(kind, group, header, names, table, how, notes)
         words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
-        floor[kind], first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
-    used = {*factors, *rows}
-    if unused := [name for i, name in enumerate(header) if i not in used and name]:
+        found.floor[kind], found.first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
+    if unused := [name for i, name in enumerate(header) if i not in {*factors, *rows} and name]:
         words.append(f"not used: {' '.join(unused)[:200]}")
-    if "time" in chosen:
-        i = chosen["time"].places[0]
-        floor["time"] = _time_floor([row[i] for row in sample]) * factors[i]
+    found.columns = "; ".join(words)
+    if "quaternion" in chosen:
+        found.quat, found.wxyz = _order(chosen["quaternion"], header, how, notes)
+    if omega := chosen.get("omega") or chosen.get("momentum"):
+        found.frame = frame_of(omega.stem)
     for i in labels:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
             raise ValueError(several(header, table, i))
-    places = {kind: group.places for kind, group in chosen.items()}
-    columns = "; ".join(words)
-    return Layout(table, how, places, quat, floor, first_floor, notes, columns, factors, rows, labels)
+    stamps = (
+        [i for i in chosen["time"].places if all(STAMP.fullmatch(row[i]) for row in sample)] if "time" in chosen else []
+    )
+    counts = [counted] if how.step is not None and counted is not None else []
+    columns = table.load(sorted({*factors, *counts} - set(stamps)), [*rows, *stamps])
+    keep = np.full(len(next(iter(columns.values()))), True)
+    for i, value in rows.items():
+        keep &= np.isin(columns[i], [word for word in set(columns[i]) if is_chosen({i: word}, {i: value})])
+    if not keep.any():
+        raise ValueError("there are no rows to judge")
+    columns = {i: column[keep] for i, column in columns.items()}
+    for kind, group in chosen.items():
+        if kind != "time":
+            found.arrays[kind] = np.column_stack([_scaled(columns[i], factors[i]) for i in group.places])
+    if "time" in chosen:
+        clocks = [(columns[i], factors[i]) for i in chosen["time"].places]
+        t, found.elapsed = _times(clocks, set(stamps) >= {*chosen["time"].places})
+        i = chosen["time"].places[0]
+        found.floor["time"] = _time_floor([row[i] for row in sample], factors[i], found.elapsed if stamps else t)
+    else:
+        assert how.step is not None
+        k = np.arange(len(keep[keep]), dtype=float)
+        if counts and len(k) > 1 and np.all((steps := np.diff(columns[counts[0]])) > 0):
+            k = np.concatenate(([0.0], np.cumsum(steps / steps.min())))
+        t = found.elapsed = how.step * k
+    found.arrays = {"time": (t if how.t0 is None else found.elapsed + how.t0)[:, None], **found.arrays}
+    _drop_equal(found, [several(header, table, i) for i in labels[:1]])
+    _window(found, how)
+    _turned(found)
+    if "points" in found.arrays:
+        _rigid(found, np.asarray(points, dtype=float), np.asarray(com, dtype=float))
+    return found
+
+
+def _no_times(table: Table, counted: int | None) -> str:
+    if counted is not None and table.names:
+        return f"the column {table.names[counted]} counts steps; say the time between two rows: --step SECONDS"
+    listed = f"its columns are {' '.join(table.names)[:200]}" if table.names else ""
+    columns = listed or f"it has no header of {table.width} names"
+    advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
+    return f"no column is named t or time; {columns}. {advice}"
+
+
+def _order(group: Group, header: list[str], how: Options, notes: list[str]) -> tuple[str | None, tuple[str, ...]]:
+    """The order of quaternions that their names tell, and the names if they do so by letters."""
+    if group.order[0] not in "01":
+        return "wxyz", tuple(header[i] or f"{i}" for i in group.places)
+    if group.order == "1 2 3 4" and how.quat is None:
+        notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
+        return "xyzw", ()
+    return None, ()
+
+
+def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
+    """The times, and the positions of all points as one group; empty if the file has not as many of them."""
+    if points is None:
+        return {}
+    places = sorted(
+        (group for group in groups if group.kind in ("position", "rotation vector or position")),
+        key=lambda group: group.places[0],
+    )
+    if len(places) != len(np.asarray(points)):
+        return {}
+    every = [i for group in places for i in group.places]
+    chosen = {group.kind: group for group in groups if group.kind in ("time", "omega")}
+    return {**chosen, "points": Group("points", every, (), " ".join(group.order for group in places), 1)}
 
 
 def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
@@ -162,7 +231,7 @@ def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Nam
     return names, given
 
 
-def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Any]:
+def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
     """The columns that choose rows, and whether a name belongs to the body that is asked for."""
     rows: dict[int, str] = {}
     bodies: list[str] = []
@@ -228,6 +297,10 @@ def _choose(
                     notes.append(f"{words} is taken for a quaternion, for it has length 1; {advice}")
             else:
                 group.kind, group.places, group.order = "position", [x, y, z], "x y z"
+        if group.kind == "gyro" and not any(other.kind == "omega" for other in groups):
+            words = " ".join(header[i] for i in group.places)
+            group.kind = "omega"
+            notes.append(f"{words} are taken for the rates of a gyro; else name ω: --columns wx=…,wy=…,wz=….")
         if group.kind == "three of a rotation" and how.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
@@ -377,11 +450,111 @@ def _decimals(words: Sequence[str]) -> set[Decimal]:
     return set(map(Decimal, known))
 
 
-def _time_floor(words: list[str]) -> float:
-    """What the times are rounded by; 0 where their digits are exact, as those of equal steps are."""
-    digit, t = _floor(words), np.unique([number(word, True) for word in words if is_number(word, True)])
+def _time_floor(words: list[str], factor: float, t: Array) -> float:
+    """What times are rounded by, s; 0 where their digits are exact, as those of equal steps are. t : the times, s."""
+    digit, t = _floor(words) * factor, np.unique(t[: len(words)])
     if len(t) < 10:
         return 0.0
     steps, ulp, span = np.diff(t), float(np.spacing(np.abs(t).max())), float(np.ptp(t))
     rounded = np.ptp(steps) > max(1e-3 * digit, 4 * ulp) and 1e3 * digit < span
     return max(digit * rounded, ulp / 2 * (ulp > 1e-10 * span))
+
+
+def _scaled(values: Array, factor: float) -> Array:
+    """Values in SI units; 1/1000 is no double, so they are divided by 1000."""
+    whole = round(1 / factor) if factor < 1 else 0
+    return values / whole if whole and 1 / whole == factor else values * factor
+
+
+def _times(clocks: Sequence[tuple[Array, float]], is_stamp: bool) -> tuple[Array, Array]:
+    """Times, and times since the first row, (n,), s, of clocks (column, factor) that are added. is_stamp : words, not numbers."""
+    if is_stamp:  # nanoseconds since 1970 have more digits than a double
+        exact = [([Decimal(word) for word in words.tolist()], factor) for words, factor in clocks]
+        t = sum(_scaled(np.array(words, dtype=float), factor) for words, factor in exact)
+        since = [(np.array([float(word - words[0]) for word in words]), factor) for words, factor in exact]
+    else:
+        t = sum(_scaled(values.astype(float), factor) for values, factor in clocks)
+        since = [(values.astype(float) - float(values[0]), factor) for values, factor in clocks]
+    return np.asarray(t), np.asarray(sum(_scaled(values, factor) for values, factor in since))
+
+
+def _drop_equal(found: Trajectory, several: Sequence[str]) -> None:
+    """Leave out rows that are equal to the one before. ValueError where times go back, and `several` says of which bodies."""
+    late = np.diff(found.elapsed, prepend=-math.inf)
+    same = late == 0
+    for values in found.arrays.values():
+        same[1:] &= ((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))).all(axis=1)
+    if several and np.any(~(late > 0) & ~same):
+        raise ValueError(several[0])
+    if count := int(np.count_nonzero(same)):
+        _keep(found, ~same)
+        found.notes.append(f"{count} row{'s are' if count > 1 else ' is'} equal to the one before, and left out.")
+
+
+def _window(found: Trajectory, how: Options) -> None:
+    """Leave out rows before `since` and after `until`."""
+    t = found.arrays["time"][:, 0]
+    blur = 1e-9 * max(float(np.abs(t).max(initial=0.0)), 1e-300)  # 0.30000000000000004 is 0.3
+    inside = (t >= (-math.inf if how.since is None else how.since - blur)) & (
+        t <= (math.inf if how.until is None else how.until + blur)
+    )
+    if np.all(inside | ~np.isfinite(t)):
+        return
+    if not inside.any():
+        raise ValueError(f"no row is in the window: the times go from {t[0]:.9g} to {t[-1]:.9g} s")
+    _keep(found, inside)
+    found.notes.append(f"{np.count_nonzero(~inside)} rows are outside the window, and left out.")
+
+
+def _keep(found: Trajectory, rows: Array) -> None:
+    found.arrays = {kind: values[rows] for kind, values in found.arrays.items()}
+    found.elapsed = found.elapsed[rows] - found.elapsed[rows][0]
+
+
+def _turned(found: Trajectory) -> None:
+    """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
+    groups = found.arrays
+    for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
+        values = groups.pop(kind)
+        bad = ~np.isfinite(values).all(axis=1)
+        values = np.where(bad[:, None], 1.0, values)
+        if kind == "mrp":
+            turns = Rotation.from_mrp(values)
+        else:
+            lengths = np.linalg.norm(values[:, :3], axis=1, keepdims=True)
+            turns = Rotation.from_rotvec(values[:, :3] / np.where(lengths > 0, lengths, 1.0) * values[:, 3:])
+        vectors = turns.as_rotvec()
+        vectors[bad] = math.nan
+        if "rotation vector" in groups:
+            raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
+        groups["rotation vector"], found.floor["rotation vector"] = vectors, found.floor.get(kind, 0.0)
+    if (p := groups.pop("momentum of quaternion", None)) is not None and "quaternion" in groups:
+        q = groups["quaternion"]
+        if found.quat == "xyzw":
+            p, q = np.roll(p, 1, axis=1), np.roll(q, 1, axis=1)
+        # of molecular dynamics: p = 2 q (0, L)
+        groups["momentum"] = (q[:, :1] * p[:, 1:] - p[:, :1] * q[:, 1:] - np.cross(q[:, 1:], p[:, 1:])) / 2
+        found.frame = "body"
+
+
+def _rigid(found: Trajectory, points: Array, com: Array) -> None:
+    """Rotations and positions from points of the body by Kabsch: R maximises Σ (xᵢ − x̄)·R (pᵢ − p̄)."""
+    x = found.arrays.pop("points").reshape(-1, *points.shape)
+    middle, p = x.mean(axis=1), points - points.mean(axis=0)
+    good = np.isfinite(x).all(axis=(1, 2))
+    H = np.where(good[:, None, None], np.einsum("nki,kj->nij", x - middle[:, None], p), np.eye(3))
+    U, _, V = np.linalg.svd(H)
+    U[:, :, 2] *= np.linalg.det(U @ V)[:, None]
+    R = np.where(good[:, None, None], U @ V, np.nan)
+    found.arrays |= {"matrix": R.reshape(-1, 9), "position": middle + R @ (com - points.mean(axis=0))}
+    pairs = np.triu_indices(len(points), 1)
+    now, right = (np.linalg.norm(a[..., pairs[0], :] - a[..., pairs[1], :], axis=-1) for a in (x, points))
+    change = np.abs(now / right - 1)
+    size = float(np.nanmedian(now / right))
+    unit = (
+        f" The points are {size:.4g} times as far apart as in the body: --units position=…?"
+        if abs(size - 1) > 0.1
+        else ""
+    )
+    off = f"their distances are off by up to {np.nanmax(change):.2g} of their size"
+    found.notes.append(f"Rotations are those of {len(points)} points; {off}.{unit}")

@@ -30,6 +30,7 @@ AXES = {sign + name: unit for name, e in zip("xyz", np.eye(3), strict=True) for 
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 # quantity → the groups of columns that it is judged by
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+FALLS = 10  # another gravity must fit a flight so many times better
 OFF = 1e-3  # the largest |RᵀR − 1| of a rotation; more if the file has few digits
 
 
@@ -135,7 +136,13 @@ class Frames:
             some = np.isfinite(x).all(1)
             t, span = trajectory["time"][some], np.ptp(trajectory["time"]) or 1.0
             terms = np.column_stack((np.ones_like(t), t / span))
-            place, way = np.linalg.lstsq(terms, x[some] - t**2 / 2 * self.rigid_body.gravity, rcond=None)[0]
+            fall = x[some] - t**2 / 2 * self.rigid_body.gravity
+            place, way = np.linalg.lstsq(terms, fall, rcond=None)[0]
+            with_g = np.column_stack((terms, (t / span) ** 2))
+            free = np.linalg.lstsq(with_g, fall, rcond=None)[0]
+            # of another gravity, the errors grow like t²; the best launch for the right one would hide that
+            if FALLS * np.abs(fall - with_g @ free).max() < np.abs(fall - terms @ [place, way]).max():
+                place, way = free[:2]
             self.launch = place, way / span
 
     def flight(self, t: Array) -> Array:
@@ -153,6 +160,22 @@ class Frames:
         x, R, omega = (np.full((len(times), *part.shape[1:]), np.nan) for part in parts)
         x[known], R[known], omega[known] = parts
         return x, R, omega
+
+    def with_omega(self, trajectory: dict[str, Array]) -> dict[str, Array]:
+        """The trajectory with ω = I⁻¹ L in place of an angular momentum L, in the frame of L."""
+        if "momentum" not in trajectory or "omega" in trajectory:
+            return trajectory
+        others = {name: values for name, values in trajectory.items() if name != "momentum"}
+        L, I = self.omega({**others, "omega": trajectory["momentum"]}), tensor(self.rigid_body)
+        if self.convention.omega_frame == "body":
+            return {**others, "omega": np.linalg.solve(I, L.T).T @ self.from_body.T}
+        R = self.matrices(trajectory)
+        if R is None:
+            raise ValueError(
+                "an angular momentum in the world tells ω only with the rotations; in the body: --omega body"
+            )
+        in_body = np.linalg.solve(I, into_body(R, L).T).T
+        return {**others, "omega": (R @ in_body[..., None])[..., 0] @ self.to_world}
 
     def _positions(self, trajectory: Mapping[str, Array]) -> Iterator[Array]:
         for group in ("position", "displacement"):
@@ -257,7 +280,7 @@ class Frames:
             bad = ~np.isfinite(values).all(1)
             if group == "quaternion":
                 defect["orthogonality"] = np.abs(np.linalg.norm(values, axis=1) - 1)
-                bad |= ~values.any(1)
+                bad |= ~(np.linalg.norm(values, axis=1) > 0)
             values = np.where(bad[:, None], 1.0, np.deg2rad(values) if how.degrees else values)
             if group == "quaternion":
                 turns = Rotation.from_quat(values, scalar_first=how.quat == "wxyz")

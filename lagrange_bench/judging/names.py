@@ -1,10 +1,68 @@
-"""What the names of columns mean, whatever program wrote them: a grammar of quantities, components and units."""
+"""What the names of columns mean, whatever program wrote them: one table of words, and the parts of a name.
 
+A name is split into words, and each is looked up; so are two or three words that stand together. The longest that is known tells
+the quantity, of two as long the first. docs/names.md prints the table.
+"""
+
+import itertools
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from math import tau
 from typing import NamedTuple
+
+# quantity → its words; (ang angular) (vel velocity) stands for ang vel, ang velocity, angular vel, angular velocity
+QUANTITIES = {
+    "time": "t, ts, tout, time, timestamp, timestamps, stamp, simtime, seconds, elapsed",
+    "position": """p, t, pos, position, positions, trans, translate, translation, translations, location, coord, coords,
+        coordinate, coordinates, (center centre) of mass, (cm com cg) (pos position), r 0""",
+    "displacement": "u, disp, displ, displacement, displacements",
+    "quaternion": """q, qb, qn, qbn, e, ep, quat, quats, quaternion, quaternions, versor,
+        euler (param params parameter parameters)""",
+    "matrix": "m, c, dcm, mat, matrix, rotmat, (rot rotation) (mat matrix), r t",
+    "rotation vector": "rv, rvec, rotvec, (rot rotation) (vec vector), expmap, exp map",
+    "rotation vector or position": "r",
+    "mrp": "mrp, mrps, sigma, rodrigues",
+    "axis and angle": "axis, axes, axisangle, axis angle",
+    "angles": "euler, angle, angles, rpy, ypr, tilt, theta, phi, psi, chi",
+    "attitude": "rot, rotate, rotation, rotations, ori, orn, orin, orient, orientation, orientations, att, attitude",
+    "omega": """w, wb, wn, wbn, om, omega, omegas, gyr, gyro, gyros, gyroscope, angular, avel, angvel, rate, rates,
+        (ang angular angle rot rotation rotational) (vel velocity velocities rate rates speed),
+        (euler attitude body) (rate rates)""",
+    "gyro": "g",
+    "momentum": "l, angmom, amom, (ang angular) (mom momentum momenta)",
+    "velocity": "v, vel, velocity, velocities, lin, linear, linvel, speed, (lin linear) (vel velocity)",
+    "qpos": "qpos",
+    "qvel": "qvel",
+    # a position only where no other word tells the quantity
+    "point": "com, cg, cm, loc, center, centre, origin",
+    # what else has components
+    "": """a, f, h, j, b w, b a, force, forces, torque, torques, tau, moment, moments, mom, momentum, linear momentum,
+        impulse, mag, magn, magnetic, magnetometer, scale, size, bias, biases, jerk, gravity, dir, direction, forward, up, ang,
+        alpha, spin, basis, normal, normals, contact, energy, inertia, inertias,
+        (center centre) of (rotation gravity pressure)""",
+    # a name with one of these is not of the run, or of a derivative, whatever else it says
+    "never": """err, error, errors, target, desired, command, commanded, cmd, ref, reference, cov, covariance, std, true, truth,
+        exact, expected, dot, ddot, wdot, qdot, omegadot, domega, dw, dq, delta, acc, accel, acceleration, accelerations,
+        accelerometer, linacc, angacc""",
+}
+# behind the quantity, these tell the frame of ω
+FRAMES = {"body": ("body", "local", "loc", "b"), "world": ("world", "global", "inertial", "w")}
+ABOUT = {*FRAMES["body"], *FRAMES["world"], "com", "cg", "base", "map", "odom"}  # may stand in brackets
+
+
+def _phrases(text: str) -> Iterator[str]:
+    """The phrases of a line of `QUANTITIES`."""
+    for phrase in text.split(","):
+        choices = [words.strip("()").split() for words in re.findall(r"\([^)]*\)|\S+", phrase)]
+        yield from map(" ".join, itertools.product(*choices))
+
+
+# word, or words that stand together → quantity
+MEANING = {phrase: quantity for quantity, text in QUANTITIES.items() if quantity != "time" for phrase in _phrases(text)}
+CLOCKS = set(_phrases(QUANTITIES["time"]))
+NO_CLOCK = {"step", "steps", "factor", "wall", "cpu", "real", "delta", "derivative", "offset"}
+LONGEST = 3  # words of a phrase
 
 
 class Unit(NamedTuple):
@@ -57,7 +115,7 @@ UNITS = {
 SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å", "cm"}
 EXPECTED = {"time": "s", "position": "m", "displacement": "m", "omega": "rad/s"}
 EXPECTED |= dict.fromkeys(("angles", "rotation vector", "axis and angle"), "rad")
-# what names of Unicode mean in plain letters
+# letters that stand for names
 PLAIN = str.maketrans(dict(zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)))
 PLAIN |= str.maketrans({"ω": "omega", "Ω": "omega", "θ": "theta", "φ": "phi", "ϕ": "phi", "ψ": "psi", "σ": "sigma"})
 
@@ -84,16 +142,8 @@ class Name(NamedTuple):
     strange: str
 
 
-# words of which a component may be the end, as qw, posx or tz
-LETTERED = (
-    r"q|quat|quaternion|orientation|rotation|ori|att|w|om|omega|angvel|v|vel|velocity|p|t|pos|position|u|disp|r|rv|rot|euler|mrp|m|c"
-    r"|dcm|a|f"
-)
-ROLES = ("x y z", "roll pitch yaw", "phi theta psi", "alpha beta gamma", "0 1 2", "1 2 3")
-ANGLES = {name for role in ROLES[1:4] for name in role.split()}
-CLOCKS = {"t", "ts", "tout", "time", "timestamp", "timestamps", "stamp", "simtime", "seconds", "elapsed"}
-NO_CLOCK = {"step", "steps", "factor", "wall", "cpu", "real", "delta", "derivative", "offset"}
-FRAMES = {"body", "world", "local", "global", "inertial", "com", "cg", "base", "map", "odom"}
+ROLES = ("x y z", "roll pitch yaw", "phi theta psi", "phi theta chi", "alpha beta gamma", "0 1 2", "1 2 3")
+ANGLES = {name for role in ROLES[1:5] for name in role.split()}
 
 
 def parse(word: str) -> Name:
@@ -103,10 +153,10 @@ def parse(word: str) -> Name:
     def bracket(match: re.Match[str]) -> str:
         nonlocal unit, strange
         content = match[1].strip()
-        if unit_of(content) and not content.isdecimal():
+        if unit_of(content) and (not content.isdecimal() or (content == "1" and match[0][0] == "{")):
             unit = content
             return " "
-        known = not re.search(r"[^\d\s,]", content) or content.lower() in FRAMES or _split([content.lower()])[1]
+        known = not re.search(r"[^\d\s,]", content) or content.lower() in ABOUT or _split([content.lower()])[1]
         strange = strange if known else content
         return match[0] if known else " "
 
@@ -138,9 +188,9 @@ def _split(words: list[str]) -> tuple[list[str], str]:
         before, after = words[:i], [*words[i + 1 :], *number]
         if word in ("x", "y", "z", *ANGLES) or (word == "w" and not after):
             return before + after, word
-        ends = re.fullmatch(rf"({LETTERED})([wxyzsijk]|[xyz]{{2}})", word)
-        if ends and not (digits and ends[2] not in "wxyz"):
-            return [*before, ends[1], *after], ends[2]
+        start, end = _ending(word)
+        if end and not (digits and end not in "wxyz"):
+            return [*before, start, *after], end
     if digits:
         return words, digits
     last = words[-1] if words else ""
@@ -152,50 +202,37 @@ def _split(words: list[str]) -> tuple[list[str], str]:
     return (words, "t") if CLOCKS & set(words) and not NO_CLOCK & set(words) else (words, "")
 
 
-KINDS = [  # the first that fits the words of a stem; "" is something else that has components
-    (
-        "",
-        r"acc|force|torque|\btau|moment|mom\b|impuls|\berr|target|desired|command|cmd|\bref|\bcov|magn|scale|size|bias|gravity|jerk"
-        r"|\bstd|direction|\bdir$|forward|\bup$|\bang$|\balpha$|\bspin$|\bbasis|\bmag$|dot\b|\bd(omega|w|q)$"
-        r"|\btrue$|truth|exact|expect",
-    ),
-    ("", r"\binertias?$|energy|(^|\w{3} )[afhjl]$|\bb [aw]\b|normal$"),
-    ("qpos", r"\bqpos$"),
-    ("qvel", r"\bqvel$"),
-    ("omega", r"omega|\bom$|(ang(ular)?|rot(ation)?) ?(vel|rate|speed)|\bavel|\bgyr|\brates?\b|\bangular\b|\bwb?n?$"),
-    ("velocity", r"\bvel|linvel|\blinear\b|\bv$|speed"),
-    ("axis and angle", r"\baxis"),
-    ("quaternion", r"quat|versor|\bqb?n?$|\be$|\bep$|euler param"),
-    ("angles", r"euler|\bangles?\b|\brpy\b|\bypr\b|\b(tilt|theta|phi|psi)$"),
-    ("position", r"\br [a-z]{2} [a-z]$"),  # r_BN_N
-    ("rotation vector", r"rot(ation)? ?vec|\brv$|\brvec|exp ?map"),
-    ("rotation vector or position", r"\br$"),
-    ("mrp", r"\bmrp|rodrigues|\bsigma"),
-    ("matrix", r"\bdcm|matrix|mat$|\bm$|\bc$|\br t$"),
-    ("attitude", r"\brotat(e|ion)|\brot$|orient|\bor[in]\b|attitude|\batt\b"),
-    ("displacement", r"disp|\bu$"),
-    ("position", r"pos|translat|location|^loc$|^(?![vw] ).*\b(com|cg)\b|origin|cent(er|re)|\b[pt]$|coord"),
-]
+def _ending(word: str) -> tuple[str, str]:
+    """A word of the table and the component at its end, as of qw, posx or rxy; two empty words if it has none."""
+    for length, letters in ((1, "wxyz"), (2, "xyz"), (1, "sijk")):
+        start, end = word[:-length], word[-length:]
+        of_rotation = MEANING.get(start) in ("quaternion", "attitude")
+        if word not in MEANING and start in MEANING and set(end) <= set(letters) and (letters != "sijk" or of_rotation):
+            return start, end
+    return "", ""
 
 
 def kind_of(stem: Iterable[str]) -> str | None:
-    """The quantity that a stem names; None where it names a body or nothing."""
-    if tuple(stem)[-2:] == ("r", "0"):  # of Modelica
-        return "position"
-    words = [word for word in stem if not word.isdecimal()]
-    in_frame = len(words) > 1 and words[-1] in ("w", "b")  # of the world or the body, as in pos_w
-    if in_frame and (kind := kind_of(words[:-1])):
-        return kind
-    if all(len(word) <= 2 for word in words) and not re.search(r"\br .. .$|\bb [aw]\b", " ".join(words)):
-        words = words[:1]  # p_RS_R
-    while True:
-        kind = next((kind for kind, pattern in KINDS if re.search(pattern, " ".join(words))), None)
-        if kind is not None:
-            return kind
-        if len(words) < 2 or not (len(words[-1]) <= 2 or words[-1] in FRAMES):  # names of frames, as in omega_BN_B
-            kind = kind_of(words[:1]) if len(words) > 1 else None
-            return kind if kind in ("omega", "velocity", "quaternion") else None  # w_sim is no place
-        words = words[:-1]
+    """The quantity that a stem names; empty for one that is not judged; None where it names a body or nothing."""
+    kinds = {phrase: MEANING[phrase] for _, phrase in _known(list(stem))}
+    if "never" in kinds.values():
+        return ""
+    sure = [phrase for phrase, kind in kinds.items() if kind != "point"]
+    return kinds[max(sure, key=len)] if sure else "position" if kinds else None
+
+
+def frame_of(stem: Iterable[str]) -> str | None:
+    """The frame that is named behind the quantity, as in omega_world; None where there is none."""
+    words = list(stem)
+    known = [(len(phrase), end) for end, phrase in _known(words) if MEANING[phrase] != "point"]
+    behind = words[max(known)[1] :] if known else []
+    return next((frame for frame, names in FRAMES.items() for word in behind if word in names), None)
+
+
+def _known(words: list[str]) -> list[tuple[int, str]]:
+    """The phrases of the table in some words, each with the place behind it."""
+    spans = [(i, i + n) for i in range(len(words)) for n in range(1, LONGEST + 1) if i + n <= len(words)]
+    return [(end, phrase) for start, end in spans if (phrase := " ".join(words[start:end])) in MEANING]
 
 
 @dataclass
@@ -222,7 +259,7 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
         ("quaternion or position", ("w x y z",)),
         ("quaternion", SCALAR_FIRST[1:]),
         ("position", ("x y z",)),
-        ("angles", ROLES[1:4]),
+        ("angles", ROLES[1:5]),
         ("omega", ("p q r",)),
         ("matrix", NINE),
     ),
@@ -230,7 +267,7 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "attitude": (
         ("quaternion", QUATERNIONS),
         ("matrix", (*NINE, *FLAT)),
-        ("angles", ROLES[1:4]),
+        ("angles", ROLES[1:5]),
         ("axis and angle", ("x y z angle",)),
         ("three of a rotation", VECTORS),
     ),
@@ -239,6 +276,8 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "rotation vector or position": (("matrix", (*NINE, *FLAT)), ("rotation vector or position", VECTORS)),
     "axis and angle": (("axis and angle", tuple(f"{order} angle" for order in VECTORS)),),
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
+    "gyro": (("gyro", ("x y z",)),),
+    "momentum": (("momentum of quaternion", QUATERNIONS), ("momentum", VECTORS)),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),
     "angles": (("angles", ROLES),),
     "qpos7": (("position", ("0 1 2",)), ("quaternion", ("3 4 5 6",))),  # of MuJoCo, of a free and of a ball joint

@@ -21,7 +21,6 @@ from lagrange_bench.judging.names import UNITS, unit_of
 
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand
-CHUNK = 1 << 14  # rows that are read at once
 SAMPLE = 400  # rows that are looked at before all are read
 SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
@@ -53,14 +52,13 @@ class Table:
     """What a file holds.
 
     names : of the columns; empty where the file has none. units : of columns, as a row of units says. sample : the first rows, as
-    words. load : the numbers of some columns and the words of others, in blocks of at most `CHUNK` rows. above : the text over
-    the rows.
+    words. load : the numbers of some columns and the words of others, in all rows. above : the text over the rows.
     """
 
     names: list[str]
     width: int
     sample: list[list[str]]
-    load: Callable[[Sequence[int], Sequence[int]], Iterator[dict[int, Array]]]
+    load: Callable[[Sequence[int], Sequence[int]], dict[int, Array]]
     units: dict[int, str] = field(default_factory=dict)
     above: str = ""
 
@@ -176,10 +174,8 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
         raise ValueError("there are no arrays of numbers in it with a row for each time")
     values = list(columns.values())
 
-    def load(wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
-        for first in range(0, n, CHUNK):
-            part = {i: values[i][first : first + CHUNK] for i in (*wanted, *words)}
-            yield {i: array.astype(str if i in words else float) for i, array in part.items()}
+    def load(wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
+        return {i: values[i].astype(str if i in words else float) for i in (*wanted, *words)}
 
     sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
     return Table([] if "" in arrays else list(columns), len(values), sample, load)
@@ -310,12 +306,12 @@ class Text:
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {error}") from None
         return _of_arrays({"": data})
 
-    def _load(self, wanted: Sequence[int], words: Sequence[int]) -> Iterator[dict[int, Array]]:
+    def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
 
         A short file is read sooner than pandas is imported.
         """
-        places, done, plain = sorted({*wanted, *words}), 0, [row[i] for row in self.sample for i in wanted]
+        places, plain = sorted({*wanted, *words}), [row[i] for row in self.sample for i in wanted]
         if comma := self.comma and any("," in word for word in plain):
             plain = [word.replace(",", ".") for word in plain]
         long, simple = self.path.stat().st_size > HEAD, all(PLAIN.fullmatch(word) for word in plain)
@@ -331,22 +327,18 @@ class Text:
                 with self.open() as file:
                     for _ in range(self.skip):
                         file.readline()
-                    for frame in pd.read_csv(file, chunksize=CHUNK, **settings):
-                        yield {i: frame[i].to_numpy() for i in places}
-                        done += len(frame)
-                return
+                    frame = pd.read_csv(file, **settings)
+                return {i: frame[i].to_numpy() for i in places}
             except (ValueError, OverflowError):
-                pass  # read on line by line, to see where
-        rows = itertools.islice(self._rows(), done, None)
-        while block := list(itertools.islice(rows, CHUNK)):
-            columns: dict[int, list[Any]] = {i: [] for i in places}
-            for line, row in block:
-                try:
-                    for i in places:
-                        columns[i].append(row[i] if i in words else number(row[i], self.comma))
-                except ValueError as error:
-                    raise ValueError(f"line {line}: {error}; {NO_ROW}") from None
-            yield {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
+                pass  # read line by line, to see where
+        columns: dict[int, list[Any]] = {i: [] for i in places}
+        for line, row in self._rows():
+            try:
+                for i in places:
+                    columns[i].append(row[i] if i in words else number(row[i], self.comma))
+            except ValueError as error:
+                raise ValueError(f"line {line}: {error}; {NO_ROW}") from None
+        return {i: np.array(values, dtype=str if i in words else float) for i, values in columns.items()}
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
         with self.open() as file:

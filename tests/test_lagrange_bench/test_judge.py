@@ -2,16 +2,15 @@
 
 import gzip
 import json
-import math
 import os
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import judge
+from lagrange_bench import judge, judging
 from lagrange_bench.integrators import CASES, RigidBody, integrate
-from lagrange_bench.judging import find, row_blocks
+from lagrange_bench.judging import find
 from lagrange_bench.judging import rows as reading_rows
 
 BRUELS = CASES["bruels"]
@@ -182,8 +181,8 @@ def test_bounds_json_digits_and_a_picture(tmp_path, run, answer):
 
 
 @pytest.mark.parametrize("head", [1 << 18, 1 << 12], ids=["line by line", "pandas"])
-def test_no_row_is_lost_between_the_blocks_of_a_long_file(head, tmp_path, answer, monkeypatch):
-    """The largest error is one of all rows; a row that is equal to the last one of the block before counts once."""
+def test_no_row_of_a_long_file_is_lost(head, tmp_path, answer, monkeypatch):
+    """The largest error is one of all rows; a row that is equal to the one before counts once."""
     n = 101
     rows = np.repeat(np.arange(n), np.where(np.isin(np.arange(n), (6, 7, 49, 100)), 2, 1))
     off = 1e-3 * (np.arange(n) == 79)[:, None]
@@ -191,23 +190,14 @@ def test_no_row_is_lost_between_the_blocks_of_a_long_file(head, tmp_path, answer
     file = write(tmp_path / "run.csv", "t x y z qw qx qy qz wx wy wz", T[rows], x[rows], Q[rows], OMEGA[rows])
     step = write(tmp_path / "step.csv", "x y z", X[:n])
     monkeypatch.setattr(reading_rows, "HEAD", head)
-
-    def found():
-        (judged,) = answer("judge", file, "--case", "bruels", "--t0", "0")["files"]
-        (bare,) = answer("judge", step, "--case", "bruels", "--step", "0.005")["files"]
-        return judged, bare["position"]["max"]
-
-    whole, bare = found()
-    assert (whole["rows"], bare < 1e-14) == (n, True)
+    (whole,) = answer("judge", file, "--case", "bruels", "--t0", "0")["files"]
+    (bare,) = answer("judge", step, "--case", "bruels", "--step", "0.005")["files"]
+    assert (whole["rows"], bare["position"]["max"] < 1e-14) == (n, True)
     assert whole["notes"][0] == "4 rows are equal to the one before, and left out."
     assert "1 of 101 rows have a number that is missing" in whole["notes"][2]
-    for size in (1, 7, 50):
-        monkeypatch.setattr(reading_rows, "CHUNK", size)
-        assert found() == (whole, bare)
-        monkeypatch.setattr(row_blocks, "BLOCK", size)
-        late = judge(T[:n], X[:n] + off, R[:n], case="bruels")
-        assert (late.position.max, late.rows) == (pytest.approx(1e-3 * 3**0.5), n)
-        assert late.curves["position"][0] == pytest.approx(T[:n], abs=1e-15)
+    late = judge(T[:n], X[:n] + off, R[:n], case="bruels")
+    assert (late.position.max, late.rows) == (pytest.approx(1e-3 * 3**0.5), n)
+    assert late.curves["position"][0] == pytest.approx(T[:n], abs=1e-15)
 
 
 @pytest.mark.parametrize(("parts", "end"), [(1024, 8.0), (60, 6.0)])
@@ -218,43 +208,37 @@ def test_times_that_are_no_decimals_are_not_rounded(parts, end):
     assert (exact.rotation.max, exact.omega.max) < (1e-12, 1e-10)
 
 
-def test_what_needs_neighbours_does_not_depend_on_the_blocks(monkeypatch):
+def test_of_times_near_decimals_the_better_reading_counts():
+    t = np.linspace(0, 2, 201) * (1 + 4e-11)
+    exact, nearly = (
+        judge(t, rotation=BRUELS.solution(at).rotation, case="bruels") for at in (t, np.linspace(0, 2, 201))
+    )
+    assert (exact.rotation.max < 1e-12, exact.notes) == (True, [])
+    assert nearly.rotation.max < 1e-12
+    assert "The times are taken for the decimals near to them, by up to 8.0e-11 s" in nearly.notes[0]
+
+
+def test_what_needs_neighbours_does_not_depend_on_the_parts(monkeypatch):
     """Neither ω as the slope of rotations nor the number of turns; one bad matrix mirrors nothing."""
     body, t, attitude, omega, bad = BRUELS.body, T[:101], R[:101], OMEGA[:101], M[:101].copy()
     bad[50, 0] *= -1
     whole = judge(t, rotation=attitude, omega=omega, body=body)
     for size in (1, 2, 16, 50, 100):
-        monkeypatch.setattr(row_blocks, "BLOCK", size)
+        monkeypatch.setattr(judging, "BLOCK", size)
         part = judge(t, rotation=attitude, omega=omega, body=body)
         assert (*part.kinematics, part.turns) == pytest.approx((*whole.kinematics, whole.turns), rel=1e-12)
-        assert math.isnan(judge(t, rotation=attitude, body=body).turns)
         mirrored = judge(t, rotation=bad, case="bruels")
         assert "1 of 101 rows" in mirrored.notes[1]
         assert not any("determinant" in hint for hint in mirrored.hints)
-    monkeypatch.undo()
     assert judge(t, rotation=attitude, body=body).turns == pytest.approx(whole.turns, rel=1e-3)
 
 
-def test_a_file_that_grows_while_it_is_read_is_judged_to_its_first_end(monkeypatch, tmp_path, answer):
-    file = write(tmp_path / "run.csv", "t x y z", T[:300], X[:300])
-    measured = row_blocks.measure
-
-    def later(frames, blocks, n):
-        write(file, "t x y z", T, X)
-        return measured(frames, blocks, n)
-
-    monkeypatch.setattr(row_blocks, "measure", later)
-    (found,) = answer("judge", file, "--case", "bruels")["files"]
-    assert (found["rows"], found["position"]["max"] < 1e-14) == (300, True)
-
-
 def test_rows_of_one_body_are_chosen_from_a_long_file(monkeypatch, tmp_path, answer):
-    """Read by pandas in short blocks; labels may be empty, or words that pandas takes for a missing number."""
+    """Read by pandas; labels may be empty, or words that pandas takes for a missing number."""
     rows = [",".join(map(str, (t, *x))) for t, x in zip(T.tolist(), X.tolist(), strict=True)]
     lines = [f"{label},{row}" for row in rows for label in ("top", "", "NA")]
     (tmp_path / "run.csv").write_text("\n".join(["body,t,x,y,z", *lines]), encoding="utf-8")
-    for name, value in (("HEAD", 1 << 14), ("CHUNK", 10)):
-        monkeypatch.setattr(reading_rows, name, value)
+    monkeypatch.setattr(reading_rows, "HEAD", 1 << 14)
     (found,) = answer("judge", tmp_path / "run.csv", "--case", "bruels", "--where", "body=top")["files"]
     assert (found["rows"], found["position"]["max"] < 1e-14) == (401, True)
 
@@ -395,7 +379,7 @@ def test_what_starts_and_bodies_need(tmp_path, run):
         assert (found[0], said in found[1] + found[2]) == (code, True), found
     with pytest.raises(ValueError, match="one of the two"):
         judge([0], omega=[[1, 2, 3]])
-    with pytest.raises(ValueError, match="start must be case or first-row"):
+    with pytest.raises(ValueError, match="start must be one of case, first-row, fit"):
         judge([0], omega=[[1, 2, 3]], case="box", start="last-row")
 
 

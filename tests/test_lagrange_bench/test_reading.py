@@ -12,9 +12,8 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
-from lagrange_bench.judging.columns import Options, survey
+from lagrange_bench.judging.columns import Options, read
 from lagrange_bench.judging.names import unit_of
-from lagrange_bench.judging.values import blocks
 
 T = np.arange(12) / 10
 X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)
@@ -31,14 +30,9 @@ def table(header, *parts, separator=",", number="{:.17g}", end="\n"):
     return end.join([*([header] if header else []), *lines, ""])
 
 
-def read(layout):
-    parts = list(blocks(layout))
-    return {kind: np.concatenate([part[kind] for part in parts]) for kind in parts[0]}
-
-
 def check(path, how=None, groups=("position",)):
-    layout = survey(path, how)
-    rows = read(layout)
+    layout = read(path, how)
+    rows = layout.arrays
     if layout.quat == "xyzw":
         rows["quaternion"] = np.roll(rows["quaternion"], 1, axis=1)
     if "angles" in rows:
@@ -208,14 +202,14 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     savemat(tmp_path / "modelica.mat", {"Aclass": ["Atrajectory"], "data_2": X}, format="4")
     for name, words in {"part.npz": "only a part", "modelica.mat": "a result of Modelica"}.items():
         with pytest.raises(ValueError, match=words):
-            survey(tmp_path / name)
+            read(tmp_path / name)
     check(tmp_path / "a.mat", groups=("position", "omega"))
     for name in ("a", "index", "double"):
         check(tmp_path / f"{name}.parquet")
     case = CASES["slow"]
     run = integrate(case.body, case.state, h=0.01, steps=20, method="rk4", every=1)
     for ending in ("csv", "npz", "parquet"):
-        rows = read(survey(run.save(tmp_path / f"run.{ending}")))
+        rows = read(run.save(tmp_path / f"run.{ending}")).arrays
         assert np.array_equal(rows["position"], run.position), ending
         assert np.array_equal(rows["omega"], run.omega_body), ending
         assert "quaternion" in rows
@@ -249,7 +243,7 @@ REFUSED = {  # what is in a file → what the line says
 def test_what_cannot_be_read_gets_a_line_that_says_what_to_do(text, tmp_path):
     (tmp_path / "run.csv").write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(REFUSED[text])) as error:
-        read(survey(tmp_path / "run.csv"))
+        read(tmp_path / "run.csv")
     assert "\n" not in str(error.value)
 
 
@@ -257,42 +251,42 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     file = tmp_path / "run.csv"
     file.write_text("0 world 0 1 0\n.1 world 0 1 0\n", encoding="utf-8")
     said = Options(columns={"t": "0", "x": "2", "y": "3", "z": "4"})
-    assert len(read(survey(file, said))["time"]) == 2
+    assert len(read(file, said).arrays["time"]) == 2
     file.write_text(table("t,w,x,y,z", T, Q), encoding="utf-8")
     assert "taken for a quaternion" in check(file, groups=("quaternion",)).notes[0]
     file.write_text(table("t,r_x,r_y,r_z", T, X / np.linalg.norm(X, axis=1)[:, None]), encoding="utf-8")
-    (note,) = survey(file).notes
+    (note,) = read(file).notes
     assert note == "r_x r_y r_z is taken for a position; else say --columns rx=r_x,ry=r_y,rz=r_z."
     said = Options(columns={"rx": "r_x", "ry": "r_y", "rz": "r_z"})
-    assert set(read(survey(file, said))) == {"time", "rotation vector"}
+    assert set(read(file, said).arrays) == {"time", "rotation vector"}
     file.write_text("t,r_x,r_y,r_z\n" + "".join(f"{t},nan,nan,nan\n" for t in T), encoding="utf-8")
-    assert "rotation vector" in survey(file).groups, "what is missing is no position, and gives no warning"
+    assert "rotation vector" in read(file).arrays, "what is missing is no position, and gives no warning"
     file.write_text(table("t,q1,q2,q3,q4", T, R.as_quat()), encoding="utf-8")
     assert "--quat wxyz" in check(file, groups=("quaternion",)).notes[0]
     file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
-    layout = survey(file, Options(quat="wxyz"))
-    assert (layout.quat, np.array_equal(read(layout)["quaternion"], Q)) == (None, True)
+    layout = read(file, Options(quat="wxyz"))
+    assert (layout.quat, np.array_equal(layout.arrays["quaternion"], Q)) == (None, True)
     file.write_text("t,x [furlong],y,z,b\n0,0,1,0,-1.#IND\n1,-1.#IND,1.#INF,0,5\n", encoding="utf-8")
-    layout = survey(file)
-    assert read(layout)["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
+    layout = read(file)
+    assert layout.arrays["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
     assert ("'furlong' is no known unit" in layout.notes[0], "not used: b" in layout.columns) == (True, True)
     file.write_text("t,x,y,z\n0,0,1,0\n1,,,\n,,,\n", encoding="utf-8")
-    assert read(survey(file))["position"] == pytest.approx(np.array([[0, 1, 0], 3 * [np.nan]]), nan_ok=True)
+    assert read(file).arrays["position"] == pytest.approx(np.array([[0, 1, 0], 3 * [np.nan]]), nan_ok=True)
     file.write_text("10 0 1 0\n20 0 0 0\n10 0 1 0\n20 0 0 0\n", encoding="utf-8")
     said = {"columns": {"x": "1", "y": "2", "z": "3"}, "step": 0.5}
     with pytest.raises(ValueError, match="the column 0 has 10, 20 in turn"):
-        survey(file, Options(**said))
-    assert read(survey(file, Options(**said, where={"0": "10"})))["time"].tolist() == [[0], [0.5]]
+        read(file, Options(**said))
+    assert read(file, Options(**said, where={"0": "10"})).arrays["time"].tolist() == [[0], [0.5]]
     file.write_text(table("t,roll,pitch,yaw", T, X), encoding="utf-8")
     for unit in ({"omega": "furlong"}, {"o": "s"}, {"omega": "deg/s"}):
         with pytest.raises(ValueError, match="--units"):
-            survey(file, Options(units=unit))
+            read(file, Options(units=unit))
     for name, value in {"angles": "ZXX", "where": {"a": "b"}, "step": 1.0, "columns": {"t": "4"}}.items():
         says = {"step": "leave it out, or the column t", "columns": "the first row is 0 | 1 | 0 |"}.get(
             name, f"--{name}"
         )
         with pytest.raises(ValueError, match=re.escape(says)):
-            survey(file, Options(**{name: value}))
+            read(file, Options(**{name: value}))
 
 
 def test_digits_of_times_and_positions(tmp_path):
@@ -300,16 +294,16 @@ def test_digits_of_times_and_positions(tmp_path):
     ways = (np.arange(20) / 7.5, "{:.6f}", 5e-7), (np.arange(20) / 10, "{:.6f}", 0), (1.7e9 + T, "{:.17g}", 1.2e-7)
     for times, number, floor in ways:
         file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=number), encoding="utf-8")
-        assert survey(file).floor["time"] == pytest.approx(floor, rel=0.01)
+        assert read(file).floor["time"] == pytest.approx(floor, rel=0.01)
     # x moves by 0.1 a row: the digits of y and z tell how all are printed
     file.write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
-    assert survey(file).floor["position"] == pytest.approx(5e-10)
+    assert read(file).floor["position"] == pytest.approx(5e-10)
 
 
 def test_angles_are_rotation_vectors_too(tmp_path):
     file = tmp_path / "run.csv"
     file.write_text("t,rx,ry,rz\n0,0,0,90\n1,0,90,0\n", encoding="utf-8")
-    assert read(survey(file, Options(units={"angles": "deg"})))["rotation vector"].max() == pytest.approx(np.pi / 2)
+    assert read(file, Options(units={"angles": "deg"})).arrays["rotation vector"].max() == pytest.approx(np.pi / 2)
 
 
 def test_units():

@@ -61,6 +61,8 @@ class Case:
         In s, the length of the motion, and the time between rows of a reference.
     title, source, remarks : str
         A title, the source of the numbers, and what to know.
+    points : (K, 3)
+        Places in the body, in m, whose positions a file may have in place of rotations.
     exact : dict
         The numbers of a case from a file, as decimals.
     """
@@ -76,6 +78,7 @@ class Case:
     title: str = ""
     source: str = ""
     remarks: str = ""
+    points: ArrayLike | None = None
     exact: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     @property
