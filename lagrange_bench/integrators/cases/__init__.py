@@ -184,18 +184,22 @@ NUMBERS: dict[str, list[tuple[int, ...]]] = {  # of a file: name → shapes; num
     "mass": [()],
     "com": [(3,)],
     "inertia_com": [(3,), (3, 3)],
+    "inertia": [(3,), (3, 3)],  # about the fixed point, in place of inertia_com
     "gravity": [(3,)],
     "quaternion": [(4,)],
+    "angles": [(3,)],  # rad, about `axes`, in place of the quaternion
     "omega_body": [(3,)],
     "position": [(3,)],
     "velocity": [(3,)],
     "until": [()],
     "every": [()],
 }
+POSITIVE = ("mass", "until", "every")
 DEFAULTS: dict[str, Any] = {"com": ["0", "0", "0"], "gravity": ["0", "0", "-9.81"], "quaternion": ["1", "0", "0", "0"]}
 DEFAULTS |= {"until": "1", "every": "0.1"}
 STILL = {"omega_body": ["0", "0", "0"]}  # for a body without a start
 TEXTS = ("title", "source", "remarks")
+OTHERS = ("fixed", "axes", "points")
 
 
 def read_case(path: Path, start: bool = True) -> Case:
@@ -214,24 +218,26 @@ def read_case(path: Path, start: bool = True) -> Case:
 
 
 def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
-    if unknown := sorted(set(content) - {*NUMBERS, *TEXTS, "fixed"}):
-        raise ValueError(f"{where}: {unknown[0]} is not known; a case has {', '.join((*NUMBERS, 'fixed', *TEXTS))}")
-    facts: dict[str, Any] = {**DEFAULTS, **content}
+    if unknown := sorted(set(content) - {*NUMBERS, *TEXTS, *OTHERS}):
+        raise ValueError(f"{where}: {unknown[0]} is not known; a case has {', '.join((*NUMBERS, *OTHERS, *TEXTS))}")
+    words = {word: " ".join(str(content.get(word, "")).split()) for word in TEXTS}
+    given = {word: value for word, value in content.items() if word in NUMBERS}
+    for word, value in given.items():
+        _check_numbers(word, value, where)
+    for one, other in (("inertia", "inertia_com"), ("angles", "quaternion")):
+        if one in given and other in given:
+            raise ValueError(f"{where}: give {one} or {other}, not both")
+    facts: dict[str, Any] = {**DEFAULTS, **given}
     fixed = content.get("fixed", True)
-    words = {word: str(facts.pop(word, "")).replace("\n", " ") for word in TEXTS}
-    facts.pop("fixed", None)
+    if "inertia" in facts and "mass" in facts:
+        facts["inertia_com"] = _about_com(facts.pop("inertia"), facts["mass"], facts["com"] if fixed else (0, 0, 0))
     if missing := [word for word in ("mass", "inertia_com", "omega_body") if word not in facts]:
         raise ValueError(f"{where}: {missing[0]} is missing")
-    values = {}
-    for word, value in facts.items():
-        try:
-            values[word] = np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            values[word] = np.array(np.nan)
-        if values[word].shape not in NUMBERS[word] or not np.all(np.isfinite(values[word])):
-            raise ValueError(
-                f"{where}: {word} must be {'a number' if NUMBERS[word] == [()] else 'numbers'}; got {value!r}"
-            )
+    if "angles" in facts:
+        facts["quaternion"] = _of_angles(facts.pop("angles"), content.get("axes"), where)
+    values = {word: np.array(value, dtype=float) for word, value in facts.items()}
+    if not np.any(values["quaternion"]):
+        raise ValueError(f"{where}: quaternion must not be zero")
     until, every = float(values["until"]), float(values["every"])
     exact = {word: value for word, value in facts.items() if word not in ("until", "every")}
     rotation = [[float(v) for v in row] for row in matrix(facts["quaternion"])]
@@ -242,7 +248,44 @@ def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
     place, speed = values.get("position"), values.get("velocity")
     if fixed and (place is not None or speed is not None):
         raise ValueError(f"{where}: position and velocity belong to a body that flies: fixed = false")
-    return Case(name, body, rotation, values["omega_body"], place, speed, until, every, **words, exact=exact)
+    points = None if "points" not in content else np.array(content["points"], dtype=float)
+    if points is not None and (points.ndim != 2 or points.shape[1] != 3 or len(points) < 3):
+        raise ValueError(f"{where}: points must be three or more places in the body; got {content['points']!r}")
+    start = rotation, values["omega_body"], place, speed
+    return Case(name, body, *start, until, every, **words, points=points, exact=exact)
+
+
+def _check_numbers(word: str, value: Any, where: str) -> None:
+    """ValueError unless a value of a file has finite numbers, as many as its word asks for."""
+    try:
+        numbers = np.array(value, dtype=float)
+    except (TypeError, ValueError):
+        numbers = np.array(np.nan)
+    has_bool = any(isinstance(each, bool) for each in np.array(value, dtype=object).flat)
+    if numbers.shape not in NUMBERS[word] or not np.all(np.isfinite(numbers)) or has_bool:
+        raise ValueError(f"{where}: {word} must be {'a number' if NUMBERS[word] == [()] else 'numbers'}; got {value!r}")
+    if word in POSITIVE and not numbers > 0:
+        raise ValueError(f"{where}: {word} must be positive; got {value!r}")
+
+
+def _about_com(inertia: Any, mass: Any, com: Any) -> list[list[Fraction]]:
+    """The moments of inertia about the centre of mass, I − m (c·c 1 − c cᵀ), of those about the fixed point, without rounding."""
+    c, m = [Fraction(v) for v in com], Fraction(mass)
+    diagonal = np.ndim(inertia) == 1
+    rows = [[inertia[i] if i == j else 0 for j in range(3)] for i in range(3)] if diagonal else inertia
+    square = sum((v * v for v in c), Fraction(0))
+    return [[Fraction(rows[i][j]) - m * (square * (i == j) - c[i] * c[j]) for j in range(3)] for i in range(3)]
+
+
+def _of_angles(angles: Sequence[Any], axes: Any, where: str) -> list[float]:
+    """The quaternion of three angles, rad, about axes as SciPy names them."""
+    from scipy.spatial.transform import Rotation
+
+    try:
+        turn = Rotation.from_euler(str(axes), [float(v) for v in angles])
+    except ValueError:
+        raise ValueError(f'{where}: angles need their axes, such as axes = "ZXZ", that move, or "xyz"; got {axes!r}') from None
+    return [float(v) for v in turn.as_quat(scalar_first=True)]
 
 
 TOPS = ("bruels", "slow", "simo_wong", "metis", "kovalevskaya")
