@@ -64,8 +64,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     what.add_argument("--case", metavar="NAME", help=text)
     text = "a body without a start, a file or as --case: judges what the motion keeps, and whether ω fits the rotations"
     what.add_argument("--body", metavar="NAME", help=text)
-    text = "the motion of --case starts as the case says (default), or as the first row does"
-    command.add_argument("--start", default="case", choices=("case", "first-row"), help=text)
+    text = "the motion of --case starts as the case says (default), as the first row does, or so that it fits the first rows best"
+    command.add_argument("--start", default="case", choices=("case", "first-row", "fit"), help=text)
     how = command.add_argument_group("how the files are written")
     text = "which column is which quantity: a word of the header, or an index from 0"
     how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
@@ -78,6 +78,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "time between two rows, such as 1/60; for files without times"
     how.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
     how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
+    text = "only rows from this time on, in the times of the file"
+    how.add_argument("--from", dest="since", type=number, metavar="SECONDS", help=text)
+    text = (
+        "only rows up to this time; exit with 1 if a file ends before it (default with --bounds: the end of the case)"
+    )
+    how.add_argument("--until", type=number, metavar="SECONDS", help=text)
     text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
     how.add_argument("--quat", choices=("wxyz", "xyzw"), help=text)
     text = "frame of the angular velocity (default: as its name says, else body; of an angular momentum world)"
@@ -90,8 +96,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above its bound"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)
-    text = "exit with 1 if a file ends before this time (default with --bounds: the end of the case)"
-    results.add_argument("--until", type=seconds, metavar="SECONDS", help=text)
     text = f"draw the errors over time: a name that ends in {', '.join(PICTURES)}"
     results.add_argument("--draw", type=location, metavar="FILE", help=text)
 
@@ -108,7 +112,7 @@ def run(options: argparse.Namespace) -> Answer:
     request = judging.request_of(options.case, options.body, options.start)
     body, known = options.case or options.body, request.start == "case"
     convention = frames.Convention(options.quat or "wxyz", options.omega or "body", options.up, options.axis)
-    names = ("columns", "units", "angles", "where", "step", "t0", "quat")
+    names = ("columns", "units", "angles", "where", "step", "t0", "quat", "since", "until")
     written = columns.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
     with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
         judged = [judging.judge_file(path, request, convention, written) for path in options.files]
@@ -118,18 +122,15 @@ def run(options: argparse.Namespace) -> Answer:
     bounded = bool(bounds) or options.until is not None
     violated = [line for each in judged if bounded for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, frames.UNITS), ""]]
-    for name, observed in orders.items():
-        if not all(map(math.isnan, observed)):
-            shown = ", ".join("none" if math.isnan(order) else f"{order:.2f}" for order in observed)
-            lines.append(f"order of {name}, from the largest step to the smallest: {shown}")
+    lines += orders.in_words()
     steps = {f"{each.step:.6g}" for each in judged}
     if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
-    if any(judgement.converges_elsewhere(observed) for observed in orders.values()):
+    if orders.converges_elsewhere:
         lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [_draw(options.draw, judged)] if options.draw is not None else []
-    data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
+    data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders.values}
     data |= {"violated": violated} if bounded else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 

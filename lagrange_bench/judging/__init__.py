@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.integrators import CASES, Case, RigidBody, StepError, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging.columns import Options, Trajectory, read
 from lagrange_bench.judging.consistency import Rows, rate_notes
 from lagrange_bench.judging.frames import ATTITUDES, GROUPS, UNITS, Convention, Exact, Frames
@@ -194,10 +195,8 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
         if own_start:
             frames.refer(rows)
         if request.start in ("first-row", "fit"):
-            case = _first_row(case, frames, rows)
-            notes.append(f"The motion starts as the first row does, at t = {written[0]:.9g} s.")
-            if request.start == "fit":
-                case, notes[-1:] = _fitted(case, frames, rows)
+            case, text = _started(request.start, case, frames, rows)
+            notes.append(f"The motion starts at t = {written[0]:.9g} s {text}.")
             frames = Frames(case.body, convention, digit, case)
         errors, used, note = _of_both_clocks(frames, rows)
         rows["time"], notes = used, [*note, *notes]
@@ -259,51 +258,61 @@ def _some(n: int) -> Array:
 # ------------------------------------------------------------------------------------------------------------ the start
 
 
-def _first_row(case: Case, frames: Frames, rows: Mapping[str, Array]) -> Case:
-    """The case with the start that the first row has; a flying body gets the velocity that fits all positions best.
+def _started(start: str, case: Case, frames: Frames, rows: Mapping[str, Array]) -> tuple[Case, str]:
+    """The case with the start of the first row, or with the one that fits the first rows best; and what to say of it.
 
-    Of a free body ω alone is enough, for it does not depend on the attitude.
+    Of a free body ω alone is enough, for it does not depend on the attitude. A flying body gets the velocity that fits all
+    positions best.
     """
-    first = {name: values[:1] for name, values in rows.items()}
-    R, omega = frames.motion(first)
-    known = frames.attitudes(first) or (kinds.free_body(case.body) and case.body.fixed)
-    if omega is None or not known or not np.all(np.isfinite(R)) or not np.all(np.isfinite(omega)):
-        raise ValueError("--start first-row, fit: the first row needs a rotation and an angular velocity")
-    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.launch), strict=True))
-    return replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=omega[0], **flight, exact={})
-
-
-def _fitted(case: Case, frames: Frames, rows: Mapping[str, Array]) -> tuple[Case, list[str]]:
-    """The case with the start that fits the first rows best, by least squares over rotation and ω; and what to say of it."""
-    head = {name: values[:FITTED] for name, values in rows.items()}
+    head = {name: values[: FITTED if start == "fit" else 1] for name, values in rows.items()}
     R, omega = frames.motion(head)
-    assert omega is not None
-    good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
-    t, R, omega, known = head["time"][good, 0], R[good], omega[good], bool(frames.attitudes(head))
-    size, first = float(np.linalg.norm(omega, axis=1).max()) or 1.0, Rotation.from_matrix(R[0])
-    unknowns = 6 if known else 3
+    has_rotation = bool(frames.attitudes(head))
+    if omega is None and start == "fit" and has_rotation and len(R) > 1:
+        steps = Rotation.from_matrix(R[0].T @ R[1]).as_rotvec() / (head["time"][1] - head["time"][0])
+        first = steps
+    elif omega is not None and (has_rotation or (kinds.free_body(case.body) and case.body.fixed)):
+        first = omega[0]
+    else:
+        first = np.full(3, np.nan)
+    if not np.all(np.isfinite(R[0])) or not np.all(np.isfinite(first)):
+        raise ValueError(f"--start {start}: the first row needs a rotation and an angular velocity")
+    flight = {} if case.body.fixed else dict(zip(("position", "velocity"), np.nan_to_num(frames.launch), strict=True))
+    case = replace(case, rotation=Rotation.from_matrix(R[0]), omega_body=first, **flight, exact={})
+    if start == "fit":
+        return _fitted(case, head["time"][:, 0], R if has_rotation else None, omega)
+    return case, "as the first row does"
+
+
+def _fitted(case: Case, t: Array, R: Array | None, omega: Array | None) -> tuple[Case, str]:
+    """The case with the start that fits these rows best, by least squares over rotation and ω; and what to say of it."""
+    first, spin = as_rotation(case.rotation), np.asarray(case.omega_body, dtype=float)
+    size = float(np.linalg.norm(spin)) or 1.0
+    units = {"rad/s": omega, "rad": R}
+    units = {unit: values for unit, values in units.items() if values is not None}
 
     def start(u: Array) -> Case:
-        turn = Rotation.from_rotvec(u[3:]) if known else Rotation.identity()
-        return replace(case, rotation=turn * first, omega_body=omega[0] + size * u[:3])
+        turn = Rotation.from_rotvec(u[3:]) if len(u) > 3 else Rotation.identity()
+        return replace(case, rotation=turn * first, omega_body=spin + size * u[:3])
 
     def residuals(u: Array) -> Array:
         motion = start(u).solution(t)
-        parts = [(motion.omega_body - omega) / size]
-        if known:
-            parts.append((motion.rotation.inv() * Rotation.from_matrix(R)).as_rotvec())
-        return np.concatenate(parts, axis=None)
+        off = []
+        if omega is not None:
+            off.append((motion.omega_body - omega) / size)
+        if R is not None:
+            off.append(Rotation.from_matrix(motion.rotation.as_matrix().transpose(0, 2, 1) @ R).as_rotvec())
+        return np.concatenate([np.nan_to_num(each) for each in off], axis=None)
 
-    if 3 * len(t) * (2 if known else 1) <= unknowns:
-        return case, ["Too few rows to fit a start: it is that of the first row."]
+    unknowns = 3 if R is None else 6
+    if 3 * len(t) <= unknowns:
+        return case, "as the first row does: there are too few to fit a start"
     fit = least_squares(residuals, np.zeros(unknowns))
     off = fit.fun.reshape(-1, len(t), 3)
-    rms, changes = np.sqrt(np.mean(off**2, axis=(1, 2))), np.sqrt(np.mean(np.diff(off, axis=1) ** 2, axis=(1, 2)))
-    scatter = ", ".join(
-        f"{value:.2g} {unit}" for value, unit in zip(rms * [size, 1][: len(rms)], ("rad/s", "rad"), strict=False)
-    )
-    noise = " from row to row: noise" if np.all(changes > NOISE * rms) and rms[0] > 1e-12 else ""
-    return start(fit.x), [f"The motion fits the first {len(t)} rows best; they are off by {scatter}{noise}."]
+    rms, changes = (np.sqrt(np.mean(each**2, axis=(1, 2))) for each in (off, np.diff(off, axis=1)))
+    sizes = [size if unit == "rad/s" else 1.0 for unit in units]
+    scatter = ", ".join(f"{value * scale:.2g} {unit}" for value, scale, unit in zip(rms, sizes, units, strict=True))
+    noise = " from row to row: noise" if np.all(changes > NOISE * rms) and rms.max() > 1e-9 else ""
+    return start(fit.x), f"so that it fits the first {len(t)} rows best; these are off by {scatter}{noise}"
 
 
 # ----------------------------------------------------------------------------------------------------------- the errors

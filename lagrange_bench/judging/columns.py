@@ -35,7 +35,7 @@ KNOWN = (
 )
 # what --units names -> the groups
 OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega", "rotation vector")}
-OF_UNITS |= {"t": ["time"], "length": ["position", "displacement"]}
+OF_UNITS |= {"t": ["time"], "position": ["position", "points"], "length": ["position", "displacement", "points"]}
 OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
 JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
@@ -320,6 +320,8 @@ def _choose(
             listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
             short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
             which = f"Say which: --columns {short}=…, or --where body=…"
+            if kind == "position" and len(best) > 2:
+                which += "; or, of points of one body, give their places in it: points = [[…], …] in the TOML file"
             raise ValueError(f"several columns may be the {kind}: {listed[:300]}. {which}")
         if best and best[0].twice and kind != "time":
             word = header[best[0].places[0]]
@@ -556,5 +558,12 @@ def _rigid(found: Trajectory, points: Array, com: Array) -> None:
         if abs(size - 1) > 0.1
         else ""
     )
+    lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
+    unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
+    far = (
+        f" They are {size:.4g} times as far apart as in the body: --units position={unit}?"
+        if abs(size - 1) > 0.1
+        else ""
+    )
     off = f"their distances are off by up to {np.nanmax(change):.2g} of their size"
-    found.notes.append(f"Rotations are those of {len(points)} points; {off}.{unit}")
+    found.notes.append(f"Rotations are those of {len(points)} points; {off}.{far}")

@@ -16,6 +16,9 @@ SOME_ROWS = 8  # fewer do not show how an error grows
 KEPT = {"length", "orthogonality", "spin_rate", "energy", "momentum"}  # constant in the exact motion
 ROUNDING = 1e-10  # relative: larger errors do not come from rounding
 ROUND_OFF = 1e-15  # relative to the size of a quantity: errors below it do not grow
+NEAR = 0.3  # rad: orders are of the time for which rotations are nearer than this
+LOST = 3.0  # rad: a rotation that is off by more is off by as much as it can be
+ORDERED = ("position", "rotation", "omega", "energy")  # these have orders
 
 
 class Error(NamedTuple):
@@ -70,7 +73,7 @@ class Judgement:
                 for name in names
             ]
         else:
-            off = [f"{name} off by {self.errors[name].end:.1e} {UNITS[name]}{self._growing(name)}"]
+            off = [f"{name} off by {_in_unit(name, self.errors[name].end, '.1e')}{self._growing(name)}"]
         turns = "" if math.isnan(self.turns) else f", {self.turns:.3g} turns"
         lines = [f"After {self.span[1] - self.span[0]:.4g} s{turns}: {'; '.join(off)}."] if off else []
         near, bound = self._near()
@@ -78,8 +81,29 @@ class Judgement:
             t, error = self.curves[near]
             first = int(np.argmax(~(error <= bound)))
             until = f"until t = {t[first]:.3g} s" if first else "at no time"
-            lines.append(f"The {near} is within {bound:.2g} {UNITS[near]} {until}.")
+            lines.append(f"The {near} is within {_in_unit(near, bound, '.2g')} {until}.")
+        if "rotation" in self.errors and self.errors["rotation"].max > LOST:
+            lines.append(
+                f"The rotation is lost after {self.near_until(NEAR) - self.span[0]:.3g} s: it is off by up to half a turn."
+            )
         return lines
+
+    def near_until(self, bound: float) -> float:
+        """The time, s, until which rotations, or else positions, are near the exact ones; infinite if all are.
+
+        bound : rad, or a share of the size of the body.
+        """
+        name = next((name for name in ("rotation", "axis", "position") if name in self.curves), None)
+        if name is None:
+            return math.inf
+        t, error = self.curves[name]
+        off = ~(error <= bound * self.sizes.get(name, 1.0))
+        return float(t[np.argmax(off)]) if off.any() else math.inf
+
+    def largest(self, name: str, until: float) -> float:
+        """The largest error before this time, NaN without one."""
+        t, error = self.curves[name]
+        return float(error[t < until].max(initial=-math.inf)) if np.any(t < until) else math.nan
 
     @property
     def leaves(self) -> bool:
@@ -134,23 +158,69 @@ class Judgement:
         return {**facts, "start": self.start, "floor": self.floor, "hints": self.hints, "notes": self.notes}
 
 
-def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> dict[str, list[float]]:
-    """Observed orders of position and rotation between neighbours, from the largest step to the smallest.
+def _in_unit(name: str, error: float, digits: str) -> str:
+    """An error with its unit, an angle also in degrees."""
+    degrees = f" ({math.degrees(error):.3g}°)" if UNITS[name] == "rad" else ""
+    return f"{error:{digits}} {UNITS[name]}{degrees}"
 
-    NaN if an error says nothing; no orders of a quantity that some file has no columns for.
+
+class Orders(NamedTuple):
+    """Observed orders between neighbours, from the largest step to the smallest, NaN where `words` says why there is none.
+
+    until : s, the errors up to this time count; infinite if no file leaves the exact motion.
     """
+
+    values: dict[str, list[float]]
+    words: dict[str, list[str]]
+    until: float
+
+    def in_words(self) -> list[str]:
+        """A line for each quantity that has an order."""
+        known = {name: words for name, words in self.words.items() if any(words)}
+        lines = [
+            f"order of {name}, from the largest step to the smallest: {', '.join(words)}"
+            for name, words in known.items()
+        ]
+        if known and math.isfinite(self.until):
+            lines.append(f"These are the orders until t = {self.until:.4g} s, while all files are within {NEAR} rad.")
+        return lines
+
+    @property
+    def converges_elsewhere(self) -> bool:
+        """Whether errors stop falling far from round-off, as those of a program that follows another motion."""
+        finite = [
+            [order for order in values if math.isfinite(order)]
+            for name, values in self.values.items()
+            if name in ("position", "rotation")
+        ]
+        return any(len(known) > 1 and known[-1] < 0.3 < max(known) for known in finite)
+
+
+def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> Orders:
+    """Observed orders of what all files have, over the longest time for which all of them are near the exact motion."""
     pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
-    observed: dict[str, list[float]] = {"position": [], "rotation": []}
-    for name, values in observed.items():
-        known = all(name in each.errors for each in judged)
-        for (h, coarse), (k, fine) in itertools.pairwise(pairs) if known else ():
-            large, small = coarse.errors[name].max, fine.errors[name].max
-            says = h > k and large > 0 and small > fine.floor.get(name, 0.0)
-            values.append(math.log(large / small) / math.log(h / k) if says else math.nan)
-    return observed
+    until = min(each.near_until(NEAR) for each in judged)
+    found = Orders({}, {}, until)
+    for name in ORDERED:
+        if all(name in each.errors for each in judged):
+            both = [_order(name, coarse, fine, until) for coarse, fine in itertools.pairwise(pairs)]
+            found.values[name], found.words[name] = [order for order, _ in both], [word for _, word in both]
+    return found
 
 
-def converges_elsewhere(orders: Sequence[float]) -> bool:
-    """Whether errors stop falling far from round-off, as those of a program that follows another motion."""
-    known = [order for order in orders if math.isfinite(order)]
-    return len(known) > 1 and known[-1] < 0.3 < max(known)
+def _order(
+    name: str, coarse: tuple[float, Judgement], fine: tuple[float, Judgement], until: float
+) -> tuple[float, str]:
+    """An observed order and the word for it."""
+    (h, one), (k, two) = coarse, fine
+    large, small = one.largest(name, until), two.largest(name, until)
+    if not h > k:
+        return math.nan, ""
+    if not (large > 0 and small > 0 and math.isfinite(large + small)):
+        return math.nan, "none, the errors are as large as they can be" if until <= 0 else "none"
+    order, size = math.log(large / small) / math.log(h / k), two.sizes.get(name, 1.0)
+    if small <= two.floor.get(name, 0.0):
+        return math.nan, "none, the digits of the file hide it"
+    if small < ROUNDING * size and order < 0.5:
+        return math.nan, "none, at round-off"
+    return order, f"{order:.2f}"

@@ -113,7 +113,7 @@ UNITS = {
 # what may stand behind a name without brackets; other words mean too much else, such as the "in" of "in_world", or the "cm" of
 # a centre of mass
 SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å", "cm"}
-EXPECTED = {"time": "s", "position": "m", "displacement": "m", "omega": "rad/s"}
+EXPECTED = {"time": "s", "position": "m", "displacement": "m", "points": "m", "omega": "rad/s"}
 EXPECTED |= dict.fromkeys(("angles", "rotation vector", "axis and angle"), "rad")
 # letters that stand for names
 PLAIN = str.maketrans(dict(zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)))

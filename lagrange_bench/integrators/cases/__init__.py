@@ -284,7 +284,9 @@ def _of_angles(angles: Sequence[Any], axes: Any, where: str) -> list[float]:
     try:
         turn = Rotation.from_euler(str(axes), [float(v) for v in angles])
     except ValueError:
-        raise ValueError(f'{where}: angles need their axes, such as axes = "ZXZ", that move, or "xyz"; got {axes!r}') from None
+        raise ValueError(
+            f'{where}: angles need their axes, such as axes = "ZXZ", that move, or "xyz"; got {axes!r}'
+        ) from None
     return [float(v) for v in turn.as_quat(scalar_first=True)]
 
 
