@@ -94,8 +94,15 @@ def show_separation(top: LagrangeTop, y: Array) -> Shown:
     rates = separation.separated_rates(top, w, c1, c2)
     p, u = separation.generated(z[:, :2], w[:, 1::2], c1, c2)
     v = w[:, 1] - 1j * top.alpha
+    lam = parameter(top, y)
+    pairs = [(state, lax.eigenvalue(top, state, lam)) for state in states]
+    psi = np.array([separation.baker_akhiezer(top, state, lam, mu) for state, mu in pairs])
+    image = np.array([lax.lax_matrix(top, state, lam) @ one for (state, _), one in zip(pairs, psi, strict=True)])
+    rows = np.array([separation.adjugate_row(top, *each) for each in zip(states, w[:, 0], v, strict=True)])
     terms = np.concatenate((w, 1 / w), axis=1) ** 2
     residuals: Residuals = {
+        "(3.1) the row at (u1, v1 − iα)": (miss(rows, 0 * rows, terms), 1e-13),
+        "(3.2) L ψ = μ ψ": (miss(image, np.array([mu for _, mu in pairs])[:, None] * psi, psi**2), 1e-13),
         "(3.8) and back": (miss(separation.unseparate(w, c1, c2), states, terms), 1e-13),
         "(3.9) H": (miss(separation.separated_hamiltonian(top, w, c1, c2), H + 0 * v, terms), 1e-13),
         "(3.10) J3": (miss(separation.separated_J3(w), J3 + 0 * v), 1e-13),
@@ -151,7 +158,15 @@ def show_one_point(top: LagrangeTop, y: Array) -> Shown:
     terms = np.concatenate((q[:, None] ** 2 * states**2, q[:, None] * states**3, states**2), axis=1)
     other = 0.5 * lam + 0.1
     twice = [one_point.one_point(top, one_point.one_point(top, states, a), b) for a, b in ((lam, other), (other, lam))]
+    u = 0.7 + 0.3j
+    p, new_q = (states[:, 0] - 1j * states[:, 1]) / (2 * top.alpha), (image[:, 0] + 1j * image[:, 1]) / (2 * top.alpha)
+    M = np.array([one_point.dressing_matrix(*pair, lam, u) for pair in zip(p, new_q, strict=True)])
+    L, L_new = (np.array([lax.lax_matrix(top, state, u) for state in each]) for each in (states, image))
+    k, x3, xm = one_point.k_value(top, states, lam), states[:, 5], states[:, 3] - 1j * states[:, 4]
     residuals: Residuals = {
+        "(5.1.3) M L = L̃ M": (miss(M @ L, L_new @ M, terms), 1e-12),
+        "(5.1.6) q": (miss(q, new_q, terms), 1e-12),
+        "(5.2.6) k": (miss(k, x3 - q * xm, terms), 1e-12),
         **{f"{name} along {steps} steps": (size(error[:, i]), 1e-12) for i, name in enumerate(INVARIANTS)},
         "(5.1.11) against (5.1.10)": (miss(one_point.real_form(top, states, lam), image, terms), 1e-12),
         "the inverse": (miss(one_point.inverse(top, image, lam), states, image**2), 1e-11),
@@ -182,10 +197,13 @@ def show_generating(top: LagrangeTop, y: Array) -> Shown:
         momenta -= (start[2], start[5], image[2], image[5])
         angles = np.array(eulerian.momenta(top, lam, c1, c2, *eulerian.arguments(top, start, image)))
         angles -= np.concatenate([euler_angles.to_angles(state)[2:] for state in (start, image)])
-        errors = size(momenta) / (1 + size(image)), size(angles) / (1 + size(image) ** 2)
+        pair = generating_functions.states(top, lam, c1, c2, old, new, k)
+        related = size(np.array(pair) - (start, image)) / (1 + size(image) ** 3)
+        errors = size(momenta) / (1 + size(image)), size(angles) / (1 + size(image) ** 2), related
         rows.append((lax.eigenvalue(top, start, lam), middle, (behind - ahead) / (2 * d), *errors))
-    mu, middle, slopes, momenta, angles = np.array(rows).T
+    mu, middle, slopes, momenta, angles, related = np.array(rows).T
     residuals: Residuals = {
+        "(5.2.3), (5.2.4) the states": (size(related), 1e-11),
         "(5.2.6) J3, x3 and their images": (size(momenta), 1e-11),
         "(5.3.2) μ": (size((middle - mu) / mu), 1e-11),
         "(5.3.1) −∂F/∂λ, by differences": (size((slopes - mu) / mu), 1e-6),
@@ -215,6 +233,20 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
         "pole-free": two_point.pole_free(top, start, lam1, lam2, m=m),
     }
     residuals: Residuals = {f"(5.5.9) against {name}": (size(f - image) / scale, 1e-11) for name, f in forms.items()}
+    u = 0.7 + 0.3j
+    x, X = two_point.parameters(top, start, first, second)
+    M = two_point.dressing_matrix(x, X, lam1, lam2, u)
+    L, L_new = (lax.lax_matrix(top, state, u) for state in (start, image))
+    residuals["(5.5.2) M L = L̃ M"] = (miss([M @ L], [L_new @ M], [M**2]), 1e-11)
+    middle = one_point.one_point(top, start, lam1, mu=first[1])
+    composed = one_point.inverse(top, middle, lam2, mu=second[1])
+    determinant = M[0, 0] * M[1, 1] - M[0, 1] * M[1, 0]
+    residuals["(5.5.4) det M"] = (miss([determinant], [(u - lam1) * (u - lam2)], [M**2]), 1e-11)
+    residuals["(5.5.1) one-point maps"] = (miss([composed], [image], [middle**2]), 1e-11)
+    forms_of_x = two_point.expressions_x(top, start, image, first, second)
+    forms_of_X = two_point.expressions_X(top, start, image, first, second)
+    found = [*(form - x for form in forms_of_x), *(form - X for form in forms_of_X)]
+    residuals["(5.5.5), (5.5.6) x and X"] = (size(found) / scale, 1e-11)
     residuals["the inverse"] = (size(two_point.inverse(top, image, first, second) - start) / scale, 1e-11)
     changes = np.array(invariants(top, image)) - np.array(invariants(top, start))
     residuals["H, J3, C1, C2"] = (size(changes) / scale, 1e-11)
@@ -286,10 +318,14 @@ def show_discrete(top: LagrangeTop, y: Array) -> Shown:
     u = 0.7 + 0.3j
     M, L, new = discrete_lax.dressing(y, h, u), *(discrete_lax.lax_matrix(top, s, h, u) for s in (y, image))
     elsewhere, step = discrete_lax.of_kahan(top, y, h)
+    lam, m = discrete_lax.curve_point(y, h)
+    origin, target = (discrete_lax.deformed(top, state, h) for state in (y, image))
+    moved = two_point.pole_free(top, origin + 0j, lam, lam.conjugate(), m=(m, m.conjugate()))
     kahan = discrete_lax.of_kahan(top, prepare(top, y, h, "kahan").advance(y, 1), h)[0]
     same = prepare(top, elsewhere, step, "bobenko_suris").advance(elsewhere, 1)
     residuals: Residuals = {
         "M L − L̃ M of Bobenko and Suris": (size(M @ L - new @ M) / (1 + size(L)), 1e-12),
+        "the two-point map of the deformed state": (size(moved - target) / (1 + size(target)), 1e-12),
         "Kahan's step as one of theirs": (size(same - kahan) / (1 + size(kahan)), 1e-12),
     }
     hs = unit * 2.0 ** -np.arange(1.0, 7.0)

@@ -9,12 +9,11 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, paper_sections, perturbed, perturbed_figures
+from lagrange_bench.experiments import EXPERIMENTS, cost, perturbed, perturbed_figures
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, states, timing
-from lagrange_bench.integrators import METHODS, TOPS, available
-from lagrange_bench.integrators.paper import one_point, two_point
+from lagrange_bench.integrators import METHODS, available
 from lagrange_bench.results.store import Store, clean_rows, make_record
 from tests.installed import FOR_TOPS
 
@@ -132,31 +131,6 @@ def test_perturbed_tops_say_who_wins_and_who_loses():
         alone = pd.DataFrame([{"method": "rk4", "status": "done", **fields}])
         assert "winners" not in perturbed_figures.tables(alone), "of a sweep"
         assert "driven" not in perturbed_figures.draw(alone)
-
-
-def missed(name, top):
-    shown = paper_sections.show(name, TOPS[top].top, TOPS[top].state)
-    assert shown.figure.caption.endswith(".")
-    return {what for what, (found, allowed) in shown.residuals.items() if not found <= allowed}
-
-
-SLOW = ("euler", "discrete")  # seconds each; test_integrators/paper has their formulas, too
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] * (n in SLOW)) for n in paper_sections.SECTIONS]
-)
-def test_sections_hold(name):
-    top = ("generic", "inverted")[list(paper_sections.SECTIONS).index(name) % 2]
-    assert missed(name, top) == set()
-
-
-def test_what_is_wrong_is_found(monkeypatch):
-    right = one_point.real_form
-    monkeypatch.setattr(one_point, "real_form", lambda *args: right(*args) * (1 + 1e-9))
-    assert "(5.1.11) against (5.1.10)" in missed("one-point", "generic")
-    monkeypatch.setattr(two_point, "inverse", lambda top, y, first, second: two_point.explicit(top, y, first, second))
-    assert missed("two-point", "generic") == {"the inverse"}
 
 
 def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):

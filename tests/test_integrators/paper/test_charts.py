@@ -6,9 +6,8 @@ from mpmath import mp, mpf
 
 from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators import TOPS
-from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import separation as sep
-from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, hamiltonian, rates, states, to_angles
+from lagrange_bench.integrators.paper.euler_angles import angles, from_angles, rates, states, to_angles
 from lagrange_bench.integrators.paper.phase_space import gradient, invariants, poisson_tensor, vector_field
 from lagrange_bench.integrators.truth import exact
 from tests.test_integrators.paper.tools import CANONICAL, largest
@@ -23,21 +22,6 @@ CHARTS = {
 def sizes(*arrays):
     """Size of the terms: powers up to four of the variables of a chart."""
     return max(largest(a) for a in arrays) ** 4
-
-
-def test_separation_point(p):
-    """(3.1)–(3.5): (u1, v1 − i alpha) is the pole of the Baker–Akhiezer function, v1 = −A(u1) + i alpha."""
-    y, top, lam = p.y, p.top, p.lam
-    u1, v1, _, _ = sep.separate(y)
-    v = v1 - 1j * top.alpha
-    A, _, _ = lax.entries(top, y, u1)
-    p.same(sep.adjugate_row(top, y, u1, v), [0, 0], 1 + abs(A))
-    p.same(v, -A)
-    p.same(v * v, lax.spectral_curve(top, y, u1), 10 * (1 + abs(v)) ** 2)
-    mu = lax.eigenvalue(top, y, lam)
-    psi = sep.baker_akhiezer(top, y, lam, mu)
-    p.same(psi[0], 1)
-    p.same(lax.lax_matrix(top, y, lam) @ psi, mu * psi, (1 + abs(mu)) * largest(psi) * 10)
 
 
 @pytest.mark.parametrize("chart", CHARTS)
@@ -55,18 +39,6 @@ def test_charts_are_canonical_and_invertible(p, chart):
     p.same(f(y), w, sizes(y) if chart == "darboux" else 1)
 
 
-def test_separation_equations(p):
-    """(3.9), (3.10), and the motion in separated variables."""
-    H, J3, c1, c2 = invariants(p.top, p.y)
-    w = sep.separate(p.y)
-    p.same(sep.separated_J3(w), J3)
-    p.same(sep.separated_hamiltonian(p.top, w, c1, c2), H, sizes(w, 1 / w))
-    rates = sep.separated_rates(p.top, w, c1, c2)
-    p.same(gradient(sep.separate, p.y) @ vector_field(p.top, p.y), rates, sizes(w, 1 / w))
-    slopes = gradient(lambda z: sep.separated_hamiltonian(p.top, z, c1, c2), w)
-    p.same(SEPARATED @ slopes, rates, sizes(w, 1 / w))
-
-
 def test_generating_function(fine):
     """(3.13), (3.14): p = ∂F/∂q and u = −∂F/∂v by differences, and they connect the two charts of one state."""
     q, w, leaf = sep.to_darboux(fine.y), sep.separate(fine.y), invariants(fine.top, fine.y)[2:]
@@ -82,17 +54,6 @@ ELLIPTIC = [name for name, top in TOPS.items() if exact.regime(top.top, top.y0) 
 POLES = {"planar", "planar_rotation", "through_pole"}
 QUICK = ("generic", "inverted", "through_pole")
 TIMES = (0.0, -2.9, 11.3)
-
-
-def test_there_and_back(p):
-    """(4.1) and its inverse on complex states of any leaf."""
-    p.same(from_angles(to_angles(p.y), *invariants(p.top, p.y)[2:]), p.y)
-
-
-def test_leaf(p):
-    """(1.5): from_angles lands on |x|² = c1, x·J = c2; (4.3), (4.4): H and J3."""
-    q, c1, c2 = p.numbers(4), p.number() ** 2, p.number()
-    p.same(invariants(p.top, from_angles(q, c1, c2)), (hamiltonian(p.top.alpha, q, c1, c2), q[3], c1, c2))
 
 
 def test_canonical(fine):

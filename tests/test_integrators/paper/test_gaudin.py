@@ -8,7 +8,6 @@ import pytest
 from mpmath import mp
 from scipy.integrate import solve_ivp
 
-from lagrange_bench.integrators.compiling.double_double import dd
 from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_roots, spectral_polynomial
@@ -16,8 +15,7 @@ from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, t
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import gradient
-from lagrange_bench.integrators.torus import time_step
-from tests.test_integrators.paper.tools import Point, largest
+from tests.test_integrators.paper.tools import largest
 
 SIZES = pytest.mark.parametrize("n", [1, 5])
 
@@ -74,16 +72,6 @@ def test_lax_vector_and_curve(p, n):
     p.same(Q, np.prod((u - a) ** 2) * square, 100)
     p.same(eigenvalue(magnet, spins, u) ** 2, square, 10)
     p.same(eigenvalue(magnet, spins, u, sheet=-1), -eigenvalue(magnet, spins, u))
-
-
-def test_sheets():
-    """(u − a_k) v → |s_k| at its site; continuous in between, also around a branch point."""
-    magnet, spins = magnet_of(Point(15, 3), 4, real=True)
-    for site, a in enumerate(magnet.sites):
-        v = eigenvalue(magnet, spins, a + 1e-9j, site=site)
-        assert abs(1e-9j * v - np.linalg.norm(spins[site])) < 1e-8
-    v = np.array([eigenvalue(magnet, spins, magnet.sites[0] + t * (1 + 2j)) for t in np.linspace(0.05, 1, 200)])
-    assert np.max(np.abs(np.diff(v)) / np.abs(v[1:])) < 0.5
 
 
 def one_point_inverse(magnet, spins, lam, v):
@@ -151,22 +139,6 @@ def test_maps_are_poisson_only_with_v_of_the_state(p, n):
         partial(two_point_textbook, lam1=lam, v1=-v, lam2=lam.conjugate(), v2=-v.conjugate()),
     ):
         assert largest(defect(frozen, magnet, spins)[0]) > 1e-4
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_two_sites_double_as_the_top_does(seed):
-    """Two steps with (λ, m) are one with the (λ', m') of `time_step.double_time`, Q = Π(u − a_j)² v², m = Π(u − a_j) v."""
-    p = Point(15, seed)
-    magnet, spins = magnet_of(p, 2, real=True)
-    q = tuple(dd(float(c)) for c in spectral_polynomial(magnet, spins))
-    a, b = magnet.sites
-    lam = a + 0.1 * upper(p.lam)
-    m = (lam - a) * (lam - b) * eigenvalue(magnet, spins, lam)
-    twice = time_step.double_time(q, (dd(lam.real), dd(lam.imag)), (dd(float(m.real)), dd(float(m.imag))))
-    lam2, m2 = (complex(re[0], im[0]) for re, im in twice)
-    assert lam2.imag > 0
-    once = two_point(magnet, spins, lam2, v=m2 / ((lam2 - a) * (lam2 - b)))
-    p.same(once, two_point(magnet, two_point(magnet, spins, lam), lam), 1000)
 
 
 def magnet(n):

@@ -11,10 +11,7 @@ from mpmath import mp, mpf
 from lagrange_bench.integrators import LagrangeTop
 from lagrange_bench.integrators.paper import eulerian
 from lagrange_bench.integrators.paper import generating_functions as gf
-from lagrange_bench.integrators.paper.euler_angles import to_angles
-from lagrange_bench.integrators.paper.lax import eigenvalue, lax_matrix
-from lagrange_bench.integrators.paper.one_point import dressing_matrix, k_value, one_point
-from lagrange_bench.integrators.paper.phase_space import gradient, invariants, ladder, sqrt
+from lagrange_bench.integrators.paper.phase_space import gradient, ladder, sqrt
 from tests.test_integrators.paper.tools import Point, largest
 
 
@@ -43,42 +40,6 @@ def test_canonical_relations(fine):
         slope = slopes(partial(eulerian.generating_function, top), args)
         claimed = np.array(eulerian.momenta(top, *args))
         assert largest(slope[:4] * (1, 1, -1, -1) - claimed) < mpf(10) ** -30 * (1 + largest(claimed))
-
-
-def test_states_are_related_by_the_map(p):
-    """Any four numbers and k give y and ỹ with M L = L̃ M (5.1.3), so with equal invariants: F generates the map."""
-    args = lam, c1, c2, old, new, _ = arguments(p)
-    y, y_new = gf.states(p.top, *args)
-    p.same((*np.array(ladder(y))[[4, 1]], *np.array(ladder(y_new))[[5, 2]]), (*old, *new))
-    H, J3, C1, C2 = invariants(p.top, y)
-    p.same((C1, C2), (c1, c2))
-    p.same(invariants(p.top, y_new), (H, J3, c1, c2))
-    P, q = old[1] / (2 * p.top.alpha), new[1] / (2 * p.top.alpha)
-    M, L = dressing_matrix(P, q, lam, p.u), lax_matrix(p.top, y, lam)
-    p.same(M @ lax_matrix(p.top, y, p.u), lax_matrix(p.top, y_new, p.u) @ M)
-    mu = L[0, 0] - q * L[0, 1]
-    p.same(gf.eigenvalue(p.top, *args), mu)  # (5.3.2), the middle member corrected
-    p.same(mu * mu, L[0, 0] * L[0, 0] + L[0, 1] * L[1, 0])
-    p.same(one_point(p.top, y, lam, mu=mu), y_new)
-
-
-def test_map_obeys_the_generating_function(p):
-    """From the map to both F: k on its sheet, the momenta on both sides, the μ of that sheet."""
-    y, lam, top = p.y, p.lam, p.top
-    y_new, leaf, mu = one_point(top, y, lam, p.sheet), invariants(top, y)[2:], eigenvalue(top, y, lam, p.sheet)
-    scale = largest(y_new) ** 2  # B(λ) nearly 0 sends the state far away
-    a, b, k = to_angles(y), to_angles(y_new), k_value(top, y, lam, p.sheet)
-    for side, root, momenta in (
-        (gf, k, (y[2], y[5], y_new[2], y_new[5])),
-        (eulerian, k / sqrt(leaf[0]), (*a[2:], *b[2:])),
-    ):
-        old, new, near = side.arguments(top, y, y_new)
-        p.same(near, root, scale)
-        root = gf.root_k(top, lam, leaf[0], old, new, near) if side is gf else eulerian.kappa(lam, old, new, near)
-        p.same(near, root, scale)
-        p.same(side.momenta(top, lam, *leaf, old, new, near), momenta, scale)
-        if side is gf:
-            p.same(gf.eigenvalue(top, lam, *leaf, old, new, near), mu, scale)
 
 
 def test_symmetry(p):

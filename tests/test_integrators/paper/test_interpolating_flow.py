@@ -4,18 +4,18 @@ import math
 
 import numpy as np
 import pytest
-from mpmath import mp, mpc, mpf
+from mpmath import mp, mpc
 from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import two_point as tp
-from lagrange_bench.integrators.paper.phase_space import gradient, numbers, poisson_tensor, turn_rate, vector_field
+from lagrange_bench.integrators.paper.phase_space import gradient, numbers, poisson_tensor, vector_field
 from lagrange_bench.integrators.torus import attitude, clock
 from lagrange_bench.integrators.torus import time_step as ts
 from tests import reference
-from tests.test_integrators.paper.tools import at_point, largest
+from tests.test_integrators.paper.tools import largest
 
 pytestmark = pytest.mark.interpreted
 NAMES = ("generic", "figure2", "inverted", "near_separatrix")
@@ -54,42 +54,6 @@ def test_continuum_limit(p):
     mu = gradient(lambda z: tp.point(top, z, lam, sheet)[1], y)
     p.same(-poisson_tensor(y) @ (1j * mu), rate, 10 * (1 + largest(rate)) ** 2)  # {iμ2, z}
     p.same(flow.limit_rate(top, y, 0, sheet), -sheet * vector_field(top, y) / lax.root(top, y, 0), 100)
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_the_papers_time_step(name):
-    """λ = ih√C1/2: T = h + O(h³), Θ = O(h³), and the step is the motion to second order."""
-    top, y = TOPS[name].top, TOPS[name].state
-    misses = []
-    for h in (0.02, 0.01):
-        h *= top.scales(y)[2]
-        lam = 0.5j * h * math.hypot(*y[3:])
-        T, turn = flow.time_and_turn(top, y, lam)
-        moved = flow.interpolated(top, y, h, 0.0)
-        misses.append([abs(T - h), abs(turn), largest(tp.real_form(top, y, lam) - moved)])
-    for coarse, fine in zip(*misses, strict=True):
-        assert coarse < 1e-14 or 7 < coarse / fine < 9
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_one_step_is_the_interpolating_flow(seed):
-    """(5.6.11) corrected, at complex states, independent λ1 and λ2, both sheets: R3(Θ) ∘ flow(T)."""
-    for p in at_point(30, seed):
-        lams = p.lam / 8, p.nu / 8
-        image = tp.pole_free(p.top, p.y, *lams, p.sheet)
-        moved = flow.interpolated(p.top, p.y, *flow.time_and_turn(p.top, p.y, *lams, p.sheet))
-        p.same(moved, image, 10 * (1 + largest(image)) ** 2)
-
-
-@pytest.mark.slow
-def test_the_interpolating_hamiltonian():
-    """{H_int, z} = T z' + Θ e3 × z for H_int = ∫ μ dλ: no factor i; its gradient by differences."""
-    with mp.workdps(36):
-        top, y = TOPS["inverted"].top, np.array([mpf(v) for v in TOPS["inverted"].y0])
-        lam = mpc(0.2, 0.3) * unit("inverted")
-        slopes = gradient(lambda z: flow.hamiltonian(top, z, lam, lam.conjugate(), -1), y)
-        T, turn = flow.time_and_turn(top, y, lam, sheet=-1)
-        assert largest(-poisson_tensor(y) @ slopes - (T * vector_field(top, y) + turn * turn_rate(y))) < 1e-25
 
 
 def attitude_angle(top, y, lam):
