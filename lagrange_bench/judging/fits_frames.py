@@ -1,0 +1,183 @@
+"""Rows against the exact motion: which axes, which origin, which unit and which time make them right?
+
+    R_exact = W R B        W takes the world of the rows to that of the case, B the body of the case to that of the rows
+    x_exact = M W x + m    M a unit, or a mirror: rotations are the same with all axes reversed, so the hand shows here only
+
+W and B together maximize Σ tr(R_exactᵀ W R B); each alone is a problem of Kabsch, and both in turn find them. A run is right at
+its start and lost at its end, so the first 3, 5, 9, … rows and all of them are tried.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lagrange_bench.judging.fits import (
+    EACH,
+    GOOD,
+    ONE,
+    SIGNED,
+    Array,
+    Choice,
+    Model,
+    choose,
+    is_axes,
+    maps,
+    nearest_rotation,
+    rotvec,
+    size,
+)
+from lagrange_bench.judging.fits_kinematics import readings
+
+# times t → positions (n, 3), matrices (n, 3, 3), angular velocities in the body (n, 3) of the exact motion
+Exact = Callable[[Array], tuple[Array, Array, Array]]
+# R, x, and ω in the body, or None
+Parts = Sequence[Array | None]
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "feet": 0.3048}
+PREFIXES = (3, 5, 9, 17, 33, 65)
+# rows of a prefix that are looked at
+LOOKED_AT = 60
+# a turn of the axes that are no signed axes must hold for so many rows, and while the body turns by so much, rad
+ROWS, TURNED = 9, 0.5
+# of W and of B in turn
+TURNS = 8
+# rows that all others may be late by
+LATEST = 5
+# a matrix of axes is off by less from a signed permutation
+LIKE_AXES = 0.2
+PROPER = SIGNED[np.linalg.det(SIGNED) > 0]
+
+
+class Frame(NamedTuple):
+    """How rotations are read: a reading, W, B, and the number of rows that say so."""
+
+    reading: str
+    W: Array
+    B: Array
+    rows: int
+
+
+def frames(R: Array, exact_R: Array, ways: Mapping[str, Array], floor: float) -> Choice | None:
+    """The clearest choice of a `Frame` over prefixes of the rows."""
+    best: Choice | None = None
+    for n in [*(n for n in PREFIXES if n < len(R)), len(R)]:
+        places = np.unique(np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int))
+        E = exact_R[places]
+        if not np.isfinite(E).all():
+            break
+        turn = float(np.linalg.norm(rotvec(E @ E[:1].transpose(0, 2, 1)), axis=1).max())
+        is_long = n >= ROWS and turn > TURNED
+        scale = min(1.0, turn) or 1.0  # what explains the rows is right to a share of their turn
+        models = [
+            Model(price + model.cost, model.misfit / scale, Frame(reading, model.value[0], model.value[1], n))
+            for reading, price, A in readings(R, ways)
+            for model in turns(A[places], E, is_long)
+        ]
+        choice = choose(models, floor / scale)
+        # another convention is wrong from the first turn on
+        if choice.winner is not None and choice.now.misfit > GOOD and (best is None or choice.gain > best.gain):
+            best = choice
+    return best
+
+
+def turns(A: Array, E: Array, is_long: bool) -> Iterator[Model]:
+    """Models of E = W A B for matrices (n, 3, 3); the value is W, B. is_long : long enough to tell any turn."""
+    T = np.einsum("kab,kcd->abcd", E, A)  # the sum over rows of E_ab A_cd
+
+    def model(cost: float, W: Array, B: Array) -> Model:
+        return Model(cost, float(np.sqrt(np.mean((E - W @ A @ B) ** 2) * 1.5)), (W, B))
+
+    def best_W(B: Array) -> Array:
+        return nearest_rotation(np.einsum("abcd,db->ac", T, B))[0]
+
+    def best_B(W: Array) -> Array:
+        return nearest_rotation(np.einsum("abcd,ac->db", T, W))[0]
+
+    yield model(0.0, ONE, ONE)
+    if is_long:
+        yield model(2.5, best_W(ONE), ONE)
+        yield model(2.5, ONE, best_B(ONE))
+    pairs = []
+    for B in PROPER:
+        W = best_W(B)
+        if not is_axes(W, LIKE_AXES):
+            continue
+        W = W.round()
+        if np.allclose(W, ONE) or np.allclose(B, ONE):
+            if not np.allclose(W, B):
+                yield model(1.5, W, B)
+        else:  # a world and a body of the other hand are one claim
+            pairs.append(model(1.5 if np.allclose(W @ B, ONE) else 2.5, W, B))
+    pairs.sort(key=lambda pair: pair.misfit)
+    if len(pairs) == 1 or (pairs and pairs[0].misfit * EACH < pairs[1].misfit):  # a motion in a plane does not tell
+        yield pairs[0]
+    if is_long:
+        W, B = ONE, best_B(ONE)
+        for _ in range(TURNS):
+            W = best_W(B)
+            B = best_B(W)
+        yield model(3.5, W, B)
+
+
+def distance(parts: Parts, exact: tuple[Array, Array, Array]) -> float:
+    """How far rows are from the exact motion: by rotations, else by positions, else by ω in the body, relative."""
+    R, x, omega = parts
+    if R is not None:
+        return size(rotvec(R @ exact[1].transpose(0, 2, 1)))
+    if x is not None:
+        return size(x - exact[0]) / (size(exact[0]) or 1.0)
+    return math.nan if omega is None else size(omega - exact[2]) / (size(exact[2]) or 1.0)
+
+
+def clocks(t: Array, parts: Parts, exact: Exact) -> Iterator[Model]:
+    """Models of a constant that is added to the times, s. The error of rotation is τ Ω in the world if rows are late by τ."""
+    yield Model(0.0, distance(parts, exact(t)), 0.0)
+    if t[0]:
+        yield Model(1.0, distance(parts, exact(t - t[0])), -float(t[0]))
+    R, h, late = parts[0], float(np.median(np.diff(t))), 0.0
+    if R is None:
+        return
+    for _ in range(TURNS):
+        _, E, Omega = exact(t + late)
+        error, w = rotvec(R @ E.transpose(0, 2, 1)), np.einsum("kij,kj->ki", E, Omega)
+        if not np.isfinite(error).all() or not np.isfinite(w).all() or not w.any():
+            return
+        late += float(np.clip(np.sum(error * w) / np.sum(w * w), -3 * h, 3 * h))
+    rows = round(late / h)
+    if 0 < abs(rows) <= LATEST and abs(late / h - rows) < 0.1:
+        yield Model(1.0, distance(parts, exact(t + rows * h)), rows * h)
+
+
+def places(t: Array, x: Array, R: Array | None, right: Array, is_flying: bool) -> Iterator[Model]:
+    """Models of the positions x, in axes of the case. The value is a word and what it found.
+
+    right : the exact positions, or those that the rotations give.
+    """
+    length = size(right) or 1.0
+    for model in maps(x, right, LENGTHS.values()):
+        yield Model(model.cost, model.misfit, ("axes", model.value))
+    shift = (right - x).mean(0)
+    yield Model(0.0, size(right - x) / length, ("axes", ONE))
+    is_from_start = not x[0].any() and bool(right[0].any())
+    if is_from_start:
+        yield Model(1.0, size(right - x - right[0]) / length, ("displacement", right[0]))
+    yield Model(1.5, size(right - x - shift) / length, ("origin", shift))
+    if R is not None:
+        off = x - right if is_flying else x
+        point = np.einsum("kji,kj->ki", R, off).mean(0)
+        yield Model(1.5, size(off - R @ point) / length, ("point", point))
+    if is_flying:
+        T = (t - t[0])[:, None] ** 2 / 2
+        more = ((x - right) * T).sum(0) / (T**2).sum()
+        yield Model(1.0, size(x - right - T * more) / length, ("gravity", more))
+
+
+def parabola(t: Array, x: Array) -> tuple[Array, float]:
+    """The acceleration of the parabola that fits positions best, and the misfit of the parabola, relative."""
+    s = (t - t[0]) / (t[-1] - t[0])
+    powers = np.stack([s**0, s, s**2], 1)
+    c = np.linalg.lstsq(powers, x, rcond=None)[0]
+    return 2 * c[2] / (t[-1] - t[0]) ** 2, size(x - powers @ c) / (size(x - x.mean(0)) or 1.0)

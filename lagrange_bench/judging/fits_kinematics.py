@@ -1,0 +1,137 @@
+"""Does ω turn the body? Fits of the angular velocities to the rates of the rotations, and to those of the angles.
+
+    M ω = Θ'        Θ' the rate of R from five rows, in the body, in the world, or in the body of the row before
+
+M is 1, a unit, signed axes, or a turn, as of a gyroscope that is mounted askew. ω may be half a step or a row late or early.
+Rotations may be transposed, or read in the other ways that the reader offers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench.judging.fits import Array, Model, maps, rotvec, size
+
+# ω has other units: what --units calls them, and the factor that leads to rad/s
+SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
+SPEED_NAMES = {"deg/s": "degrees per second", "rpm": "revolutions per minute", "rev/s": "revolutions per second"}
+# a larger turn, rad, may be the other way round
+ANOTHER_TURN = 2.8
+# relative: |ω| falls to a cap by more in its first step
+FALLS = 0.05
+BODY, WORLD, BEFORE = "body", "world", "body of the row before"
+ON_TIME = "on time"
+# ω of the middle of a step, and what it turns
+HALVES = {
+    "half a step late": "the row before into its own, as in leapfrog and semi-implicit Euler",
+    "half a step early": "its row into the next, as in leapfrog",
+}
+# when ω is of another time: its cost
+TIMES = {ON_TIME: 0.0, **dict.fromkeys(HALVES, 1.0), "one row late": 1.5, "one row early": 1.5}
+TRANSPOSED = "transposed"
+
+
+class Spin(NamedTuple):
+    """How ω is read: by rotations that are read in this way, in this frame, at this time, as M ω."""
+
+    reading: str
+    frame: str
+    time: str
+    M: Array
+
+
+def rates(t: Array, R: Array) -> tuple[Array, float]:
+    """The rates of R in the body at the rows 2 … N − 3, from five rows, and how far they may be off, relative.
+
+    Rotation vectors Θ(s) from the row k to its neighbours are a polynomial of degree four with Θ(0) = 0, and Θ'(0) is the rate.
+    Rates from three rows are off by h² ω''/6; the square of the difference is the size of what five rows leave.
+    """
+    k = np.arange(2, len(t) - 2)
+    neighbours = (-2, -1, 1, 2)
+    s = np.stack([t[k + j] - t[k] for j in neighbours], 1)
+    turns = np.stack([rotvec(R[k].transpose(0, 2, 1) @ R[k + j]) for j in neighbours], 1)
+    powers = np.stack([s**p for p in (1, 2, 3, 4)], 1)
+    scale = np.abs(s).max(1)[:, None, None]
+    powers = powers / scale ** np.arange(1, 5)[None, :, None]
+    weights = (
+        np.linalg.solve(powers, np.broadcast_to(np.array([1.0, 0, 0, 0])[:, None], (len(k), 4, 1)))[..., 0]
+        / scale[:, :, 0]
+    )
+    five = np.einsum("kj,kji->ki", weights, turns)
+    three = (turns[:, 2] - turns[:, 1]) / (s[:, 2] - s[:, 1])[:, None]
+    folded = np.linalg.norm(turns[:, [0, 3]], axis=2).max(1) > ANOTHER_TURN
+    five[folded] = three[folded]
+    length = size(five) if len(five) else 0.0
+    return five, (size(five - three) / length) ** 2 if length else 0.0
+
+
+def readings(R: Array, ways: Mapping[str, Array]) -> Iterator[tuple[str, float, Array]]:
+    """The rotations as read and as others would read them: a name, its cost, matrices."""
+    for name, matrices in {"": R, **ways}.items():
+        cost = 1.0 if name else 0.0
+        yield name, cost, matrices
+        yield f"{name} {TRANSPOSED}".strip(), cost + 1.0, matrices.transpose(0, 2, 1)
+
+
+def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array]) -> Iterator[Model]:
+    """Models of M ω = Θ' over readings of the rotations, frames and times of ω; the value is a `Spin`."""
+    k, inner = np.arange(3, len(t) - 3), slice(1, -1)
+    for reading, price, A in readings(R, ways):
+        five = rates(t, A)[0]
+        step = rotvec(A[:-1].transpose(0, 2, 1) @ A[1:]) / np.diff(t)[:, None]
+        series = {  # rates in the body, and the attitudes that take them to the world
+            ON_TIME: (five[inner], A[k]),
+            "half a step late": (step[k - 1], A[k]),
+            "half a step early": (step[k], A[k]),
+            "one row late": (five[:-2], A[k - 1]),
+            "one row early": (five[2:], A[k + 1]),
+        }
+        for time, (in_body, at) in series.items():
+            in_world = np.einsum("kij,kj->ki", at, in_body)
+            targets = [(BODY, in_body, 0.0), (WORLD, in_world, 0.0)]
+            if time == ON_TIME:
+                targets.append((BEFORE, np.einsum("kji,kj->ki", A[k - 1], in_world), 0.5))
+            for other, target, more in targets:
+                cost = price + TIMES[time] + more + (1.0 if other != frame else 0.0)
+                for model in maps(omega[k], target, SPEEDS.values()):
+                    yield Model(cost + model.cost, model.misfit, Spin(reading, other, time, model.value))
+
+
+def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
+    """Models of M ω = rates of the columns of angles; ω of the middle of two rows, or of one of them, as a program adds it."""
+    turns = np.unwrap(angles, axis=0)
+    slope = np.diff(turns, axis=0) / np.diff(t)[:, None]
+    for of_step in ((omega[1:] + omega[:-1]) / 2, omega[1:], omega[:-1]):
+        for model in maps(of_step, slope, [*SPEEDS.values(), *(1 / unit for unit in SPEEDS.values())]):
+            yield Model(model.cost + 1.0, model.misfit, model.value)
+    fine = (slope[1:] + slope[:-1]) / 2
+    for model in maps(omega[1:-1], fine, SPEEDS.values()):
+        yield Model(model.cost + 1.0, model.misfit, model.value)
+
+
+def turned(t: Array, omega: Array) -> Array:
+    """The rotations (N, 3, 3) that ω in the body turns from 1: R' = R ω, by Magnus's series of fourth order."""
+    dt = np.diff(t)[:, None]
+    change = np.diff(np.gradient(omega, t, axis=0), axis=0)
+    mean = (omega[1:] + omega[:-1]) / 2 + dt / 12 * (np.cross(omega[:-1], omega[1:]) - change)
+    R = [np.eye(3)]
+    for step in Rotation.from_rotvec(dt * mean).as_matrix():
+        R.append(R[-1] @ step)
+    return np.array(R)
+
+
+def cap(omega: Array) -> tuple[float, float] | None:
+    """|ω| before and after a first step in which it falls as in no other, if it stays there; else None."""
+    speed = np.linalg.norm(omega, axis=1)
+    steps, after = np.abs(np.diff(speed)), speed[1:]
+    if speed[0] - speed[1] < max(FALLS * speed[0], 10 * float(np.median(steps))):
+        return None
+    top = float(np.max(after))
+    is_reached_often = np.count_nonzero(after > top * (1 - 2e-4)) >= 5
+    stays = is_reached_often or np.ptp(after[: len(after) // 4]) < 0.1 * (speed[0] - top)
+    return (float(speed[0]), top) if stays else None

@@ -1,0 +1,209 @@
+"""`diagnose`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
+
+import hashlib
+from importlib.metadata import version
+
+import mistakes
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from lagrange_bench import CASES, Case, RigidBody
+from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
+from lagrange_bench.judging.fits import Model, choose, maps
+
+FRESH = int(hashlib.sha256(version("lagrange-bench").encode()).hexdigest()[:8], 16)  # other runs in each release
+TUMBLING = RigidBody(1.0, (0, 0, 0), [[0.9, 0.1, 0], [0.1, 1.1, 0.15], [0, 0.15, 1.6]], (0, 0, 0))
+START = Case("tumbling", TUMBLING, (1, 0, 0, 0), (3.0, 1.0, -2.0))
+T = np.arange(150) / 60
+SEEDS = {"other moments": 1}  # others than 0, where the run does not show it
+
+
+def program(case=START, integrator="exact", t=T, substeps=1, **physics):
+    """Rows of a program, and the exact motion."""
+    wrong, exact = mistakes.Program(case)._replace(**physics), mistakes.exact_motion(mistakes.Program(case), 4.0)
+    if integrator == "exact":
+        x, R, omega = mistakes.exact_motion(wrong, 4.0)(t)
+    else:
+        x, R, omega = mistakes.poor_motion(wrong, t, substeps, integrator == "rk4")
+    return Rows(t, R, omega, x), exact
+
+
+def found(rows, case=START, exact=None, ways=None):
+    return diagnose(rows, ways or {}, case.body, exact, Floor())
+
+
+@pytest.mark.parametrize("with_case", [True, False])
+@pytest.mark.parametrize("mistake", mistakes.CAUSES)
+def test_a_mistake_is_named(mistake, with_case):
+    if with_case or mistakes.CAUSES[mistake][1]:
+        assert mistakes.power(mistake, with_case, 1, SEEDS.get(mistake, 0)) == 1
+
+
+def test_the_number_of_the_cause_is_in_its_sentence():
+    for change, integrator, words in (
+        ({"damping": 0.05}, "exact", "L decays like exp(−0.05 t): damping"),
+        ({"torque": 0.0}, "exact", "the program leaves out the gyroscopic torque ω × I ω"),
+        ({"cap": np.radians(100)}, "euler", "|ω| falls from 3.742 to 1.7453 rad/s (100 °/s) in the first step"),
+        (
+            {"case": mistakes.with_body(mistakes.Program(START), inertia_com=(1.2, 1.0, 1.4)).case},
+            "exact",
+            "the rows keep the",
+        ),
+    ):
+        rows, exact = program(integrator=integrator, **change)
+        for known in (exact, None):
+            *others, finding = found(rows, exact=known)
+            assert words in finding.text, finding.text
+            assert [each.cause for each in others] == ["omega-half-step"] * (integrator == "euler")
+            assert 0 <= finding.after < 0.1 * finding.before
+
+
+def test_a_body_that_the_rows_keep_the_momentum_of_is_named():
+    other = mistakes.with_body(mistakes.Program(START), inertia_com=(0.9, 1.1, 1.6)).case
+    (finding,) = found(program(case=other)[0])
+    assert finding.text == "the products of inertia are left out."
+    other = mistakes.with_body(mistakes.Program(START), inertia_com=[[1.0, 0, 0.2], [0, 1.2, 0], [0.2, 0, 1.6]]).case
+    (finding,) = found(program(case=other)[0])
+    scale = np.linalg.norm([0.9, 1.1, 1.6]) / np.linalg.norm([1.0, 1.2, 1.6])
+    moments = ", ".join(f"{scale * v:.4g}" for v in (1.0, 1.2, 1.6))
+    assert f"with moments {moments} and products 0, {scale * 0.2:.4g}, 0" in finding.text
+
+
+def test_two_mistakes_are_both_named():
+    rows, exact = program(damping=0.05, torque=0.0)
+    assert {each.cause for each in found(rows, exact=exact)} == {"damping", "gyroscopic-torque"}
+    rows = rows._replace(omega=np.degrees(rows.omega), R=rows.R.transpose(0, 2, 1))
+    causes = [each.cause for each in found(rows, exact=exact)]
+    assert {"rotation-transposed", "omega-unit"} <= set(causes)
+    assert len(causes) == len(set(causes)) == 3, "no more are told"
+
+
+def test_semi_implicit_euler_is_named_by_its_step():
+    (half, explicit) = found(program(integrator="euler")[0])
+    assert (half.cause, explicit.cause) == ("omega-half-step", "explicit-step")
+    late = float(explicit.text.partition("that of ")[2].partition(" s before")[0])
+    assert late == pytest.approx(1 / 120, rel=0.05)
+
+
+def test_what_turns_the_body_is_named_and_what_mends_it():
+    rows, exact = program()
+    R, omega = rows.R, rows.omega
+    world = np.einsum("kij,kj->ki", R, omega)
+    before = np.concatenate((R[:1], R[:-1]))
+    askew = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
+    for change, cause, option in (
+        ({"omega": world}, "omega-frame", "--omega world"),
+        ({"omega": np.degrees(omega)}, "omega-unit", "--units omega=deg/s"),
+        ({"omega": -omega}, "omega-sign", "change the sign of ω"),
+        ({"omega": omega * [1, -1, -1]}, "omega-axes", "write (x, -y, -z) for (x, y, z)"),
+        ({"omega": omega @ askew}, "omega-turned", "turn ω by the rotation vector (0.3, -0.2, 0.5) rad"),
+        ({"omega": np.einsum("kji,kj->ki", before, world)}, "omega-lag", "turn ω by the rotation of its own row"),
+        ({"omega": exact(T - 1 / 120)[2]}, "omega-half-step", "take the mean of two rows"),
+        ({"omega": exact(T - 1 / 60)[2]}, "omega-row", "write ω and rotation of one time"),
+        ({"t": 1e3 * T}, "time-unit", "--units t=ms"),
+        ({"R": R.transpose(0, 2, 1)}, "rotation-transposed", "write R transposed"),
+    ):
+        for known in (exact, None):
+            (finding,) = found(rows._replace(**change), exact=known)
+            assert (finding.cause, finding.option[: len(option)]) == (cause, option), finding
+
+
+def test_frames_are_named_by_the_exact_motion():
+    case = CASES["slow"]
+    rows, exact = program(case)
+    S, up = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
+    axis = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    for change, cause, words in (
+        ({"x": rows.x @ up, "R": up.T @ rows.R}, "world-axes", "the axis y points up: --up=y."),
+        ({"R": rows.R @ axis, "omega": rows.omega @ axis}, "body-axes", "the axis of symmetry is"),
+        (
+            {"x": rows.x @ S, "R": S @ rows.R @ S, "omega": -rows.omega @ S},
+            "left-handed",
+            "write (x, z, y) for positions",
+        ),
+        ({"x": 1e3 * rows.x}, "length-unit", "--units position=mm"),
+        ({"x": rows.x + np.arange(1, 4)}, "origin", "off by (1, 2, 3) m: another origin"),
+        ({"x": 0 * rows.x}, "origin", "those of the fixed point"),
+        ({"x": rows.x - rows.x[0]}, "displacement", "name it ux, uy, uz"),
+        ({"t": rows.t + 2}, "time-shift", "--t0 0"),
+    ):
+        (finding,) = found(rows._replace(**change), case, exact)
+        assert finding.cause == cause, finding
+        assert words in finding.text
+
+
+def test_a_fall_along_y_is_told_without_a_start():
+    case = CASES["flying_box"]
+    rows, _ = program(case)
+    up = Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
+    (finding,) = found(Rows(rows.t, x=rows.x @ up), case)
+    assert (finding.cause, finding.option) == ("world-axes", "--up=y")
+    (finding,) = found(Rows(1e3 * rows.t, x=rows.x), case)
+    assert (finding.cause, finding.option) == ("time-unit", "--units t=ms")
+    (finding,) = found(Rows(rows.t, x=100 * rows.x), case)
+    assert (finding.cause, finding.option) == ("length-unit", "--units position=cm")
+    assert found(Rows(rows.t, x=rows.x), case) == []
+
+
+def test_omega_alone_tells_the_law_of_a_free_body():
+    rows, exact = program(damping=0.05)
+    (finding,) = found(Rows(rows.t, omega=rows.omega))
+    assert finding.text == "L decays like exp(−0.05 t): damping."
+    rows, exact = program()
+    assert found(Rows(rows.t, omega=rows.omega)) == []
+    (finding,) = found(Rows(rows.t, omega=np.degrees(rows.omega)), exact=exact)
+    assert finding.option == "--units omega=deg/s"
+
+
+def test_a_right_run_has_no_finding():
+    for k in range(30):
+        assert mistakes.right_run(np.random.default_rng([0, k])).findings() == []
+
+
+def test_few_rows_and_rows_at_rest_tell_nothing():
+    rows, exact = program()
+    assert found(Rows(rows.t[:7], rows.R[:7], -rows.omega[:7]), exact=exact) == []
+    still = Case("still", TUMBLING, (1, 0, 0, 0), (0, 0, 0))
+    assert found(*program(still)[:1], case=still, exact=program(still)[1]) == []
+
+
+def test_the_rule_needs_a_clear_and_a_good_model():
+    now = Model(0.0, 1.0, "now")
+    assert choose([now, Model(1.0, 0.09, "no")], 0.0).winner is None  # 4 · 3 times smaller
+    assert choose([now, Model(1.0, 0.08, "yes")], 0.0).winner.value == "yes"
+    assert choose([Model(0.0, 9.0, "now"), Model(1.0, 0.2, "no")], 0.0).winner is None  # not good
+    assert choose([now, Model(1.0, 0.01, "no")], 0.5).winner is None  # below the floor
+    assert choose([], 0.0).winner is None
+
+
+def test_a_motion_in_a_plane_tells_no_axes():
+    a = np.outer(np.linspace(1, 2, 20), [0, 0, 1.0])
+    swapped = [model for model in maps(a, a[:, [2, 1, 0]]) if model.misfit < 0.1]
+    assert swapped == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("with_case", "least"), [(True, 0.9), (False, 0.8)])
+def test_the_power_of_the_matrix(with_case, least):
+    """Two thirds of the runs are always the same, a third is another one in each release."""
+    names = [name for name, causes in mistakes.CAUSES.items() if causes[not with_case]]
+    counts = [mistakes.power(name, with_case, runs, seed) for name in names for runs, seed in ((4, 7), (2, FRESH))]
+    assert sum(counts) >= least * 6 * len(names)
+
+
+@pytest.mark.slow
+def test_the_power_of_pairs():
+    count = 0
+    for k in range(60):
+        rng = np.random.default_rng([7 if k < 40 else FRESH, k])
+        count += mistakes.named(mistakes.run(rng, mistakes.pair(rng), True))
+    assert count >= 0.7 * 60
+
+
+@pytest.mark.slow
+def test_the_silence_of_400_right_runs():
+    alarms = [
+        k for k in range(400) if mistakes.right_run(np.random.default_rng([7 if k < 270 else FRESH, k])).findings()
+    ]
+    assert alarms == []
