@@ -54,54 +54,42 @@ def newton_reference(top, y, h, s, start=None):
 
 
 def steps_to_take():
-    """Tops, states and steps, and whether the fixed point of the stages is within reach."""
+    """Tops, states and steps."""
     for case in ("generic", "figure1", "fast", "random000"):
         top, y = states.find(case)
         for span in (0.05, -0.3, 1.0, 2.5):
-            yield top, y, span * top.scales(y)[2], span <= 1
+            yield top, y, span * top.scales(y)[2]
     for y in (Y0, *starts(2)):
         for h in (0.05, -0.3, 0.8):
-            yield CHARGED, y, h, h < 0.5
+            yield CHARGED, y, h
 
 
 @pytest.mark.parametrize("name", STAGES)
 def test_step_is_what_the_tableau_says(name):
-    """All solvers, against Newton's iteration on the unreduced equations; the second step starts from the first."""
-    for top, y, h, short in steps_to_take():
+    """Against Newton's iteration in other arithmetic; the second step starts from the first."""
+    for top, y, h in steps_to_take():
         if name == "implicit_midpoint" and h > 1 and isinstance(top, LagrangeTop):
             continue  # there the step has three solutions; see test_midpoint_solves_its_equation
         middle = newton_reference(top, y, h, STAGES[name])[0]
         expected = newton_reference(top, middle, h, STAGES[name])[0]
-        for solver in ("auto", "newton", "fixed_point") if short else ("auto", "newton"):
-            z = prepare(top, y, h, name, solver=solver).advance(y, 2)
-            assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h, solver)
+        z = prepare(top, y, h, name).advance(y, 2)
+        assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h)
 
 
 def test_a_residual_that_rises_once_is_not_yet_round_off():
-    """Far from convergence a slow fixed point is no step: it goes on to what Newton finds."""
-    y = np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
-    slow, newton = (
-        prepare(LagrangeTop(1.0), y, 1.89, "gauss6", solver=s).advance(y, 1) for s in ("fixed_point", "newton")
-    )
-    assert metrics.scaled_error(LagrangeTop(1.0), y, slow, newton) < 64 * EPS
+    """Far from convergence it goes on to what Newton finds."""
+    top, y = LagrangeTop(1.0), np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
+    expected = newton_reference(top, y, 1.89, 3)[0]
+    assert metrics.scaled_error(top, y, prepare(top, y, 1.89, "gauss6").advance(y, 1), expected) < 64 * EPS
 
 
-# 500 iterations of many stages take half a minute without compiler
-FEW_STAGES = [pytest.param(name, marks=[pytest.mark.slow] * (s > 2)) for name, s in STAGES.items()]
-
-
-@pytest.mark.parametrize("name", FEW_STAGES)
+@pytest.mark.parametrize("name", STAGES)
 def test_no_step_is_an_error(name):
-    """A fast top turns ten times in a step: the fixed point diverges or goes on for ever, Newton solves it, if it is unique."""
-    message = rf"{name} at h = 3 \(own unit\), step 0: .*500 iterations.*residual"
-    top, y = CHARGED, np.concatenate((10 * Y0[:3], Y0[3:]))
-    with pytest.raises(StepError, match=message):
-        prepare(top, y, 3.0, name, solver="fixed_point").advance(y, 1)
-    assert np.isfinite(prepare(top, y, 0.3, name).advance(y, 10)).all()
+    """A fast top turns ten times in a step, and the step is taken if it is unique."""
+    y = np.concatenate((10 * Y0[:3], Y0[3:]))
+    assert np.isfinite(prepare(CHARGED, y, 0.3, name).advance(y, 10)).all()
     if name in GAUSS:
         top, y = TOPS["fast"].top, TOPS["fast"].state
-        with pytest.raises(StepError, match=message):
-            prepare(top, y, 3.0, name, solver="fixed_point").advance(y, 1)
         z = prepare(top, y, 3.0, name).advance(y, 10)
         assert np.max(drift(top, y, z)) < 1e-12
     if name != "implicit_midpoint":
@@ -114,20 +102,22 @@ def test_no_step_is_an_error(name):
 
 @pytest.mark.parametrize("name", ["implicit_midpoint", "gauss4"])
 def test_solutions_beyond_a_fold_are_refused(name):
-    """A step that is taken has det(1 − h A f') > 0; of random long steps some lie beyond."""
-    top, folded = CHARGED, 0
+    """A step that is taken has det(1 − h A f') > 0; of random long steps some lie beyond, and some are not solved."""
+    top, folded, unsolved = CHARGED, 0, 0
     for k, y in enumerate(starts(400)):
         if folded and k > 20:
             break
         try:
-            z = prepare(top, y, 8.0, name, solver="newton").advance(y, 1)
+            z = prepare(top, y, 8.0, name).advance(y, 1)
         except StepError as error:
             folded += "several solutions" in str(error)
+            unsolved += "not solved after 500 iterations" in str(error)
             continue
         expected, det = newton_reference(top, y, 8.0, STAGES[name])
         if expected is not None and metrics.scaled_error(top, y, z, expected) < 1e-9:
             assert det > 0
     assert folded > 0
+    assert unsolved > 0
 
 
 @pytest.mark.parametrize("contraction", [0.9, 30.0])

@@ -88,7 +88,7 @@ def test_a_potential_of_strength_0_is_none(name, y, h):
 
 def variants(name):
     """Choices of the options that a method has other kernels for."""
-    choices = {"solver": ("fixed_point", "newton"), "compensated": (True,)}
+    choices = {"compensated": (True,)}
     options = METHODS[name].options
     return [{}, *({word: value} for word in options for value in choices.get(word, ()))]
 

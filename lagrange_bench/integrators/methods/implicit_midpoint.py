@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -38,7 +37,7 @@ LONGEST = 100.0  # largest |h|, in time scales of the top: the solution's errors
 LIMIT = 500  # iterations; the fixed point takes 5 to 20, Newton 3 to 6
 NOT_CONVERGED, NOT_UNIQUE = 1, 2
 FAILURES = {
-    NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h| or solver='newton'",
+    NOT_CONVERGED: f"the midpoint equation is not solved after {LIMIT} iterations; take a smaller |h|",
     NOT_UNIQUE: "the midpoint equation has three solutions; take a smaller |h|",
 }
 # Below this contraction the fixed point is as quick as Newton, and stagnates within half an ulp of the solution. Above, it stops
@@ -167,26 +166,18 @@ def newton_step(s, c, counters):
     return solve(s, c, counters, True, v1, v2)
 
 
-def prepare(top: LagrangeTop, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """Every step is iterated until it stagnates.
-
-    Parameters
-    ----------
-    solver : "fixed_point", which contracts for h²|alpha||x| < 4; "newton", for any h for which the step is unique; "auto": the
-        fixed point for h²|alpha||x| < 1/64, else Newton.
-    """
-    check_choice(solver, "solver", ("auto", "fixed_point", "newton"))
+def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """Every step is iterated until it stagnates: by the fixed point for h²|alpha||x| < 1/64, else by Newton's method."""
     check_span("implicit_midpoint", abs(h) * top.scales(y0)[0], h, LONGEST)
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
-    fixed = solver == "fixed_point" or (solver == "auto" and contraction < WEAK)
     c = np.array((top.alpha, h, contraction >= 0.25))
-    kernel = fixed_point_step if fixed else newton_step
+    kernel = fixed_point_step if contraction < WEAK else newton_step
     return FixedStepper("implicit_midpoint", h, c, kernel, failures=FAILURES)
 
 
-def prepare_in_field(problem: Any, y0: Array, h: float, *, solver: str = "auto") -> FixedStepper:
-    """As `prepare`, for any problem. "auto" passes to Newton in a step in which the fixed point contracts by less than 10."""
-    return stepper("implicit_midpoint", 1, problem, y0, h, solver)
+def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
+    """As `prepare`, for any problem; see `gauss`."""
+    return stepper("implicit_midpoint", 1, problem, y0, h)
 
 
 METHOD = Method(
