@@ -33,7 +33,7 @@ from lagrange_bench.experiments import heavy_top as body_experiment
 from lagrange_bench.experiments import perturbed as field_experiment
 from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
-from lagrange_bench.experiments.measuring import check
+from lagrange_bench.experiments.measuring import orders
 from lagrange_bench.experiments.measuring.reductions import worst
 from lagrange_bench.integrators import CASES, METHODS, Method, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
@@ -146,8 +146,8 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
             raise ValueError(f"methods: {method.name} {why}: it has no order")
 
     def measure(cell: Cell) -> list[Cell]:
-        start = next((top.top, top.state) for top in request.tops if top.name == cell["state"])
-        points = check.order_points(METHODS[cell["method"]], check.ORDER_SPANS, (start,))
+        start = next(top for top in request.tops if top.name == cell["state"])
+        points = orders.order_points(METHODS[cell["method"]], orders.SPANS, (start,))
         if points.exact:
             raise StepError(cell["method"], f"every step is exact up to round-off on {cell['state']}")
         few = len(points.spans) < 3

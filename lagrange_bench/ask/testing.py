@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring import check, metrics, orders, states
 from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
@@ -158,7 +158,7 @@ def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator
             yield f"{method.name}: {name} grows like t^{p:.2f} (from {low:.2f} to {high:.2f}) {where}: below {below:g} allowed"
 
 
-def assert_order(method: str | Method, order: int | None = None, *, tops: Tops = check.ORDER_STATES) -> None:
+def assert_order(method: str | Method, order: int | None = None, *, tops: Tops = orders.STATES) -> None:
     """AssertionError unless the error of one step grows like h^(order + 1), measured as `lagrange-bench check` does.
 
     Parameters
@@ -189,11 +189,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Tops =
     if record.order is None or record.control == "tolerance":
         why = "is exact in time" if record.order is None else "chooses its own steps"
         raise ValueError(f"{record.name} {why}: it has no order to measure")
-    words = [tops] if isinstance(tops, str) else tops
-    asked = (
-        word if isinstance(word, str) else (start.top, start.state) for word, start in zip(words, starts, strict=False)
-    )
-    (verdict,) = check.order(record, False, tuple(asked))
+    (verdict,) = check.order(record, False, starts)
     if not verdict.passed:
         unknown = " (not judged)" if verdict.passed is None else ""
         raise AssertionError(f"{record.name}, {verdict}, on {names}{unknown}")

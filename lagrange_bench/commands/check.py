@@ -9,8 +9,8 @@ whether a step is a Poisson map. It also tests the rules that every method must 
 
 "Bound" says which "measured" values are allowed. A drift, the change of an invariant, is relative: 1 is as large as the terms of
 the invariant. "Largest at" names the top and the step with the largest value; steps are in units of the top's time
-scale. A method that takes tops in a potential is tested there, too ("in a field: …"). If a method cannot take its first step,
-the only verdict shows the line that fails, or what Numba says.
+scale. A method that takes tops in a potential, or on a vibrating pivot, is tested there, too ("in a field: …"). If a method
+cannot take its first step, the only verdict shows the line that fails, or what Numba says.
 
 With --problem the claims are tested only on that problem, at a state and near it. To test bounds on drift in your own tests, see
 docs/ci.md.

@@ -16,7 +16,7 @@ from itertools import product
 
 import numpy as np
 
-from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring import metrics, orders, states
 from lagrange_bench.experiments.phase_figures import draw as draw
 from lagrange_bench.experiments.phase_figures import tables as tables
 from lagrange_bench.experiments.phase_runs import PROMISE_H, SPAN, STATES
@@ -90,8 +90,8 @@ def _one_step(name: str) -> list[dict]:
     Single steps show the order: in long runs a method of high order may show the next order, or round-off. If a step depends on
     earlier ones, short runs are made, and their errors divided by the number of steps: rows with `run`.
     """
-    points = check.order_points(METHODS[name], check.ORDER_SPANS)
-    length = {"run": check.RUN} if points.runs else {}
+    points = orders.order_points(METHODS[name], orders.SPANS)
+    length = {"run": orders.RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
     return [{"h": states.rounded(h), "error": states.rounded(error), **length} for h, error in pairs]
 

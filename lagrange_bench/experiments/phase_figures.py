@@ -5,7 +5,8 @@ import pandas as pd
 import scipy
 
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
-from lagrange_bench.experiments.measuring import check, metrics, states
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.experiments.measuring.orders import hides_leading_term
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.phase_runs import PROMISE_H, SPAN, STATES
 from lagrange_bench.integrators import METHODS
@@ -26,9 +27,9 @@ def orders(good: pd.DataFrame) -> pd.DataFrame:
 
     def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
         measured = {"measured": order, "standard error": stderr, "points": used}
-        # at such large steps the terms after a very small leading one still show: see `check.order`
+        # at such large steps the terms after a very small leading one still show: see `orders.hides_leading_term`
         excess = order - (METHODS[name].order or order)
-        measured["hidden"] = bool(points.h.min() > check.NEAR and check.TOLERANCE < excess < check.STEEPER)
+        measured["hidden"] = hides_leading_term(float(points.h.min()), excess)
         sizes = {"smallest error": float(points.error.to_numpy().min()), "largest error": largest(points.error)}
         claimed = METHODS[name].order or "exact"
         table.append({"method": name, "state": where, "claimed": claimed, **measured, **sizes})

@@ -2,15 +2,16 @@
 
 import re
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check, first_step
-from lagrange_bench.integrators import METHODS, Claims, LagrangeTop, Problem, StepError
+from lagrange_bench.experiments.measuring import check, first_step, orders, states
+from lagrange_bench.integrators import METHODS, Claims, LagrangeTop, Problem, RigidBody, StepError
 from lagrange_bench.integrators.interface import Stepper
+from lagrange_bench.integrators.methods.explicit import explicit_stepper
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
@@ -161,7 +162,7 @@ def test_the_starter_of_a_multistep_method_does_not_hide_its_order():
     assert (honest.passed, liar.passed) == (True, False)
     assert liar.measured == pytest.approx(2, abs=0.1)
     carried = in_uniform_fields(METHODS["rk4"])
-    assert not check.remembers(replace(carried, prepare=partial(carried.prepare, compensated=True)))
+    assert not orders.remembers(replace(carried, prepare=partial(carried.prepare, compensated=True)))
 
 
 class Shares(Wrapped):
@@ -256,7 +257,7 @@ CLAIMED = ("J3", "C1", "C2")
 @pytest.fixture
 def short(monkeypatch):
     monkeypatch.setattr(check, "FIELD_STEPS", 50)
-    monkeypatch.setattr(check, "extreme_fields", lambda names: ())
+    monkeypatch.setattr(check, "extremes", lambda method, quick, names: ())
 
 
 def in_fields(bend=lambda y, h: y, order=2, **more):
@@ -278,8 +279,8 @@ def test_claims_in_a_potential_are_judged(short):
 
 
 def test_methods_are_judged_where_they_go(short):
-    (verdict,) = check.in_field(METHODS["theta_functions"], quick=True)
-    assert (verdict.claim, verdict.passed) == ("in a field", None)
+    verdicts = check.in_field(METHODS["theta_functions"], quick=True)
+    assert [(v.claim, v.passed) for v in verdicts] == [("in a field", None), ("on a vibrating pivot", None)]
     verdicts = by_claim(check.in_field(replace(in_fields(), needs=kinds.quadratic_top), quick=True))
     assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
@@ -371,3 +372,163 @@ def test_a_name_that_is_taken_or_nearly_right(mine, run):
     for name in ("my_first.py:METHOD", "far/my_first.py", "my_frist:METHOD"):
         with pytest.raises(ValueError, match="my_first"):
             find_method(name)
+
+
+# ---------------------------------------------------------------- what must be refused at twice its bound
+
+EPS = 2.0**-52
+HALF, TWICE = 0.5, 2.0
+
+
+def longer(size):
+    """A map that makes x longer by a relative size."""
+    return lambda y: y * (1, 1, 1, 1 + size, 1 + size, 1 + size)
+
+
+class Off(Wrapped):
+    """A good stepper whose result of a call is spoiled: spoil(y, h, steps)."""
+
+    def __init__(self, name, spoil, *where):
+        super().__init__(*where, name)
+        self.spoil = spoil
+
+    def advance(self, y, n):
+        return self.spoil(self.inner.advance(y, n), self.h, n)
+
+    def record(self, y, n, every):
+        rows = self.inner.record(y, n, every)
+        return np.array([self.spoil(row, self.h, every * k) if k else row for k, row in enumerate(rows)])
+
+
+def off(name, spoil, **changes):
+    return in_uniform_fields(METHODS[name], prepare=partial(Off, name, spoil), **changes)
+
+
+def order_off(by):
+    """Spoils a step of the exact motion by an error of order 2 + `by`."""
+    return lambda y, h: longer(1e-3 * abs(h) ** (3 + by))(y)
+
+
+ONE = ("generic",)
+FREE_TOP = replace(states.placed("generic"), given_name="a start of the user's own")
+BOUNDS = {  # claim → (check, record that is off by so many times the bound)
+    "exact in time": lambda times: check.solution(off("backlund", lambda y, h, n: longer(times * 1e-12)(y)), True, ONE),
+    "follows the exact solution": lambda times: check.solution(
+        off("rk45", lambda y, h, n: longer(times * 1e-4)(y)), True, ONE
+    ),
+    "negative h is as accurate": lambda times: check.solution(
+        off("backlund", lambda y, h, n: longer(1e-6 if h > 0 else times * 1e-5)(y), order=2), True, ONE
+    ),
+    "symmetric": lambda times: check.symmetric(
+        off("strang", lambda y, h, n: longer(times * 256 * EPS if h < 0 else 0.0)(y)), True, ONE
+    ),
+    "symmetric, at a start of the user's own": lambda times: check.symmetric(
+        off("strang", lambda y, h, n: longer(times * 1024 * EPS if h < 0 else 0.0)(y)), True, (FREE_TOP,)
+    ),
+    "Poisson map": lambda times: check.poisson(off("strang", lambda y, h, n: y * (1 + times * 1e-8)), True, ONE),
+    "conserves C1, a bias of 8 ulps a step": lambda times: check.conserves(
+        off("strang", lambda y, h, n: longer(times * 4 * EPS * n)(y)), True, ONE, 100
+    ),
+    "conserves C1, a walk of 128 ulps": lambda times: check.conserves(
+        off("strang", lambda y, h, n: longer(times * 64 * EPS * n**0.5)(y)), True, ONE, 10_000
+    ),
+    "conserves in long steps": lambda times: check.long_steps(
+        off("backlund", lambda y, h, n: longer(times * 128 * EPS * abs(h) * states.placed("generic").unit ** -1)(y)),
+        True,
+        ONE,
+    ),
+    "order 2": lambda times: check.order(
+        in_uniform_fields(METHODS["backlund"], order=2, prepare=partial(Bent, "backlund", order_off(times * 0.15))),
+        True,
+    ),
+}
+
+
+@pytest.mark.parametrize("claim", BOUNDS)
+def test_what_is_off_by_twice_a_bound_is_refused(claim):
+    """Half of the bound is allowed. The bounds are written down here, so that a looser one is seen."""
+    for times, passed in ((HALF, True), (TWICE, False)):
+        verdict = by_claim(BOUNDS[claim](times))[claim.partition(",")[0]]
+        assert verdict.passed is passed, verdict
+
+
+def test_an_order_in_a_field_may_be_off_by_three_tenths():
+    for times, passed in ((HALF, True), (TWICE, False)):
+        prepare = partial(Bent, "taylor_fixed", order_off(times * 0.3))
+        record = replace(METHODS["taylor_fixed"], order=2, prepare=prepare, kernels_for={})
+        (verdict,) = check.order(record, True, ("generic" + states.TIDE, "random001" + states.TIDE))
+        assert verdict.passed is passed, verdict
+
+
+def test_a_run_that_is_lost_says_nothing_about_the_way_back():
+    for size, passed in ((0.05, True), (0.2, None)):
+        record = off("backlund", lambda y, h, n, size=size: longer(size if h > 0 else 0.0)(y), order=2)
+        assert by_claim(check.solution(record, True, ONE))["negative h is as accurate"].passed is passed
+
+
+# ---------------------------------------------------------------- where claims are tested
+
+
+def test_a_method_that_takes_alpha_without_its_sign_fails():
+    honest = METHODS["strang"].prepare_for(LagrangeTop())
+    liar = in_uniform_fields(METHODS["strang"], prepare=lambda top, y, h: honest(LagrangeTop(abs(top.alpha)), y, h))
+    assert not next(check.order(liar, True)).passed
+
+
+def runge_kutta_4(time_counts):
+    """The classical formula; `time_counts` = 0 : all its nodes are 0, so t stays that of the start of the step."""
+
+    def increment(rates, t, y, h):
+        k1 = rates(t, y)
+        k2 = rates(t + time_counts * h / 2, [a + b / 2 for a, b in zip(y, k1, strict=True)])
+        k3 = rates(t + time_counts * h / 2, [a + b / 2 for a, b in zip(y, k2, strict=True)])
+        k4 = rates(t + time_counts * h, [a + b for a, b in zip(y, k3, strict=True)])
+        return [(a + 2 * b + 2 * c + d) / 6 for a, b, c, d in zip(k1, k2, k3, k4, strict=True)]
+
+    return lambda problem, y0, h: explicit_stepper("mine", problem, h, increment)
+
+
+@pytest.mark.parametrize(("time_counts", "passed"), [(1, True), (0, False)])
+def test_a_method_that_forgets_the_time_fails(short, time_counts, passed):
+    record = replace(METHODS["rk4"], name="mine", prepare=runge_kutta_4(time_counts))
+    assert by_claim(check.in_field(record, True))["on a vibrating pivot: order 4"].passed is passed
+
+
+def test_a_claim_that_a_problem_does_not_have_is_said():
+    claims = {"C1", "C2", "J3"}
+    record = replace(METHODS["rkmk4"], claims=Claims(conserves=claims))
+    assert not any(
+        "claims" in v.how
+        for v in check.conserves(record, True, ("free_body",), 10)
+        if v.claim in ("conserves C1", "conserves C2")
+    ), "they stand for the Casimir function"
+    for word in claims:
+        alone = replace(record, claims=Claims(conserves={word}))
+        verdict = by_claim(check.conserves(alone, True, ("free_body",), 10))[f"conserves {word}"]
+        assert (verdict.word, verdict.how.partition(";")[0]) == (
+            "not judged",
+            f"claims {word}, which the problem free_body does not have",
+        )
+        assert "its invariants are H, C." in verdict.how
+
+
+@cache
+def without_weight(body):
+    return RigidBody(1.0, (0.0, 0.0, 0.0), body.inertia, (0.0, 0.0, 0.0))
+
+
+def test_a_method_for_free_bodies_is_tested_on_one(short):
+    """Whether its record says so or not; if not, the verdict says what is wrong."""
+    step = METHODS["simo_wong"].prepare
+    careless = replace(METHODS["simo_wong"], prepare=lambda body, y0, h: step(without_weight(body), y0, h))
+    verdicts = by_claim(check.of_its_kind(careless, True))
+    assert [verdicts[f"{name}: order 2"].passed for name in check.BODIES] == [False, True]
+    assert "is the weight left out?" in verdicts["heavy body: order 2"].how
+    right = list(check.of_its_kind(replace(careless, needs=kinds.free_body), True))
+    assert wrong(right) == set()
+    assert {v.claim.partition(":")[0] for v in right} == {"free body"}
+
+
+def test_a_method_that_takes_no_body_of_the_bench_is_told():
+    (verdict,) = check.of_its_kind(replace(METHODS["simo_wong"], needs=lambda problem: False), True)
+    assert (verdict.word, "--problem" in verdict.how) == ("not judged", True)

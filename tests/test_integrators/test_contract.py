@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from lagrange_bench.experiments.measuring import check
+from lagrange_bench.experiments.measuring import check, states
 from lagrange_bench.integrators import METHODS
 from tests.installed import FOR_TOPS, installed
 
@@ -16,7 +16,7 @@ ELSEWHERE = {  # judged in fields with test-all; in `make test` by other tests
 IN_FIELDS = [
     name
     for name in FOR_TOPS
-    if METHODS[name].takes(check.find("generic in a tide")[0]) is None and name not in ELSEWHERE
+    if METHODS[name].takes(states.placed("generic in a tide").top) is None and name not in ELSEWHERE
 ]
 pytestmark = pytest.mark.filterwarnings("ignore::lagrange_bench.integrators.interface.StepWarning")
 

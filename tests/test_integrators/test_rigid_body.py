@@ -351,3 +351,31 @@ def test_a_step_that_is_not_solved_is_refused():
     with np.errstate(all="ignore"), pytest.raises(StepError, match="not solved after 50 iterations"):
         integrate(SKEW, SKEW.state(**WHOLE), h=50.0, steps=1, method="rattle")
     assert pickle.loads(pickle.dumps(SKEW)) == SKEW
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize("size", [1e-310, 1e-300, 1e-160, 1e160, 1e300])
+@pytest.mark.parametrize("facts", [(1, 0, 0, 0), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1), (1, 1, 1, 1)])
+def test_extreme_numbers_make_a_body_or_a_named_error(facts, size):
+    """A choice of inertia_com, mass, com and gravity is extreme."""
+    moments, mass, com, gravity = (size if extreme else 1.0 for extreme in facts)
+    for inertia in ((2 * moments, 3 * moments, 4 * moments), np.diag((2 * moments, 3 * moments, 4 * moments))):
+        refusal = ""
+        try:
+            numbers = RigidBody(mass, (0.0, 0.0, com), inertia, (0.0, 0.0, -gravity)).numbers
+        except ValueError as error:
+            refusal = str(error)
+        assert "take other units" in refusal or np.all(np.isfinite(numbers))
+
+
+@pytest.mark.interpreted
+def test_bodies_with_the_same_zeros_share_their_formulas():
+    """Recording them takes ten times as long as all else, and a body is made for each of many runs."""
+    one, two = (RigidBody(m, (0.1, -0.3, 0.9), (0.4, 0.5, 0.3), (0.0, 0.0, -9.81)) for m in (0.8, 0.9))
+    flat = RigidBody(0.8, (0.1, -0.3, 0.0), (0.4, 0.5, 0.3), (0.0, 0.0, -9.81))
+    assert one.system is two.system
+    assert one.numbers != two.numbers
+    assert flat.system != one.system
+    fresh = RigidBody.__mro__[1]("rigid_body", "body", one._hamiltonian, one.numbers, frame="body")
+    y = two.check_state((0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0))
+    assert fresh.invariants(y)[0] == one.invariants(y)[0] != two.invariants(y)[0]

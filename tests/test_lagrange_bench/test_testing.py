@@ -8,7 +8,7 @@ import pytest
 
 from lagrange_bench import assert_drift, assert_order
 from lagrange_bench.ask import testing
-from lagrange_bench.experiments.measuring import check
+from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import METHODS, LagrangeTop
 
 MINE = replace(METHODS["strang"], name="mine")  # of nobody's registry
@@ -32,7 +32,7 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
 
 
 def test_drift_is_in_ulps_of_the_scale():
-    top, y0 = check.find("generic")
+    top, y0 = states.find("generic")
     h = 0.1 * top.scales(y0)[2]
     (run,) = testing.drifts(MINE, testing.starts_of("generic"), None, 0.1, 64)
     (same,) = testing.drifts(MINE, testing.starts_of("generic"), h, None, 64)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from time import perf_counter
 from typing import Any
 
@@ -14,6 +15,7 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Stepp
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
 from lagrange_bench.integrators.start import Start
 from lagrange_bench.integrators.truth import truths
@@ -71,6 +73,44 @@ def log_counts(last: int, per_octave: int) -> list[int]:
     """Whole numbers from 1 to `last`, about `per_octave` in each doubling."""
     counts = {round(2 ** (k / per_octave)) for k in range(per_octave * last.bit_length() + 1)}
     return sorted(n for n in counts | {last} if n <= last)
+
+
+# names, for `placed`, or starts of the user's own
+Starts = Sequence[str | Start]
+# `placed` takes these behind the name of a top
+NEGATIVE, TIDE, CHARGE, PIVOT = " with alpha < 0", " in a tide", " near a charge", " on a vibrating pivot"
+
+
+def placed(start: str | Start) -> Start:
+    """A start with an array of its own: as `Start.of`, and for a top with one of the words above behind its name.
+
+    A tide and a charge weigh nearly as much as the top, and a pivot vibrates in its time scale.
+    """
+    place = next(
+        (place for place in (NEGATIVE, TIDE, CHARGE, PIVOT) if isinstance(start, str) and start.endswith(place)), ""
+    )
+    there = Start.of(start.removesuffix(place) if isinstance(start, str) else start)
+    top, y0 = there.top, there.state.copy()
+    if place:
+        top = _elsewhere(top.alpha, float(np.linalg.norm(y0[3:])), float(top.scales(y0)[0]), place)
+    return Start(top, y0, given_name=start if isinstance(start, str) else there.name)
+
+
+@cache
+def _elsewhere(alpha: float, size: float, rate: float, place: str) -> Any:
+    if place == NEGATIVE:
+        return LagrangeTop(-alpha)
+    if place == PIVOT:
+        return vibrating_pivot(alpha, 0.5 * alpha, rate)
+    if place == TIDE:
+        return PerturbedTop(LagrangeTop(alpha), find_potential("tide"), (0.5 * alpha / size, 0.8, 0.0, 0.6))
+    parameters = (0.2 * alpha * size**2, 0.0, 0.0, 1.5 * size)
+    return PerturbedTop(LagrangeTop(alpha), find_potential("charge"), parameters, axisymmetric=True)
+
+
+def prepared(method: Method, top: Any, y: Array, h: float) -> Stepper:
+    """A fresh stepper of a method, which may write to a state of its own only."""
+    return method.prepare_for(top)(top, y.copy() if y.flags.writeable else y, float(h))
 
 
 def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int], **options) -> tuple[Array, Array]:

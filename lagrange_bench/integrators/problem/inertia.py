@@ -6,6 +6,7 @@ import math
 from fractions import Fraction
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, warn_caller
 
@@ -47,6 +48,7 @@ def principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tup
         inertia = np.array([float(C) if i == k else float(A) for i in range(3)])
         return _positive(inertia), axes, k
     inertia = inertia_com + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    check_range(inertia)
     if straight:
         moments, axes = np.diag(inertia).copy(), np.eye(3)
     else:
@@ -60,7 +62,14 @@ def principal(inertia_com: Array, mass: float, lever: Array, heavy: bool) -> tup
     return _positive(moments), axes, max((k for *_, k in pairs), default=None) if free else None
 
 
+def check_range(values: ArrayLike) -> None:
+    """ValueError if a product of the numbers of a body is beyond the largest double."""
+    if not np.all(np.isfinite(values)):
+        raise ValueError("mass, com, inertia_com, gravity: their products leave the range of doubles; take other units")
+
+
 def _positive(moments: Array) -> Array:
+    check_range(moments)
     if np.min(moments) <= 0.0:
         raise ValueError(f"inertia_com: moments about the fixed point must be positive; got {moments.tolist()}")
     return moments
@@ -91,7 +100,11 @@ def _dot(a: Array, b: Array) -> Fraction:
 def differences_of_inverses(inertia: Array) -> tuple[int, list[float]]:
     """r and D_i = 1/I_i − 1/I_r = (I_r − I_i)/(I_i I_r), without cancellation; I_r is one of the two nearest moments."""
     I = inertia.tolist()
-    r = min(((0, 1), (1, 2), (2, 0)), key=lambda pair: abs(I[pair[0]] - I[pair[1]]) / (I[pair[0]] * I[pair[1]]))[0]
+    unit = math.frexp(max(I))[1]  # so that no product underflows
+    near = [math.ldexp(v, -unit) for v in I]
+    r = min(
+        ((0, 1), (1, 2), (2, 0)), key=lambda pair: abs(near[pair[0]] - near[pair[1]]) / (near[pair[0]] * near[pair[1]])
+    )[0]
     return r, [(I[r] - v) / I[r] / v for v in I]
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -39,6 +39,11 @@ COLUMNS = frozenset(  # names that no invariant may have: tables with a column f
      "motion")
 )  # fmt: skip
 Formula = Callable[..., Any]
+
+
+def check_parameters(name: str, parameters: Iterable[float]) -> tuple[float, ...]:
+    """The parameters of a problem as floats; ValueError names one that is none."""
+    return tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
 
 
 class Problem:
@@ -98,7 +103,7 @@ class Problem:
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"problem {name}: parameters must be numbers; got {parameters!r}")
         self.name, self.space = name, find_space(space)
-        self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
+        self.numbers = check_parameters(name, parameters)
         energy = self._record("hamiltonian", hamiltonian)
         self.extra_invariants = tuple(
             (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()

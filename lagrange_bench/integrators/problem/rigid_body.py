@@ -22,6 +22,7 @@ Source: Arnold, Mathematical Methods of Classical Mechanics (1989), sections 29 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -30,24 +31,30 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real
-from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.tape import Program, Tape
 from lagrange_bench.integrators.problem import free_motion
 from lagrange_bench.integrators.problem.inertia import (
     TURNED,
     check_inertia,
+    check_range,
     differences_of_inverses,
     direction_of,
     principal,
     upright,
 )
-from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.problem import Problem, check_parameters
 from lagrange_bench.integrators.problem.rotation import as_motion, real_array
+from lagrange_bench.integrators.problem.system import System, find_space
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
 UNIT = 1e-6  # largest difference of |q| from 1: a poor method loses as much in a long run, which may be continued
+
+
+# the axis of symmetry and what is 0 or 1 in the numbers of a body → its system and its invariants
+_RECORDED: dict[tuple[Any, ...], tuple[System, tuple[tuple[str, Program], ...]]] = {}
 
 
 class RigidBody(Problem):
@@ -105,19 +112,32 @@ class RigidBody(Problem):
         check_inertia(self.inertia_com)
         size, lever = math.hypot(*self.gravity.tolist()), self.com if self.fixed else np.zeros(3)
         self.up = -direction_of(self.gravity) if size else np.array((0.0, 0.0, 1.0))
-        self.inertia, self.axes, self.symmetry = principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
-        weight = self.mass * size * (self.axes @ lever)
+        with np.errstate(all="ignore"):  # what is infinite is refused
+            self.inertia, self.axes, self.symmetry = principal(self.inertia_com, self.mass, lever, heavy=size > 0.0)
+            weight = self.mass * size * (self.axes @ lever)
+            inverse = 1.0 / self.inertia
+        check_range((*weight, *inverse, *inverse * np.max(self.inertia)))
         self.weight = np.where(np.abs(weight) > TURNED * np.max(np.abs(weight)), weight, 0.0)
         r, differences = differences_of_inverses(self.inertia)
         numbers = (1.0 / self.inertia[r], *differences, *self.weight, *self.up)
+        # formulas depend on the numbers only by what is 0 or 1: recording them takes ten times as long as all else here
+        pattern = tuple(number if number in (0.0, 1.0) else 0.5 for number in numbers)
+        if (self.symmetry, pattern) not in _RECORDED:
+            _RECORDED[self.symmetry, pattern] = self._recorded(pattern)
+        self.name, self.space = "rigid_body", find_space("body")
+        self.system, self.extra_invariants = _RECORDED[self.symmetry, pattern]
+        self.numbers = check_parameters(self.name, numbers)
+
+    def _recorded(self, numbers: Sequence[float]) -> tuple[System, tuple[tuple[str, Program], ...]]:
+        """The system and the invariants of bodies of one kind."""
         invariants = {"J3": self._vertical_momentum}
         if (axis := self.symmetry) is not None:
             invariants["C2"] = lambda t, y, p: y[4 + axis]
         super().__init__("rigid_body", "body", self._hamiltonian, numbers, invariants=invariants, frame="body")
         tape = Tape()
         y, p = [tape.input() for _ in range(8)][1:], [tape.input() for _ in numbers]
-        differing = [p[1 + i] * y[4 + i] if differences[i] else tape.constant(0.0) for i in range(3)]
-        self.system = replace(self.system, relative_omega=tape.program(differing))
+        differing = [p[1 + i] * y[4 + i] if numbers[1 + i] else tape.constant(0.0) for i in range(3)]
+        return replace(self.system, relative_omega=tape.program(differing)), self.extra_invariants
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"
