@@ -58,7 +58,6 @@ def cells(profile: str) -> list[dict]:
 
 def measure(cell: dict) -> list[dict]:
     """The curve of one method: a row for each step or tolerance. The last row has `stopped` unless nothing was left to try."""
-    timing.compile_at_once()
     method = METHODS[cell["method"]]
     steps = COARSEST * 2.0 ** -np.arange(0, np.log2(COARSEST / FINEST) + 0.01, 1 / cell["per_octave"])
     tolerances = 10.0 ** -np.arange(LOOSEST, TIGHTEST + 0.5, cell["decades"])

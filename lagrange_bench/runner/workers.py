@@ -229,10 +229,6 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("default")
             module = load(experiment)
-            if cell.get("timing"):
-                from lagrange_bench.experiments.measuring import timing
-
-                timing.compile_at_once()
             if "method" in cell:
                 _restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))

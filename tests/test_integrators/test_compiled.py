@@ -8,12 +8,9 @@ import sys
 from functools import partial
 
 import numba
-import numpy as np
 import pytest
 
-from lagrange_bench.integrators.compiling import interpreted
 from lagrange_bench.integrators.compiling.compiled import compiled, jit
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.support import announce
 from tests import faults
 
@@ -132,56 +129,6 @@ def test_damaged_machine_code_is_compiled_anew(tmp_path):
             file.write_bytes(damage(file.read_bytes()))
         assert run() == [number, "0"]
     assert run() == [number, "1"], "the cache is whole again"
-
-
-# last states of runs that begin one after the other, and whether their set-up is compiled at the end
-RUNS = """
-import sys
-from lagrange_bench.integrators import PERTURBED_TOPS, TOPS, integrate
-from lagrange_bench.integrators.compiling import interpreted
-from lagrange_bench.integrators.methods import backlund
-method = sys.argv[1]
-named, h = (TOPS["generic"], 20.0) if method == "backlund" else (PERTURBED_TOPS["weak_tide"], 0.1)
-ends = {integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex() for _ in range(int(sys.argv[2]))}
-print(*ends, bool(backlund.real_map.exact_constants.overloads))
-interpreted.PATIENCE = 0.0
-print(integrate(named.top, named.y0, h, 20, method).y[-1].tobytes().hex())
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", ["backlund", "backlund_splitting"])
-def test_a_script_waits_for_no_set_up_to_compile_and_has_the_same_bits(tmp_path, method):
-    first, second = (python(RUNS, method, calls, cache=tmp_path).split() for calls in ("50", "1"))
-    assert first == [first[0], "False", first[0]]
-    assert second == [first[0], str(method == "backlund"), first[0]]  # out of the cache, from the first call on
-
-
-def test_where_python_raises_compiled_code_begins_anew(monkeypatch):
-    """And finds its arrays as they were."""
-    monkeypatch.setattr(interpreted, "PATIENCE", 10.0)  # 0 where times are measured
-
-    @compiled
-    def divided(a, x):
-        a[0] += 1.0
-        a[0] += 1.0 / x
-        return 2.0 * a[0]
-
-    call, a = at_first_interpreted(divided), np.zeros(1)
-    assert (call(a, 0.5), a[0], len(divided.overloads)) == (6.0, 3.0, 0)
-    assert (call(a, 0.0), a[0], len(divided.overloads)) == (np.inf, np.inf, 1)
-
-
-def test_what_has_been_interpreted_for_long_is_compiled(monkeypatch):
-    monkeypatch.setattr(interpreted, "PATIENCE", 1e-6)
-
-    @compiled
-    def half(x):
-        return 0.5 * x
-
-    call = at_first_interpreted(half)
-    assert (call(1.0), len(half.overloads)) == (0.5, 0)
-    assert (call(1.0), len(half.overloads)) == (0.5, 1)
 
 
 def test_a_person_is_told_of_long_compiling_once(monkeypatch):

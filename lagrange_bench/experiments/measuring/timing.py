@@ -15,14 +15,7 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.compiling import interpreted
-
 UNSTABLE = 0.1  # a timing with a larger coefficient of variation counts as unstable
-
-
-def compile_at_once() -> None:
-    """Make this process compile set-up code at the first call, so that only compiled code is timed."""
-    interpreted.PATIENCE = 0.0
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,6 @@ def interleave(
     """
     if repeats < 1:
         raise ValueError(f"repeats must be at least 1; got {repeats}")
-    compile_at_once()
     timers = {name: timeit.Timer(function, timer=perf_counter) for name, function in functions.items()}
     for timer in timers.values():
         timer.timeit(1)  # compiles

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
+from types import CellType, FunctionType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.compiling.interpreted import interpreted
 from lagrange_bench.integrators.compiling.loops import SIZE
 from lagrange_bench.integrators.methods import bobenko_suris as bs
 from lagrange_bench.integrators.methods import gauss_coefficients as gauss
@@ -98,7 +98,22 @@ class Functions:
     sqrt = Series.sqrt
 
 
-on_series = partial(interpreted, functions=Functions)
+def on_series(thing: Any) -> Any:
+    """A kernel, and all that it calls, as Python functions that take series; other things unchanged."""
+    if isinstance(thing, tuple):
+        return tuple(map(on_series, thing))
+    function = getattr(thing, "py_func", thing)  # of a kernel or an unrolled function; without compilation it is one
+    if isinstance(function, FunctionType):
+        return _on_series(function)
+    return Functions if thing is math else thing
+
+
+@cache
+def _on_series(function: FunctionType) -> FunctionType:
+    known, code = function.__globals__, function.__code__
+    names = {name: on_series(known[name]) for name in code.co_names if name in known}
+    closure = tuple(CellType(on_series(cell.cell_contents)) for cell in function.__closure__ or ())
+    return FunctionType(code, names, function.__name__, function.__defaults__, closure)
 
 
 def rhs(alpha: float, s: State) -> State:

@@ -1,8 +1,9 @@
 """Double-double arithmetic: numbers as unevaluated sums hi + lo, about 32 digits, compiled.
 
 The error-free transformations are Dekker's (Numer. Math. 18 (1971) 224) and Knuth's. They need no fused multiply-add, so the bits
-are the same everywhere. They compute constants of a step once, outside time loops; only `two_sum` also serves in compensated
-sums. Operands must be within 1e-140 … 1e140, or zero. Callers scale by powers of two first.
+are the same everywhere. They compute constants of a step once, outside time loops, so they are called and not inlined, which
+compiles quicker. Only `two_sum` also serves in compensated sums. Operands must be within 1e-140 … 1e140, or zero. Callers scale
+by powers of two first.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def neg(a):
     return -a[0], -a[1]
 
 
-@unrolled
+@unrolled(inline=False)
 def add(a, b):
     s, e = two_sum(a[0], b[0])
     t, f = two_sum(a[1], b[1])
@@ -61,12 +62,12 @@ def add(a, b):
     return quick(s, e + f)
 
 
-@unrolled
+@unrolled(inline=False)
 def sub(a, b):
     return add(a, (-b[0], -b[1]))
 
 
-@unrolled
+@unrolled(inline=False)
 def mul(a, b):
     p, e = two_prod(a[0], b[0])
     return quick(p, e + (a[0] * b[1] + a[1] * b[0]))
@@ -78,14 +79,14 @@ def scale(a, s):
     return a[0] * s, a[1] * s
 
 
-@unrolled
+@unrolled(inline=False)
 def times(a, b):
     """a times a double."""
     p, e = two_prod(a[0], b)
     return quick(p, e + a[1] * b)
 
 
-@unrolled
+@unrolled(inline=False)
 def div(a, b):
     q = a[0] / b[0]
     p, e = two_prod(q, b[0])
@@ -115,24 +116,24 @@ def small_turn(angle, terms):
 # complex numbers are pairs (real, imaginary) of double-doubles
 
 
-@unrolled
+@unrolled(inline=False)
 def cadd(a, b):
     return add(a[0], b[0]), add(a[1], b[1])
 
 
-@unrolled
+@unrolled(inline=False)
 def cmul(a, b):
     return sub(mul(a[0], b[0]), mul(a[1], b[1])), add(mul(a[0], b[1]), mul(a[1], b[0]))
 
 
-@unrolled
+@unrolled(inline=False)
 def cdiv(a, b):
     n = add(mul(b[0], b[0]), mul(b[1], b[1]))
     re, im = cmul(a, (b[0], neg(b[1])))
     return div(re, n), div(im, n)
 
 
-@unrolled
+@unrolled(inline=False)
 def cscale(a, r):
     """Complex times a real double-double."""
     return mul(a[0], r), mul(a[1], r)

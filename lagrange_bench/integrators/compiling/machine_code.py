@@ -27,7 +27,7 @@ import numba
 from numba.core.registry import CPUDispatcher
 
 from lagrange_bench.support import announce
-from lagrange_bench.support.files import cache_folder, write_file
+from lagrange_bench.support.files import cache_folder
 from lagrange_bench.support.source_digest import IMPORTED_SOURCES, PACKAGE
 
 SOURCES = IMPORTED_SOURCES.code(PACKAGE / "integrators")  # before a kernel is imported
@@ -55,9 +55,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
 
     def compile(self, signature: Any) -> Any:
         """As Numba's, but the machine code is saved and loaded under a seal; without an error if it cannot be saved."""
-        self.begin_to_save()
+        self._begin_to_save()
         compiled_before = self._times_compiled()
-        with announce.long_work("compiling, once on this machine" if self._saves else "compiling"):
+        once = "compiling, once on this machine, about 5 s"
+        with announce.long_work(once if self._saves else "compiling"):
             if self._saves:
                 self._remove_damaged()
             try:
@@ -66,10 +67,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
                 entry = super().compile(signature)
         if self._saves and self._times_compiled() > compiled_before:
             with contextlib.suppress(OSError):
-                write_file(self._seal, self._digest_of_files())
+                self._seal.write_text(self._digest_of_files())
         return entry
 
-    def begin_to_save(self) -> None:
+    def _begin_to_save(self) -> None:
         """Let Numba save the machine code in the folder of caches, as if the file of the function were there, if it can be."""
         if self._saves is not None:
             return
@@ -82,12 +83,6 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             self.py_func.__qualname__ = function.__qualname__
             self.enable_caching()
             self.py_func = function
-
-    @property
-    def is_saved(self) -> bool:
-        """Whether the cache has machine code of the kernel, for any types."""
-        self.begin_to_save()
-        return bool(self._saves and self._files())
 
     def _times_compiled(self) -> int:
         return sum(self.stats.cache_misses.values())

@@ -10,12 +10,13 @@ computes the same bits.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import update_wrapper, wraps
+from functools import partial, update_wrapper, wraps
 from typing import Any
 
 from lagrange_bench.integrators.compiling.compiled import COMPILED, digest_of
 
 if COMPILED:
+    from llvmlite import ir
     from numba import types
     from numba.extending import lower_builtin, type_callable
 
@@ -93,8 +94,14 @@ class Unrolled:
         return identified, (self.digest,)
 
 
-def unrolled(function: Callable[..., Any]) -> Any:
-    """The decorator. The function may close over all that `jit` takes, plain functions, and objects with a `digest`."""
+def unrolled(function: Callable[..., Any] | None = None, *, inline: bool = True) -> Any:
+    """The decorator. The function may close over all that `jit` takes, plain functions, and objects with a `digest`.
+
+    inline : whether its operations are put into each caller. If not, callers share one copy: that compiles quicker, for what runs
+    once.
+    """
+    if function is None:
+        return partial(unrolled, inline=inline)
     if not COMPILED:
         return function
     result = Unrolled(function)
@@ -110,6 +117,20 @@ def unrolled(function: Callable[..., Any]) -> Any:
 
     @lower_builtin(result, types.VarArg(types.Any))
     def generate(context, builder, signature, values):
+        if inline:
+            return emit(context, builder, signature, values)
+        name, kinds = f"{function.__name__}_{result.digest}", [value.type for value in values]
+        copy = builder.module.globals.get(name)
+        if copy is None:
+            returned = context.get_value_type(signature.return_type)
+            copy = ir.Function(builder.module, ir.FunctionType(returned, kinds), name)
+            copy.linkage = "linkonce_odr"
+            copy.attributes.add("noinline")
+            inside = ir.IRBuilder(copy.append_basic_block())
+            inside.ret(emit(context, inside, signature, copy.args))
+        return builder.call(copy, values)
+
+    def emit(context, builder, signature, values):
         symbols = (wrap(builder, kind, value) for kind, value in zip(signature.args, values, strict=True))
         return unwrap(context, builder, signature.return_type, function(*symbols))
 

@@ -44,7 +44,6 @@ from lagrange_bench.integrators.compiling.double_double import (
     small_turn,
     sub,
 )
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -265,14 +264,11 @@ def constants(alpha, y, h):
     return c, least
 
 
-first_constants = at_first_interpreted(constants)
-
-
 class AdditionStepper(real_map.TorusStepper):
     """Refuses rows off the torus. The map leaves it if h is so long that the constants have no digits."""
 
     def rows(self, out: Array, every: int) -> Array:
-        on = real_map.first_rows_on_torus(out, self.constants, real_map.OFF_TORUS)
+        on = real_map.rows_on_torus(out, self.constants, real_map.OFF_TORUS)
         if on < len(out):
             reason = "the map has left the torus: h is too long so near the separatrix, or pins are too rare"
             raise StepError(self.name, reason, h=self.h, step=on * every)
@@ -291,7 +287,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
     block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
-    c, least = first_constants(units.alpha, tuple(state.tolist()), span)
+    c, least = constants(units.alpha, tuple(state.tolist()), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     onto_torus = real_map.restorer_of(state, units.alpha) if block else None

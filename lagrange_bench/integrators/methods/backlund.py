@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import check_count
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
@@ -39,16 +38,13 @@ PIN = 8  # steps between two pins, by default
 LONGEST_TURN = 16.0  # longest step of the attitude, at rate 1; beyond, near the unstable vertical, |m|² has no digits
 MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
-first_form, first_flow = at_first_interpreted(real_map.form), at_first_interpreted(ts.exact_flow)
-first_nutation_period = at_first_interpreted(ts.nutation_period)
-
 
 def _stepper(
     name: str, h: float, units: Units, state: Array, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
 ) -> FixedStepper:
     real_map.check_constants(name, c, h)
     back, block = (real_map.restorer_of(state, units.alpha), pin) if pin else (None, NEVER)
-    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[first_form(c)], back, block, turn=turn)
+    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[real_map.form(c)], back, block, turn=turn)
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
@@ -72,7 +68,7 @@ def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin: int) -> FixedStepper:
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    c, turn = real_map.first_exact_constants(units.alpha, tuple(state.tolist()), span)
+    c, turn = real_map.exact_constants(units.alpha, tuple(state.tolist()), span)
     return _stepper(name, h, units, state, c, pin, turn)
 
 
@@ -94,7 +90,7 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     if kinds.symmetric_body(top):
         return symmetric_body.evaluated("backlund", top, y0, times, evaluate_exact, frames_exact)  # type: ignore[arg-type]
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    y = units.leave(first_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
+    y = units.leave(ts.exact_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
     y[times == 0.0] = y0
     if not np.all(np.isfinite(y)):
         raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
@@ -139,7 +135,7 @@ def frames_exact(top: LagrangeTop, y0: Array, times: Array, pin: int = PIN) -> A
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
     # A whole nutation has no λ. So a step is at most half a nutation, and at most LONGEST_TURN if a nutation takes for ever.
-    longest = 0.5 * min(first_nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
+    longest = 0.5 * min(ts.nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
     if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
         raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")
     block = pin or NEVER

@@ -14,7 +14,6 @@ from typing import Any
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.splitting import torques
@@ -196,7 +195,7 @@ def map_over(V: System) -> Any:
                     s = kicked(s, numbers_at(numbers, 1, t), (parts[k, 1],))
             write(row, 0, s)
 
-    return at_first_interpreted(run)
+    return run
 
 
 # ------------------------------------------------------------------------------------ the box of the tables
@@ -227,7 +226,7 @@ def trial_run(V: System) -> Any:
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
         return low_h, high_h, low_j, high_j
 
-    return at_first_interpreted(run)
+    return run
 
 
 def set_box(

@@ -11,7 +11,6 @@ import math
 import numpy as np
 
 from lagrange_bench.integrators.checks import warn_caller
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.tape import bandwidth
 from lagrange_bench.integrators.interface import Array, StepError, StepWarning
 from lagrange_bench.integrators.methods.backlund_schemes import WIDEST
@@ -23,7 +22,6 @@ NAME = "backlund_splitting"
 STRONG = 0.05  # range of V over energy of the top, from which on other methods are better
 RESONANT = 0.125  # a step over the nutation period, from which on harmonics of the motion come near 2π/h
 SHORTEST = math.pi  # the shortest nutation period of any top, in time scales
-first_nutation_period = at_first_interpreted(time_step.nutation_period)
 
 
 def warn_strong(problem: Problem, y0: Array) -> None:
@@ -80,4 +78,4 @@ def nutation_period(problem: Problem, y0: Array) -> float:
     if not 0.0 < rate < math.inf:
         return math.inf
     y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
-    return unit * first_nutation_period(top.alpha / rate * (size / rate), tuple(y.tolist()))[0]  # type: ignore[no-any-return]
+    return unit * time_step.nutation_period(top.alpha / rate * (size / rate), tuple(y.tolist()))[0]  # type: ignore[no-any-return]

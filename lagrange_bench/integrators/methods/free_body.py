@@ -29,7 +29,6 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_grid
 from lagrange_bench.integrators.compiling.double_double import div, two_prod
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.problem.free_motion import FreeMotion, free_motion, root
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
@@ -38,7 +37,6 @@ from lagrange_bench.integrators.torus.time_step import TWO_PI, period_and_turn
 
 Pair = tuple[float, float]
 MOST_TURNS = 2.0**45  # half periods: beyond them doubles hardly resolve the phase
-first_period_and_turn = at_first_interpreted(period_and_turn)
 
 
 def sncndn(u: Array, complement: float) -> tuple[Array, Array, Array]:
@@ -92,7 +90,7 @@ def formula(motion: FreeMotion) -> Formula:
     z1, z3 = unit * G**2 * (a_i - a_k) * middle, -unit * G**2 * (a_i - a_j) * low
     J, below, above = unit * low * high, unit * low * middle, unit * high * middle
     slope, steady = J * middle / (G * rate), -2 * middle / (G * rate)
-    half, turn = first_period_and_turn(*map(pair, (z1, Fraction(0), z3, J, below, above, slope, steady)))
+    half, turn = period_and_turn(*map(pair, (z1, Fraction(0), z3, J, below, above, slope, steady)))
     size = math.hypot(s, c)
     s, c = s / size, c / size
     return Formula(

@@ -20,7 +20,6 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_grid
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import two_prod
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import quaternion_product
@@ -47,9 +46,6 @@ def compose(frames, left, right, axis, half_turns, times, x):
     return apart
 
 
-first_compose = at_first_interpreted(compose)
-
-
 def follow(name: str, body: RigidBody, y0: Array, times: Array, states: Array, frames: Array) -> Array:
     """The states (N, 7) of the body at `times`, from the states (N, 6) of its top and the quaternions (N, 4) of F.
 
@@ -72,7 +68,7 @@ def follow(name: str, body: RigidBody, y0: Array, times: Array, states: Array, f
     axis = tuple(np.eye(3)[k].tolist())
     y = np.empty((len(times), 7))
     quaternions = np.array(frames)
-    apart = first_compose(quaternions, left, right, axis, half_turns, times, x)
+    apart = compose(quaternions, left, right, axis, half_turns, times, x)
     if not apart < PARTED:
         raise StepError(name, f"attitude and state have parted by {apart:.1e}: the orbit is unstable")
     q = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)

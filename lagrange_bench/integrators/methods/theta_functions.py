@@ -37,7 +37,6 @@ from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods import free_body, symmetric_body
@@ -500,12 +499,8 @@ def constants(alpha, y, h):
     return c
 
 
-first_constants, first_turn_of_frame = at_first_interpreted(constants), at_first_interpreted(turn_of_frame)
-first_positions, first_frames = at_first_interpreted(positions), at_first_interpreted(frames)
-
-
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
-    c: Array = first_constants(units.alpha, tuple(units.enter(y).tolist()), span)
+    c: Array = constants(units.alpha, tuple(units.enter(y).tolist()), span)
     if c[KIND] == TOO_UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
         raise StepError(NAME, reason, h=h)
@@ -543,7 +538,7 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     if kinds.symmetric_body(top):
         return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
-    states = units.leave(first_positions(scaled, c))
+    states = units.leave(positions(scaled, c))
     states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))
 
@@ -552,8 +547,8 @@ def frames_of(top: LagrangeTop, y0: Array, times: Array) -> Array:
     """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
     units, scaled, c = at_instants(top, y0, times)
     moving = c[KIND] in (DIRECT, TRANSFORMED)
-    turn = first_turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO
-    return first_frames(scaled, turn, c)
+    turn = turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO
+    return frames(scaled, turn, c)
 
 
 def prepare_body(body: RigidBody, y0: Array, h: float) -> symmetric_body.BodyStepper:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
@@ -82,24 +81,21 @@ def ldexp(number: float, exponent: int) -> float:
         return math.copysign(math.inf, number)
 
 
-first_exponents, first_shift = at_first_interpreted(exponents), at_first_interpreted(shift)
-
-
 class Units:
     """The units of a top: powers of two that bring |x| and |J| + √(|alpha||x|) to order one."""
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        self.rate, self.length = first_exponents(top.alpha, tuple(y0.tolist()), h)
+        self.rate, self.length = exponents(top.alpha, tuple(y0.tolist()), h)
         self.alpha = ldexp(top.alpha, self.length - 2 * self.rate)
 
     def enter(self, y: Array) -> Array:
         scaled = np.array(y)
-        first_shift(scaled, -self.rate, -self.length)
+        shift(scaled, -self.rate, -self.length)
         return scaled
 
     def leave(self, y: Array) -> Array:
         """The state in the user's units, in place."""
-        first_shift(y, self.rate, self.length)
+        shift(y, self.rate, self.length)
         return y
 
     def time(self, t: float) -> float:

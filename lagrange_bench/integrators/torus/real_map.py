@@ -18,7 +18,6 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
 from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -405,9 +404,6 @@ def follow_frames(out, times, begin, gap, place, c, spin, parts, done, block):
     return count
 
 
-first_exact_constants, first_spin = at_first_interpreted(exact_constants), at_first_interpreted(at.step_spin)
-
-
 def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, block: int) -> Array:
     """Quaternions (N, 4), at times that lead away from 0, of the frame that turns with J and is 1 at 0.
 
@@ -420,8 +416,8 @@ def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, 
         gap = float(times[row]) - begin
         parts = math.ceil(abs(gap) / longest)
         if parts:
-            c = first_exact_constants(alpha, y, gap / parts)[0]
-            spin = first_spin(alpha, y, gap / parts)
+            c = exact_constants(alpha, y, gap / parts)[0]
+            spin = at.step_spin(alpha, y, gap / parts)
         count = follow_frames(out[row:], times[row:], begin, gap, place, c, spin, parts, done, block)
         begin, done, row = begin + count * gap, done + count * parts, row + count
     return out
@@ -431,16 +427,11 @@ def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, 
 
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
 OFF_TORUS = 4e-11  # largest distance of an invariant from the prepared torus, in scaled units, that counts as round-off
-first_on_torus, first_turn_rows = at_first_interpreted(on_torus), at_first_interpreted(turn_rows)
-first_nearly_dependent, first_rows_on_torus = (
-    at_first_interpreted(nearly_dependent),
-    at_first_interpreted(rows_on_torus),
-)
 
 
 def restorer_of(state: Array, alpha: float) -> Any:
     """The kernel that restores the invariants of the torus of a state, in scaled units."""
-    return restore_invariants_precisely if first_nearly_dependent(tuple(state), alpha) else restore_invariants
+    return restore_invariants_precisely if nearly_dependent(tuple(state), alpha) else restore_invariants
 
 
 class TorusStepper(FixedStepper):
@@ -455,13 +446,13 @@ class TorusStepper(FixedStepper):
 
     def enter(self, y: Array) -> Array:
         state = super().enter(y)
-        if not first_on_torus(state, self.constants, OFF_TORUS):
+        if not on_torus(state, self.constants, OFF_TORUS):
             raise StepError(self.name, "the state is not on the torus this step was prepared for", h=self.h)
         return state
 
     def rows(self, out: Array, every: int) -> Array:
         if self.turn != NO_TURN:
-            first_turn_rows(out[1:], *self.turn, every)
+            turn_rows(out[1:], *self.turn, every)
         return super().rows(out, every)
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.interpreted import at_first_interpreted
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.torus.plain_step import parameter
 
@@ -119,9 +118,6 @@ def tabulate(top, box, h, along_u, along_v, coefficients):
     return least
 
 
-at_first_tabulate = at_first_interpreted(tabulate)
-
-
 @cache
 def order_of(degree: int, conserves_J3: bool) -> tuple[Array, Array]:
     """The powers of u and v, in the order of `look_up`."""
@@ -141,7 +137,7 @@ def tables(top: Array, box: Array, times: tuple[float, ...], conserves_J3: bool)
         coefficients, degree = np.zeros((len(times), 4, size, 1 if conserves_J3 else size)), 0
         for k, h in enumerate(times):
             along = chebyshev(n)
-            least = at_first_tabulate(top, box, h, along, LEVEL if conserves_J3 else along, coefficients[k, :, :n, :n])
+            least = tabulate(top, box, h, along, LEVEL if conserves_J3 else along, coefficients[k, :, :n, :n])
             if least == 0:
                 break
             degree = max(degree, least)
