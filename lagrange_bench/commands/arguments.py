@@ -135,7 +135,7 @@ def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
 
     if state is None:
         raise ValueError("--problem needs --state, the numbers of a state")
-    problem = find(word, Registry("problem", {}, "lagrange_bench.integrators:Problem"))
+    problem = find(word, Registry("problem", "lagrange_bench.integrators:Problem", dict))
     return problem, problem.check_state(state, "--state")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -13,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
-from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
@@ -238,8 +236,6 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise
-    if isinstance(built, FixedStepper):
-        built.prepare_again = partial(prepare, top, y0.copy(), h, method, **options)
     stepper = checked_stepper(method.name, built, len(y0))
     if y0.tobytes() != before:
         raise ValueError(f"{method.name}: prepare wrote to y0")

@@ -6,7 +6,6 @@ experiments only ever see a `Stepper`.
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping, Set
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -189,19 +188,6 @@ class Claims:
             object.__setattr__(self, name, frozenset(getattr(self, name)))  # can be hashed
 
 
-CLAIMED = "write it as claims=Claims({0}=…)"
-MOVED = {  # fields of older records → what to do
-    **{name: CLAIMED.format(name) for name in ("symmetric", "poisson", "conserves")},
-    "keeps": CLAIMED.format("conserves_own"),
-    "special": "write it as kernels_for=…",
-    "if_quadratic": CLAIMED.format("conserves_if_quadratic"),
-    "biased": "claim only what is kept up to a random walk of round-off",
-    "exact_for": "leave it out; order is that in a potential",
-    "reduces_to": "leave it out",
-    "uniform_only": "leave it out",
-}
-
-
 @dataclass(frozen=True)
 class Method:
     """The record of a method. Every field is read by a test, a legend or a table; docs/adding-a-method.md explains each.
@@ -242,8 +228,6 @@ class Method:
     ------
     ValueError
         A field of a wrong type, or an unknown word.
-    TypeError
-        An unknown field; for a field of older records the message says what to write instead.
     """
 
     name: str
@@ -260,11 +244,6 @@ class Method:
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
     engine: str = "numba"
-
-    def __new__(cls, *_: Any, **fields: Any) -> Method:
-        if moved := [name for name in fields if name in MOVED]:
-            raise TypeError(f"Method has no field {moved[0]!r}: {MOVED[moved[0]]}")
-        return super().__new__(cls)
 
     def __post_init__(self) -> None:
         _check_kinds(self, KINDS)
@@ -330,7 +309,3 @@ class Method:
     def accuracy_option(self) -> str:
         """The option that trades work for precision: "tol" or "rtol" for control "tolerance", else "h"."""
         return "h" if self.control == "step" else next(name for name in self.options if name in ("tol", "rtol"))
-
-
-_FIELDS = inspect.signature(Method.__init__)  # `inspect` would show `__new__`
-Method.__signature__ = _FIELDS.replace(parameters=list(_FIELDS.parameters.values())[1:])  # type: ignore[attr-defined]

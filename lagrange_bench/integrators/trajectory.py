@@ -21,6 +21,7 @@ from lagrange_bench.integrators.body_motion import MOTION_COLUMNS, BodyMotion
 from lagrange_bench.integrators.checks import check_times
 from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.units import scaled_distance
+from lagrange_bench.integrators.registry import METHODS, find_method
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -42,6 +43,14 @@ class RunInputs:
     h: float | None
     options: Mapping[str, Any]
     flight: Array | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """A registered method goes to other processes by its name: pickle refuses functions that its record may hold."""
+        known = METHODS.get(self.method.name) is self.method
+        return {**vars(self), "method": self.method.name if known else self.method}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, method=find_method(state["method"]))
 
 
 class Rows:

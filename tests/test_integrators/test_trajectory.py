@@ -9,7 +9,7 @@ import pytest
 from matplotlib import pyplot as plt
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, RigidBody, exact, metrics
-from lagrange_bench.integrators import integrate, integrate_ensemble, prepare
+from lagrange_bench.integrators import integrate, integrate_ensemble
 from tests.reference import free_body
 
 pytestmark = pytest.mark.interpreted
@@ -173,17 +173,6 @@ def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
     assert together.save(tmp_path / "run.npz").exists()
     with pytest.raises(ValueError, match="no rotation where the method failed"):
         _ = together.motion(1).position
-
-
-@pytest.mark.parametrize("name", ["strang", "dop853", "rk45", "taylor"])
-def test_steppers_go_to_other_processes(name):
-    if name == "taylor":
-        pytest.importorskip("heyoka")
-    stepper = prepare(TIDE.top, TIDE.state, 0.1, name)
-    end = stepper.advance(TIDE.state, 10)
-    sent = pickle.loads(pickle.dumps(stepper))
-    assert sent.work == stepper.work
-    assert np.array_equal(sent.advance(TIDE.state, 10), end)
 
 
 def test_no_times_give_no_states_whatever_is_asked():

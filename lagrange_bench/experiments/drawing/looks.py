@@ -135,7 +135,7 @@ def bold(method: str) -> dict[str, Any]:
 
 
 @lru_cache(maxsize=8)
-def _known(state: tuple[tuple[str, ...], int]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
+def _known(state: tuple[tuple[str, Any], ...]) -> tuple[dict[str, str], dict[str, dict[str, Any]]]:
     """Family and style of each registered method. One that cannot be loaded here may have rows, and looks like a stranger."""
     families: dict[str, str] = {}
     styles: dict[str, dict[str, Any]] = {}

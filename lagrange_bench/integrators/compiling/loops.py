@@ -104,10 +104,6 @@ class KernelError(ValueError):
         self.reason = reason
 
 
-def _call(function: Callable[[], Any]) -> Any:
-    return function()
-
-
 class FixedStepper(Stepper):
     """A `Stepper` around a compiled kernel: one internal step per h.
 
@@ -146,8 +142,6 @@ class FixedStepper(Stepper):
         Raised by `advance` and `record`.
     """
 
-    prepare_again: Callable[[], Any] | None = None  # prepares it again; set by `prepare`
-
     def __init__(
         self,
         name: str,
@@ -176,14 +170,6 @@ class FixedStepper(Stepper):
             self.from_start = True
         self._run = compiled_loop(step, restore, constants.dtype, size, timed)
         self.work, self.counters = Work(), np.zeros(max(SIZE, MEMORY + memory))
-
-    def __reduce_ex__(self, protocol: Any) -> Any:
-        """Pickle the call that prepares it again, because machine code cannot be sent to another process."""
-        return (
-            super().__reduce_ex__(protocol)
-            if self.prepare_again is None
-            else (_call, (self.prepare_again,), {"work": self.work})
-        )
 
     # methods and no attributes: only the garbage collector frees a stepper that holds its own methods, which costs as much as a
     # short run
