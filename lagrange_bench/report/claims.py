@@ -188,7 +188,6 @@ class Claim:
     experiment: str
     bounds: tuple[Bound, ...]
     answers: tuple[Answer, ...] = ()  # of the README
-    about: tuple[str, ...] = ()  # the methods whose panels on the page show it
 
     @property
     def profile(self) -> str:

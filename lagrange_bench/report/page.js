@@ -121,7 +121,6 @@ function prepare(svg) {
     svg.closest("figure, dialog")?.querySelector(".pointed")?.replaceChildren(name ?? "");
     svg.classList.toggle("dim", Boolean(name));
     if (name) for (const part of parts(svg, name)) part.classList.add("lit");
-    if (name && name === svg.dataset.pinned) svg.dispatchEvent(new CustomEvent("pin", { bubbles: true }));
   }
   const at = (event) => event.target.closest?.("[data-line]");
   document.addEventListener("pointerover", (event) => {
@@ -300,129 +299,6 @@ function fingers(element, { drag, pinch }) {
   }, { passive: false });
 
   fingers(pane, { drag: (right, down) => pane.scrollBy(-right, -down), pinch: (ratio, x, y) => zoom(scale * ratio, x, y) });
-}
-
-// The name of a method in the list opens a panel: what the row says, how its claims fare, and its curves among all others.
-{
-  const dialog = document.getElementById("method"), list = document.querySelector("#methods table");
-  if (dialog && list) { // a panel has an address of its own
-    const [choice, plots, facts, about] = ["select", ".plots", ".rules", ".about"].map((name) => dialog.querySelector(name));
-    const heads = [...list.tHead.rows[0].cells].map((cell) => cell.textContent);
-    const labels = new Map([...list.tBodies[0].rows].map((row) => [row.cells[1].textContent, row.cells[0].textContent]));
-    const REFERENCES = ["backlund", "backlund_splitting"];
-    const VIEWS = { // key of the data: title, what is across
-      h: ["error against the step", "step h, in the top’s units"],
-      drift: ["largest error of an invariant so far", "time, in the top’s units"],
-      work: ["error against cost", "seconds of the run, set-up counted"],
-    };
-    let data = null, name = "";
-    const element = (tag, text, ...children) => {
-      const made = document.createElement(tag);
-      if (text) made.textContent = text;
-      made.append(...children);
-      return made;
-    };
-
-    // An SVG of all curves of a view, this method's in its colour; null if there are none
-    function plot(key, top) {
-      const curves = Object.entries(top[key]), [title, across] = VIEWS[key];
-      if (!curves.length) return null;
-      const [left, right, foot, head, width, height] = [44, 8, 34, 22, 320, 230];
-      const all = curves.flatMap(([, points]) => points), xs = all.filter((_, i) => i % 2 === 0), ys = all.filter((_, i) => i % 2);
-      const [x0, x1, y0, y1] = [Math.min(...xs), Math.max(...xs, Math.min(...xs) + 1), Math.min(...ys), Math.max(...ys, Math.min(...ys) + 1)];
-      const X = (x) => left + ((width - left - right) * (x - x0)) / (x1 - x0), Y = (y) => height - foot - ((height - foot - head) * (y - y0)) / (y1 - y0);
-      const svg = (tag, attributes, text) => {
-        const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
-        for (const [k, v] of Object.entries(attributes)) made.setAttribute(k, v);
-        if (text) made.textContent = text;
-        return made;
-      };
-      const whole = svg("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": `${title}: ${labels.get(name)} on ${top.label}` });
-      whole.style.setProperty("--own", data.colours[name] ?? "#000");
-      const sign = (k) => `10${String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])}`;
-      const ticks = (low, high) => {
-        const [from, to] = [Math.ceil(low / data.parts), Math.floor(high / data.parts)], step = Math.ceil((to - from + 1) / 6);
-        return Array.from({ length: to - from + 1 }, (_, i) => from + i).filter((k) => k % step === 0);
-      };
-      whole.append(svg("text", { x: 4, y: 13, class: "title" }, key === "work" ? `${title}, t = ${top.span}` : title));
-      for (const k of ticks(y0, y1)) {
-        whole.append(svg("path", { class: "grid", d: `M${left} ${Y(k * data.parts)}H${width - right}` }));
-        whole.append(svg("text", { x: left - 5, y: Y(k * data.parts) + 3.5, "text-anchor": "end" }, sign(k)));
-      }
-      for (const k of ticks(x0, x1)) whole.append(svg("text", { x: X(k * data.parts), y: height - 20, "text-anchor": "middle" }, sign(k)));
-      whole.append(svg("text", { x: (left + width - right) / 2, y: height - 4, "text-anchor": "middle" }, across));
-      const rank = ([other]) => (other === name ? 2 : REFERENCES.includes(other) ? 1 : 0);
-      for (const [other, points] of curves.sort((a, b) => rank(a) - rank(b))) {
-        const d = points.map((value, i) => (i % 2 ? Y(value) : `${i ? "L" : "M"}${X(value).toFixed(1)}`)).map((v) => (typeof v === "number" ? v.toFixed(1) : v)).join(" ");
-        const line = svg("path", { class: ["other", "reference", "own"][rank([other])], d });
-        line.append(svg("title", {}, labels.get(other) ?? other));
-        whole.append(line);
-      }
-      return whole;
-    }
-
-    function draw() {
-      const top = data.tops.find((one) => one.name === choice.value);
-      const drawn = Object.keys(VIEWS).map((key) => {
-        if (!top[key][name]) return element("p", `${VIEWS[key][0]}: not measured on this top`);
-        return plot(key, top);
-      });
-      plots.replaceChildren(...drawn);
-    }
-
-    async function open(row) {
-      data ??= JSON.parse(await unpack(document.getElementById("panels")));
-      name = row.cells[1].textContent;
-      dialog.querySelector("#method-name").textContent = labels.get(name);
-      const said = heads.map((head, i) => [head, row.cells[i].textContent]).slice(1);
-      said.push(...Object.entries(data.facts[name] ?? {}));
-      const found = (data.kept[name] ?? []).map(([claim, measured]) => [claim, `measured: ${measured}`]);
-      facts.replaceChildren(...[...said, ...found].flatMap(([head, text]) => [element("dt", head), element("dd", text)]));
-      const claims = (data.about[name] ?? []).map((id) => document.getElementById(`claim-${id}`)).filter(Boolean).map((item) => {
-        const link = element("a", "details");
-        link.href = `#${item.id}`;
-        link.addEventListener("click", () => dialog.close());
-        return element("li", "", item.querySelector(".badge").cloneNode(true), ` ${item.querySelector("div").firstChild.textContent.trim()} `, link);
-      });
-      about.replaceChildren(...(claims.length ? [element("p", "Claims of this page about it:"), element("ul", "", ...claims)] : []));
-      const measured = data.tops.filter((top) => Object.keys(VIEWS).some((key) => top[key][name]));
-      const before = choice.value;
-      choice.replaceChildren(...measured.map((top) => new Option(top.label, top.name, false, top.name === before)));
-      choice.parentNode.hidden = !measured.length;
-      if (measured.length) draw();
-      else plots.replaceChildren(element("p", "No run of this method is stored."));
-      history.replaceState(null, "", `#method=${name}`);
-      dialog.showModal();
-      dialog.querySelector(".pane").scrollTop = 0;
-    }
-
-    function read() {
-      const row = location.hash.startsWith("#method=") && [...list.tBodies[0].rows].find((row) => row.cells[1].textContent === location.hash.slice(8));
-      if (row && !dialog.open) open(row);
-    }
-
-    for (const row of list.tBodies[0].rows) {
-      const button = element("button", row.cells[0].textContent);
-      button.type = "button";
-      button.addEventListener("click", () => open(row));
-      row.cells[0].replaceChildren(button);
-    }
-    const byLabel = new Map([...list.tBodies[0].rows].map((row) => [labels.get(row.cells[1].textContent), row]));
-    document.addEventListener("pin", ({ target: svg }) => { // a line that is pinned leads to its method
-      const row = byLabel.get(svg.dataset.pinned);
-      if (!row) return;
-      const more = element("button", `${svg.dataset.pinned}: claims and curves`);
-      more.type = "button";
-      more.addEventListener("click", () => open(row));
-      svg.closest("figure, dialog").querySelector(".pointed").replaceChildren(more);
-    });
-    list.closest(".scroll").before(element("p", "A name opens a panel with the source, the claims and the curves of the method."));
-    choice.addEventListener("change", draw);
-    addEventListener("hashchange", read);
-    read();
-    dialog.querySelector('[name="close"]').addEventListener("click", () => dialog.close());
-    dialog.addEventListener("close", () => history.replaceState(null, "", location.pathname));
-  }
 }
 
 // The section in view is marked in the navigation, and its entry kept in sight.

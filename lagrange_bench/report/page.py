@@ -23,7 +23,7 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
-from lagrange_bench.report import chooser, claims, fairness, lists, live, origin, own, panels, promises
+from lagrange_bench.report import chooser, claims, lists, live, origin, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, compute_all, described, draw, packed
 from lagrange_bench.report.sections import write as write_section
@@ -58,16 +58,13 @@ class Report:
 
     sections: list[Section]
     origin: str  # what it was drawn from
-    whole: bool  # the bench's own page: with claims, fairness and errata
+    whole: bool  # the bench's own page: with claims and errata
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     title: str = TITLE
     old: str = ""  # how many cells are, and what to do about it
-    own: list[own.OwnMethod] = field(default_factory=list)  # methods of somebody's own
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
-    fairness: fairness.Numbers = field(default_factory=dict)  # of its rules
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
-    panels: str = ""  # the data of the panels of the methods
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
     engines: pd.DataFrame = field(default_factory=pd.DataFrame)  # of physics, and multibody programs
 
@@ -116,8 +113,6 @@ def assemble(
     rows = {section.experiment: section.rows for section in sections}
     for section in sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
-    if mine := _make(report, "own", lambda: own.methods(rows, source)):
-        report.title = own.title(rows, mine)
     if whole:
         _judge(report, rows, source)
         report.beside = beside_words
@@ -133,19 +128,16 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
     report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in findings if finding.broken]
     if len(rows.get("paper", ())):
         _make(report, "errata", _errata)
-    _make(report, "fairness", lambda: fairness.assemble(rows))
-    _make(report, "panels", lambda: panels.script(rows))
     _make(report, "answers", lambda: chooser.answers(rows))
     _make(report, "engines", lambda: lists.programs(rows.get("engines", pd.DataFrame())))
 
 
-def _make(report: Report, name: str, make: Callable[[], Any]) -> Any:
+def _make(report: Report, name: str, make: Callable[[], Any]) -> None:
     """Adds a part. Rows of another version cost that part, not the page."""
     try:
         setattr(report, name, make())
     except Exception as error:
         report.errors.append(f"{name}: cannot be made: {described(error)}")
-    return getattr(report, name)
 
 
 def _old(sections: Sequence[Section]) -> str:
@@ -284,7 +276,6 @@ def html(report: Report) -> str:
         seed=errata.SEED,
         svg=_inline,
         packed_rows={s.experiment: s.packed for s in report.sections if 0 < len(s.packed) < HEAVY},
-        packed_panels=packed(report.panels),
         packed_phones=_packed_phones(pairs),
         live=live.script(),
         **parts,

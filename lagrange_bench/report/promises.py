@@ -233,7 +233,7 @@ MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read"
 def _claim(entry: dict[str, Any]) -> Claim:
     bounds = tuple(_bound(entry["experiment"], bound) for bound in entry.pop("bound"))
     answers = tuple(Answer(**answer) for answer in entry.pop("answer", ()))
-    return Claim(**{**entry, "about": tuple(entry.get("about", ()))}, bounds=bounds, answers=answers)
+    return Claim(**entry, bounds=bounds, answers=answers)
 
 
 def _bound(experiment: str, entry: dict[str, Any]) -> Bound:

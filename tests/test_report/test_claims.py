@@ -1,4 +1,4 @@
-"""Claims pass only on rows that bear them out; and what else the page says: methods to take, panels, origins, errata."""
+"""Claims pass only on rows that bear them out; and what else the page says: methods to take, origins, errata."""
 
 import json
 import re
@@ -13,7 +13,7 @@ from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
 from lagrange_bench.experiments.work_precision_figures import TARGETS
 from lagrange_bench.integrators import METHODS, integrate
-from lagrange_bench.report import chooser, claims, lists, origin, own, page, panels, promises, readme
+from lagrange_bench.report import chooser, claims, lists, origin, page, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
 from lagrange_bench.report.headlines import HEADLINES, headline
 from lagrange_bench.report.origin import Origin
@@ -25,7 +25,6 @@ PENDING: dict[str, str] = {}  # claims whose rows come with the next run of the 
 
 def test_claims_are_few_grouped_and_confirmed_by_the_stored_rows(judged):
     assert len({claim.id for claim in promises.CLAIMS}) == len(promises.CLAIMS) <= 20
-    assert {method for claim in promises.CLAIMS for method in claim.about} <= METHODS.keys()
     assert [group for group, _ in claims.grouped(judged)] == list(claims.GROUPS)
     others = {each.claim.id: each.verdict.word for each in judged if each.verdict.word != claims.CONFIRMED}
     assert others == PENDING
@@ -258,58 +257,6 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     assert (found.python["10⁻⁴"], found.cost["10⁻⁴"]) == (line, "0.1 ms")
     assert found["beside it"]["10⁻⁴"].endswith("2 times as long")
     assert found.name["10⁻⁸"] == "rkmk4"
-
-
-def test_a_method_of_ones_own_stands_among_the_published_ones(monkeypatch):
-    runs = {"method": "mine:METHOD", "error": [1e-5, 1e-9], "seconds": [1e-9, 1e3], "setup_seconds": 0.0}
-    rows = pd.DataFrame(runs).assign(state="generic", span=100.0, longest=0.02, status="done")
-    rows, source = pd.concat([rows, rows.assign(method="rk4")]), Origin("out", "quick")
-    (mine,) = own.methods({"work_precision": rows}, source)
-    assert own.title({"work_precision": rows}, [mine]) == "mine:METHOD beside RK4"
-    places = mine.places.set_index("error at most").place
-    first, last = (places[target].split(" of ") for target in (1e-4, 1e-8))
-    assert (first[0], last[0], int(last[1]) > 20) == ("1", last[1], True)
-    assert places[1e-10].startswith("not within 0.02 s; ")
-    assert own.methods({"work_precision": rows[rows.method == "rk4"]}, source) == []
-    stranger = rows.assign(method=rows.method.replace("mine:METHOD", "suzuki"))
-    monkeypatch.setattr(own, "find_stored", lambda name, registry: METHODS["kahan"])
-    (claiming,) = own.methods({"work_precision": stranger}, source)
-    assert len(mine.findings) == 0, "it cannot be loaded here"
-    missing = dict(claiming.findings.to_numpy())
-    assert list(missing) == ["order 2", "J3 kept", *(f"{name} kept" for name in METHODS["kahan"].claims.conserves_own)]
-    assert missing["J3 kept"].endswith(": lagrange-bench run drift --profile quick --results out --methods suzuki")
-
-
-def frame(**columns):
-    return pd.DataFrame({"status": "done", **columns})
-
-
-def test_curves_of_a_plug_in_in_any_field(monkeypatch):
-    order = {"method": "mine", "claimed": 2, "measured": 1.987, "hidden": False, "state": "generic"}
-    verdict = {"method": "mine", "invariant": "H", "claimed": False, "verdict": "biased"}
-    verdict |= {"largest relative error": 0.0123}
-    tables = {"orders": pd.DataFrame([order]), "verdicts": pd.DataFrame([verdict])}
-    monkeypatch.setattr(panels, "table", lambda stored, experiment, name: tables[name])
-    inf, nan = np.inf, np.nan
-    rows = {
-        "phase": frame(part="h", state="generic", method=["mine", "mine", "rk4"], h=[0.1, 1.0, 1.0], error=[1e-3, 0.0, inf]),
-        "drift": frame(
-            part="time", state="generic", method="mine", t=[1.0, 10.0, 100.0], H=[1e-9, -1e-3, 1e-5], J3=0.0, C1=0.0, C2=0.0
-        ),
-        "perturbed": frame(
-            part=["work", "work", "drift", "drift"], state="weak_tide", method="mine", span=[1e3, 1e5, nan, nan],
-            error=[1e-8, 1e-9, nan, nan], seconds=[0.05, 9.0, nan, nan], setup_seconds=[0.05, 0.0, nan, nan],
-            t=[nan, nan, 1.0, 10.0], H=[nan, nan, 1e-6, 1e-7], J3=[nan, nan, 0.5, 0.5], C1=1e-16, C2=0.0,
-        ),
-    }  # fmt: skip
-    generic, tide = json.loads(panels.script(rows))["tops"]
-    assert (generic["name"], generic["h"]) == ("generic", {"mine": [-20, -60, 0, -340], "rk4": []})
-    assert generic["drift"] == {"mine": [40, -60]}  # the largest so far
-    assert (generic["work"], generic["span"]) == ({}, "")
-    assert (tide["name"], tide["span"], tide["work"]) == ("weak_tide", "1000", {"mine": [-20, -160]})
-    assert tide["drift"] == {"mine": [20, -120]}  # J3 is not conserved there
-    kept = json.loads(panels.script(rows))["kept"]["mine"]
-    assert kept == [["order 2", "1.99 (generic)"], ["H not claimed", "biased, largest error 0.012 (random tops)"]]
 
 
 def test_the_profile_of_a_folder(tmp_path, monkeypatch):

@@ -22,7 +22,7 @@ import pytest
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.report import fairness, lists, page, promises, sections
+from lagrange_bench.report import lists, page, promises, sections
 from lagrange_bench.report.claims import Answer, Bound, Claim
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
@@ -145,7 +145,7 @@ class Elements(HTMLParser):
 def test_page_is_one_offline_file_with_every_figure_and_table(text, output, results):
     found = Elements(text)
     assert str(results.parent) not in text, "not where it is on this machine"
-    assert found.tags.count("svg") == 1, "the other is packed"
+    assert found.tags.count("svg") == 2, "the picture of the exact step and a figure: the other is packed"
     for name, value in found.attributes:
         if name in ("src", "href", "xlink:href", "action", "poster", "srcset"):
             beside = re.fullmatch(r"(figures|tables)/[\w.-]+", value) and (output / value).is_file()
@@ -337,18 +337,3 @@ def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, m
     path.write_bytes(b"{}\n")
     path.with_name("toy.broken.jsonl").unlink()
     assert "cannot be drawn from out: toy.good.jsonl, line 1: damaged" in run(*figure)[2]
-
-
-def test_fairness_says_what_the_rows_say_and_needs_none(report):
-    assert "factor of" not in words(report)
-    prices = {"ns_per_step": [20.0, 36e3, 40.0], "evals_per_step": [0.0, 6.1, 6.0], "setup_us": [60.0, 4.0, 3.0]}
-    cost = pd.DataFrame({"part": "step", "status": "done", "method": ["backlund", "rk45", "rk45_fixed"], **prices})
-    work = {"method": ["a", "a", "b", "b"], "span": 100.0, "state": "generic", "longest": 1.0}
-    ends = {"seconds": [1e-5, np.nan, 2e-5, 4e-5], "stopped": [None, "too long", "refused", None]}
-    setup = pd.DataFrame({"part": "setup", "status": "done", "setup_us": [2.0, 7.0]})
-    found = fairness.assemble({"cost": cost, "work_precision": pd.DataFrame(work | ends), "ensemble": setup})
-    assert found["interpreted"] == {"us": 36.0, "ns": 40.0}
-    assert found["setup"] == {"least": 3.0, "most": 60.0, "ours": 60.0}
-    assert found["curves"] == {"all": 2, "floor": 0, "long": 1, "tight": 1}
-    assert (found["limits"], found["call"], found["parameters"]) == ([(100.0, 1.0)], pytest.approx(10.0), (2.0, 7.0))
-    assert "a factor of 900," in words(replace(report, fairness=found))
