@@ -140,6 +140,7 @@ def test_the_page_requests_nothing_and_the_chooser_leads_to_a_figure(browser, bu
     assert 'integrate("generic", h=' in before != answer.text
     link = answer.find_element(By.TAG_NAME, "a")
     figure = css(browser, f"#{link.get_attribute('href').partition('#')[2]}")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", link)
     link.click()
     until(browser, lambda _: figure.find_elements(By.TAG_NAME, "svg"))
     assert figure.is_displayed()
