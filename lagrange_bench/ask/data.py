@@ -107,7 +107,7 @@ def in_both_units(
         units = rows["top"].map(known).to_numpy(dtype=float)
     scaled = np.full(len(rows), True) if parts is None else rows["part"].isin(parts).to_numpy()
     for name in times:
-        place = int(frame.columns.get_loc(f"{name}_scaled"))  # type: ignore[arg-type]
+        place = int(frame.columns.get_loc(f"{name}_scaled"))
         frame.insert(place, name, rows[name] * np.where(scaled, units, 1.0))
         frame[f"{name}_scaled"] = rows[name] / np.where(scaled, 1.0, units)
     return frame

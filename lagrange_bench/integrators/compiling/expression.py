@@ -96,7 +96,7 @@ class Program:
         """The outputs for these inputs, by the operations of the numbers; constants stay floats."""
         if len(numbers) != self.inputs:
             raise TypeError(f"a formula of {self.inputs} numbers got {len(numbers)}")
-        return self._function(*numbers)  # type: ignore[no-any-return]
+        return self._function(*numbers)
 
     @cached_property
     def _function(self) -> Callable[..., Any]:
@@ -135,7 +135,7 @@ class Program:
         inputs = "".join(f"v{i}, " for i in range(self.inputs))
         outputs = "".join(f"{word(place)}, " for place in self.outputs)
         exec(f"def function({inputs}):\n{''.join(lines)}    return ({outputs})\n", room)
-        return room["function"]  # type: ignore[no-any-return]
+        return room["function"]
 
     def corners(self, count: int) -> list[int]:
         """The numbers of the lines with a root that is |w|, or an odd power of it, and w may change its sign: no series goes on.

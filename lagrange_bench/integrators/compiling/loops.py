@@ -31,7 +31,7 @@ INTERRUPTIBLE = 1 << 20  # most steps in one compiled call; Ctrl-C takes effect 
 
 
 @jit
-def finite(numbers):
+def finite(numbers: Any) -> Any:
     """Whether an array has neither infinities nor nans. For few numbers it takes a fifth of NumPy's time."""
     good = True
     for number in numbers:
@@ -40,11 +40,13 @@ def finite(numbers):
 
 
 @cache
-def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed: bool = False) -> Callable:
+def compile_loop(
+    step: Callable[..., Any], restore: Callable[..., Any] | None, size: int = 6, timed: bool = False
+) -> Callable[..., Any]:
     """The loop around one kernel of `size` numbers. It returns False if a step fails or the last state is not finite."""
 
     @jit
-    def run(y, first, last, every, block, c, counters, out):
+    def run(y: Array, first: int, last: int, every: int, block: int, c: Array, counters: Array, out: Array) -> bool:
         # From step number `first` to `last`. Rows are recorded and invariants restored at multiples of `every` and `block`,
         # counted from the start of the whole run. So the states do not depend on how a run is divided or recorded.
         s = column(y, 0, size, 1)
@@ -77,7 +79,9 @@ def compile_loop(step: Callable, restore: Callable | None, size: int = 6, timed:
 
 
 @cache
-def compiled_loop(step: Callable, restore: Callable | None, dtype: np.dtype, size: int, timed: bool) -> Callable:
+def compiled_loop(
+    step: Callable[..., Any], restore: Callable[..., Any] | None, dtype: np.dtype, size: int, timed: bool
+) -> Callable[..., Any]:
     """`compile_loop`, compiled for numbers of this type. ValueError if it cannot be compiled."""
     for kernel in (step, restore):
         if kernel is not None and not is_compiled(kernel):
@@ -147,8 +151,8 @@ class FixedStepper(Stepper):
         name: str,
         h: float,
         constants: Array,
-        step: Callable,
-        restore: Callable | None = None,
+        step: Callable[..., Any],
+        restore: Callable[..., Any] | None = None,
         block: int = NEVER,
         *,
         enter: Callable[[Array], Array] | None = None,
@@ -235,7 +239,14 @@ class ConjugateStepper(FixedStepper):
     """
 
     def __init__(
-        self, name: str, h: float, *args: Any, map_rows: Callable, preprocess: tuple, postprocess: tuple, **more: Any
+        self,
+        name: str,
+        h: float,
+        *args: Any,
+        map_rows: Callable[..., Any],
+        preprocess: tuple[Any, ...],
+        postprocess: tuple[Any, ...],
+        **more: Any,
     ) -> None:
         self._map_rows, self._preprocess, self._postprocess = map_rows, preprocess, postprocess
         super().__init__(name, h, *args, **more)
@@ -251,7 +262,7 @@ class ConjugateStepper(FixedStepper):
         self.leave(out[1:])
         return out
 
-    def _map(self, rows: Array, arguments: tuple) -> Array:
+    def _map(self, rows: Array, arguments: tuple[Any, ...]) -> Array:
         counters = np.zeros(SIZE)
         self._map_rows(rows, *arguments, counters)
         if counters[FAILURE] or not finite(rows.ravel()):

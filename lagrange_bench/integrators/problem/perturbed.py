@@ -101,13 +101,13 @@ class PerturbedTop(Top):
         return top_system(*formulas, frozenset() if many or "J3" not in self.conserved else frozenset({2}))
 
     @cached_property
-    def alpha_and_rest(self) -> tuple[float, System]:  # type: ignore[override]
+    def alpha_and_rest(self) -> tuple[float, System]:
         """alpha and the system of V."""
         formulas = self.potential.formulas(len(self.parameters))
         return self.require_single(), potential_system(*formulas, self.system.constant)
 
     @cached_property
-    def conserved(self) -> frozenset[str]:  # type: ignore[override]
+    def conserved(self) -> frozenset[str]:
         """H, C1, C2, and J3 if V depends on x3 only or the user says that it is axisymmetric."""
         others = frozenset({"H", "C1", "C2"})
         V, _ = self.potential.formulas(len(self.parameters))
