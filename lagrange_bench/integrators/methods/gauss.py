@@ -44,10 +44,12 @@ from lagrange_bench.integrators.interface import Array, Claims, Method, StepErro
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
 from lagrange_bench.integrators.methods.runge_kutta import two_sums
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.system import System
+from lagrange_bench.integrators.problem.system import BODY, System
 
 # below this contraction some 10⁷ steps show no bias of the fixed point, with compensated sums or without
 WEAK = 1 / 16
+# a residual that no longer falls is round-off if it is this small, relative to its terms
+SMALL = 2.0**-45
 # iterations; 3 to 40 are needed
 LIMIT = 500
 # The least h²|alpha||x| over all J and x at which the stage equations have a fold in a uniform field, by stages, rounded down. It
@@ -117,17 +119,26 @@ def substitute(m, A, pivots, r):
 
 
 @cache
-def terms_of(system: System) -> Program:
-    """Σ |∂H/∂v| |v| over the vectors v of y, to which the round-off of the rates is proportional."""
+def sizes_of(system: System) -> Program:
+    """For each component the length of its vector, then for each the torque of the others: |g||x| for J in e3, |g||q| for L."""
 
-    def terms(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+    def sizes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
+        def length(vector: Any) -> Any:
+            return sum((v * v for v in vector), tape.constant(0.0)).sqrt()
+
         g = system.slopes(tape, t, y, p)
-        total = tape.constant(0.0)
-        for turning, vector in system.space.rotations(g, y):
-            total = total + ((sum(v * v for v in turning)) * sum(v * v for v in vector)).sqrt()
-        return [total]
+        vectors = [vector for _, vector in system.space.rotations(g, y)]
+        torques = [tape.constant(0.0) for _ in vectors]
+        if system.space.affine:
+            torques[0] = length(g[3:]) * length(y[3:])
+        elif system.space == BODY:
+            torques[1] = length(g[:4]) * length(y[:4])
+        lengths = map(length, vectors)
+        return [
+            size for found in (lengths, torques) for size, vector in zip(found, vectors, strict=True) for _ in vector
+        ]
 
-    return system.record(terms)
+    return system.record(sizes)
 
 
 @cache
@@ -137,7 +148,7 @@ def kernel(stages: int, system: System) -> Any:
     m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n
     COMPENSATED, START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
     LOW = loops.MEMORY + m
-    rates, jacobian, terms = map(machine_code, (system.rhs, system.jacobian, terms_of(system)))
+    rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
     numbers, whole, keep, keep_matrix = (
         tuple_loader(system.parameters),
         tuple_loader(n),
@@ -150,8 +161,8 @@ def kernel(stages: int, system: System) -> Any:
         return c[START] + c[STEP] * (counters[loops.CLOCK] + ahead) if timed else 0.0
 
     @jit
-    def residual(s, c, counters, low, K, Y, R):
-        """Put Y = s + (low + μ K) and R = h b f(Y) − K into arrays. Returns Σ|R|."""
+    def residual(s, c, counters, low, K, Y, R, per_size):
+        """Put Y = s + (low + μ K) and R = h b f(Y) − K into arrays. Returns Σ|R|, each relative to the size of its vector."""
         size = 0.0
         for i in range(S):
             for a in range(n):
@@ -163,7 +174,7 @@ def kernel(stages: int, system: System) -> Any:
             keep(R, n * i, rates((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005 - compiled code does not unpack
             for a in range(n):
                 R[n * i + a] = c[WEIGHTS + i] * R[n * i + a] - K[n * i + a]
-                size += abs(R[n * i + a])
+                size += abs(R[n * i + a]) * per_size[a]
         return size
 
     @jit
@@ -191,21 +202,26 @@ def kernel(stages: int, system: System) -> Any:
     @jit
     def solve(s, c, low, K, counters):
         """Compute K of the step. Returns the number of iterations, or 0 if there were too many."""
-        Y, R, D, r, pivots = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m)
+        Y, R, D, r, pivots, per_size = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m), stack(n)
         now = (time(c, counters, 0.0),) + s  # noqa: RUF005
-        small = 2.0**-45 * abs(c[STEP]) * terms(now, numbers(c, NUMBERS))[0]
+        found = sizes(now, numbers(c, NUMBERS))
+        for a in range(n):
+            total = found[a] + abs(c[STEP]) * found[n + a]
+            per_size[a] = 1.0 / total if total > 0.0 else 0.0  # what has no size does not move
+            if not total < math.inf:
+                per_size[a] = math.nan
         last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
-            size = residual(s, c, counters, low, K, Y, R)
+            size = residual(s, c, counters, low, K, Y, R, per_size)
             if not size < math.inf:
                 break
-            if size == 0.0 or (size >= last and size <= small):
+            if size == 0.0 or (size >= last and size <= SMALL):
                 for i in range(m):
                     K[i] += R[i]
                 if sign < 0.0:
                     counters[loops.FAILURE] = FOLDED
                 return k + 1
-            if size > max((2.0**-8 if factored else WEAK) * last, small):
+            if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
                 sign, factored = linearise(c, counters, Y, D, pivots), True
             if factored:
                 for i in range(m):
