@@ -14,10 +14,10 @@ from matplotlib.axes import Axes
 
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.experiments.drawing.tables import heading
+from lagrange_bench.experiments.drift import OWN
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
-from lagrange_bench.experiments.step_forms import OWN
-from lagrange_bench.experiments.work_precision_figures import WALL
+from lagrange_bench.experiments.work_precision import WALL
 from lagrange_bench.integrators import INVARIANTS, METHODS, Method
 from lagrange_bench.integrators.registry import NAMED_TOPS
 from lagrange_bench.support.words import suggestion

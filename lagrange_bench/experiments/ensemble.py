@@ -1,67 +1,33 @@
-"""Ensembles: how much does a step cost among thousands of tops, each with its own alpha, torus and λ(h)?
-
-The scalar step is compared with its bound, a chain of operations that must wait for each other. The chain has the additions,
-products and divisions on the longest way from one state to the next. The SIMD form is timed against the number of tops, lanes
-and threads. Set-up is timed against h: it computes λ(h) and all constants in double-double. Memory is measured in arrays of
-states.
+"""Ensembles: what does the exact step cost among many tops, each with its own alpha, torus and λ(h), and what do its rivals?
 
 The rivals are heyoka in batch mode, and splittings and a Runge-Kutta formula, one top after another. (In SIMD lanes, which the
 bench once had for them, they took 0.1 to 0.4 of this time.) All cover the same time with tops of the same kind. Nanoseconds per
-top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own.
-
-Tops in a weak tide, each with its own strength, are followed by the exact step inside a splitting and by its rivals. Times are
-in the units of the tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
+top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own. Times are in the units
+of the tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
-import tracemalloc
 from collections.abc import Callable, Iterable
 from functools import partial
-from time import perf_counter
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
-from lagrange_bench.experiments.ensemble_figures import draw as draw
-from lagrange_bench.experiments.ensemble_figures import tables as tables
-from lagrange_bench.experiments.ensemble_sizes import FEW, FIELD_JUDGED, FIELD_SPAN, FIELD_TOPS, JUDGED, RIVALS
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import options_of, rounded, truth
-from lagrange_bench.integrators import (
-    METHODS,
-    POTENTIALS,
-    LagrangeTop,
-    PerturbedTop,
-    StepError,
-    integrate_ensemble,
-    prepare,
-)
-from lagrange_bench.integrators.compiling.compiled import compiled
-from lagrange_bench.integrators.compiling.lanes import run_lanes
+from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, integrate_ensemble
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.taylor import equations
-from lagrange_bench.integrators.torus import real_map
-from lagrange_bench.integrators.truth import exact, reference
-from lagrange_bench.support.machine import usable_cores
+from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
 COST = ("us_per_top", "ns_per_time", "error", "largest_error")
-MEASURED = {
-    "bound": ("pinned_ns", "pinned_bound_ns", "pinned_ratio", "free_ns", "free_bound_ns", "free_ratio"),
-    "tops": ("steps", "ns_per_step", "ns_per_step_and_core", "setup_us"),
-    "lanes": ("tops", "pinned_ns_per_step", "free_ns_per_step"),
-    "setup": ("tops", "setup_us", "first_step_us"),
-    "many": ("steps", "threads", "seconds", "us_per_top", "memory"),
-    "rival": COST,
-    "jump": COST,
-    "perturbed": (*COST, "setup_us", "ns_per_kick"),
-}
+MEASURED = {"rival": COST, "jump": COST}
 
-STEP = 0.1
-BUDGET = 2e7  # steps of all tops together in one sample
-TOPS = {"quick": (32, 8192), "full": (1, 8, 32, 128, 1024, 8192, 65_536, 262_144)}
-WIDTHS = {"quick": (8, 32), "full": (8, 16, 32, 64, 128, 256)}
-MANY = {"quick": (10_000, 100_000), "full": (10_000, 100_000, 1_000_000, 10_000_000)}
-SETUP = {"quick": (0.1, 1.0, 10.0), "full": (0.001, 0.01, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)}
+RIVALS = {"numba": 128, "heyoka": 64}  # how many tops, by engine
+JUDGED = 8  # errors are measured on the first so many tops
 SPAN = 10_000.0  # length of the rivals' runs
 TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "quick": {"backlund": (1.0,), "taylor": (2.3e-16,), "blanes_moan6": (0.2,)},
@@ -76,40 +42,20 @@ TRIED: dict[str, dict[str, tuple[float, ...]]] = {
         "verner9_fixed": (0.05, 0.1, 0.2, 0.4),
     },
 }
-IN_FIELD: dict[str, dict[str, tuple[float, ...]]] = {  # h, below an eighth of all nutation periods
-    "quick": {},  # its kernels take a minute to compile
-    "full": {
-        "backlund_splitting": (0.075, 0.15),
-        "force_gradient6": (0.15,),
-        "blanes_moan6": (0.075, 0.15),
-    },
-}
-STRENGTH, DIRECTION = 1e-4, (1.0, 0.0, 0.0)  # of the tide; the strength varies by half of it, up and down
 
 
 def cells(profile: str) -> list[dict]:
-    cores = usable_cores()
-    listed: list[dict] = [{"part": "bound"}]
-    for tops in TOPS[profile]:
-        listed.append({"part": "tops", "tops": tops, "threads": 1, "budget": BUDGET})
-        if cores > 1 and tops >= 1024:
-            listed.append({"part": "tops", "tops": tops, "threads": cores, "budget": BUDGET})
-    listed += [{"part": "lanes", "lanes": lanes} for lanes in WIDTHS[profile]]
-    listed += [{"part": "setup", "h": h} for h in SETUP[profile]]
-    listed += [{"part": "many", "tops": tops} for tops in MANY[profile]]
+    listed: list[dict] = []
     for method, values in TRIED[profile].items():
         tops = RIVALS[METHODS[method].engine]
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
         listed += [{**run, METHODS[method].accuracy_option: value} for value in values]
     listed.append({"part": "jump", "method": "backlund", "tops": RIVALS["numba"], "span": SPAN})
-    for method, steps in IN_FIELD[profile].items():
-        run = {"part": "perturbed", "method": method, "potential": "tide", "tops": FIELD_TOPS, "span": FIELD_SPAN}
-        listed += [{**run, "h": h} for h in steps]
     return [{"timing": True, **cell} for cell in listed]
 
 
 def measure(cell: dict) -> list[dict]:
-    return [MEASURES[cell["part"]](cell)]
+    return [_measure_jump(cell) if cell["part"] == "jump" else _measure_rival(cell)]
 
 
 def alphas_and_states(n: int) -> tuple[Array, Array]:
@@ -118,161 +64,6 @@ def alphas_and_states(n: int) -> tuple[Array, Array]:
     Y = generator.uniform(-2, 2, (n, 6))
     Y[:, 3:] *= (generator.uniform(0.5, 2, n) / np.linalg.norm(Y[:, 3:], axis=1))[:, None]
     return generator.uniform(0.3, 2, n), Y
-
-
-# ---------------------------------------------------------------- the scalar step and its bound
-
-
-@compiled
-def step_chain(x, a, b):
-    """The longest chain of `real_map.step`, in its order: five additions, three products, one division."""
-    y = x + a
-    y = y * y
-    y = y + a
-    y = y + a
-    y = b / y
-    y = y * b
-    y = y + a
-    y = y * b
-    return y + a
-
-
-@compiled
-def pin_chain(x, a, b):
-    """The longest chain of `real_map.restore_invariants`: eleven additions, six products, one division."""
-    y = x * x
-    y = y + a
-    y = y + a
-    y = y + a
-    y = y + a
-    y = y + a
-    y = y * b
-    y = y + a
-    y = y * b
-    y = y - a
-    y = y * b
-    y = y + a
-    y = y + a
-    y = b / y
-    y = y * b
-    y = y * b
-    y = y + a
-    return a - y
-
-
-@compiled
-def chains(n, block, x, a, b):
-    """n steps. `pin_chain` runs before every `block` of them, or never if `block` is 0."""
-    if block == 0:
-        for _ in range(n):
-            x = step_chain(x, a, b)
-        return x
-    for _ in range(n // block):
-        x = pin_chain(x, a, b)
-        for _ in range(block):
-            x = step_chain(x, a, b)
-    return x
-
-
-def _measure_bound(cell: dict) -> dict:
-    """Time the scalar step and its chain in turn, so that both meet the same disturbances."""
-    (alpha,), (y0,) = alphas_and_states(1)
-    one, n, block = LagrangeTop(alpha), 80_000, 8
-    pinned, free = prepare(one, y0, STEP), prepare(one, y0, STEP, "backlund_unpinned")
-    functions = {
-        "pinned": lambda: pinned.advance(y0, n),
-        "pinned_bound": lambda: chains(n, block, 0.7, 0.9, 0.8),
-        "free": lambda: free.advance(y0, n),
-        "free_bound": lambda: chains(n, 0, 0.7, 0.9, 0.8),
-    }
-    timed = timing.interleave(functions, repeats=9)
-    row = {f"{name}_ns": rounded(t.min / n * 1e9) for name, t in timed.items()}
-    for name in ("pinned", "free"):
-        row[f"{name}_ratio"] = rounded(timed[name].min / timed[f"{name}_bound"].min)
-    return row
-
-
-# ---------------------------------------------------------------- many tops
-
-
-def _measure_tops(cell: dict) -> dict:
-    """Time a long run and the shortest run with the same set-up: their difference is the cost of the steps."""
-    alphas, Y = alphas_and_states(cell["tops"])
-    top = LagrangeTop(alphas)
-    steps = max(2000, round(cell["budget"] / cell["tops"]))
-
-    def run(n):
-        return integrate_ensemble(top, Y, STEP, n, threads=cell["threads"])
-
-    few = 1
-    timed = timing.interleave({"long": lambda: run(steps), "short": lambda: run(few)}, repeats=5)
-    long, short = timed["long"].min, timed["short"].min
-    per_step = (long - short) / (steps - few) / cell["tops"] * 1e9
-    return {
-        "steps": steps,
-        "ns_per_step": rounded(per_step),
-        "ns_per_step_and_core": rounded(per_step * min(cell["threads"], usable_cores())),
-        "setup_us": rounded(short / cell["tops"] * 1e6 - few * per_step / 1e3),
-    }
-
-
-def _measure_lanes(cell: dict) -> dict:
-    n, steps = 1024, 1000
-    alphas, Y = alphas_and_states(n)
-    states, units, c = np.empty((n, 6)), np.empty((n, 6)), np.empty((n, real_map.CONSTANTS))
-    forms, out = np.empty(n, dtype=np.int64), np.empty((1, n, 6))
-    real_map.many_constants(alphas, Y, STEP, states, c, units, forms, np.empty((n, 4)))
-    tops, row = np.flatnonzero(forms == 0), {}
-    for name, kernel in (
-        ("pinned", (real_map.step, real_map.restore_invariants, 8)),
-        ("free", (real_map.step, None, 1 << 62)),
-    ):
-
-        def run(kernel=kernel, steps=steps):
-            run_lanes(kernel, states, c, tops, steps, steps, out, lambda: False, lanes=cell["lanes"])
-
-        seconds = timing.time_call(run, repeats=9).min
-        row[f"{name}_ns_per_step"] = rounded(seconds / steps / len(tops) * 1e9)
-    return {"tops": len(tops), **row}
-
-
-def _measure_setup(cell: dict) -> dict:
-    n = 4096
-    alphas, Y = alphas_and_states(n)
-    top = LagrangeTop(alphas)
-    arrays = *(np.empty((n, k)) for k in (6, real_map.CONSTANTS, 6)), np.empty(n, dtype=np.int64), np.empty((n, 4))
-    alone = timing.time_call(lambda: real_map.many_constants(alphas, Y, cell["h"], *arrays), repeats=5).min
-    whole = timing.time_call(lambda: integrate_ensemble(top, Y, cell["h"], 1, threads=1), repeats=5).min
-    return {"tops": n, "setup_us": rounded(alone / n * 1e6), "first_step_us": rounded(whole / n * 1e6)}
-
-
-def _measure_many(cell: dict) -> dict:
-    """Seconds and memory of a short run of very many tops; memory in units of one array of states."""
-    alphas, Y = alphas_and_states(cell["tops"])
-    top = LagrangeTop(alphas)
-    integrate_ensemble(LagrangeTop(alphas[:1]), Y[:1], STEP, 1)
-    samples = []
-    for _ in range(2):  # too long for more
-        start = perf_counter()
-        integrate_ensemble(top, Y, STEP, FEW)
-        samples.append(perf_counter() - start)
-    seconds = min(samples)
-    tracemalloc.start()
-    try:
-        integrate_ensemble(top, Y, STEP, FEW)
-        peak = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    return {
-        "steps": FEW,
-        "threads": usable_cores(),
-        "seconds": rounded(seconds),
-        "us_per_top": rounded(seconds / cell["tops"] * 1e6),
-        "memory": rounded(1 + peak / Y.nbytes),  # Y0 and all new arrays
-    }
-
-
-# ---------------------------------------------------------------- rivals
 
 
 def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Callable[[], Array]:
@@ -322,28 +113,6 @@ def _measure_jump(cell: dict) -> dict:
     return _judged(run, lambda one, y0: exact.solution(one, y0, span), map(LagrangeTop, alphas), Y, span)
 
 
-def _measure_perturbed(cell: dict) -> dict:
-    """Time tops in tides of different strengths. The cost of a kick is the difference to a run of one step."""
-    n, method, span = cell["tops"], cell["method"], cell["span"]
-    (alphas, Y), steps = alphas_and_states(n), round(span / cell["h"])
-    h = span / steps
-    strengths, tide = STRENGTH * np.random.default_rng(20040328).uniform(0.5, 1.5, n), POTENTIALS[cell["potential"]]
-    problem = PerturbedTop(LagrangeTop(alphas), tide, (strengths, *DIRECTION))
-
-    def run(steps: int = steps) -> Any:
-        return integrate_ensemble(problem, Y, h, steps, method, threads=1)
-
-    pairs = list(zip(alphas, strengths, strict=True))[:FIELD_JUDGED]
-    ones = [PerturbedTop(LagrangeTop(a), tide, (k, *DIRECTION)) for a, k in pairs]
-    row = _judged(run, lambda one, y0: reference.solution(one, y0, [span]).states[0], ones, Y, span)
-    alone = prepare(ones[0], Y[0], h, method)
-    alone.advance(Y[0], 1)
-    timed = timing.interleave({"long": run, "short": lambda: run(1)}, repeats=5)
-    short = timed["short"].min / n
-    per_kick = (timed["long"].min / n - short) / (steps - 1) / alone.work.rhs_evals
-    return {**row, "setup_us": rounded(short * 1e6), "ns_per_kick": rounded(per_kick * 1e9)}
-
-
 def _judged(
     run: Callable[[], Any], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
 ) -> dict[str, float]:
@@ -361,13 +130,56 @@ def _judged(
     }
 
 
-MEASURES = {
-    "bound": _measure_bound,
-    "tops": _measure_tops,
-    "lanes": _measure_lanes,
-    "setup": _measure_setup,
-    "many": _measure_many,
-    "rival": _measure_rival,
-    "jump": _measure_jump,
-    "perturbed": _measure_perturbed,
-}
+@of_part(
+    "rival",
+    f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or tolerance the "
+    f"median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest exact step that "
+    "is no less accurate",
+)
+def rivals(runs: pd.DataFrame) -> pd.DataFrame:
+    exact_steps = runs[runs.method == "backlund"]
+
+    def times(run: pd.Series) -> float:
+        as_good = exact_steps[exact_steps.error <= run.error]
+        return rounded(run.ns_per_time / as_good.ns_per_time.min(), 3) if len(as_good) else float("nan")
+
+    runs = runs.assign(**{"times the exact step": [times(run) for _, run in runs.iterrows()]})
+    columns = ["method", *(name for name in ("h", "tol") if name in runs), "error", "largest_error", "us_per_top"]
+    return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
+
+
+@of_part(
+    "jump",
+    f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of {JUDGED} of "
+    "them",
+)
+def jump(runs: pd.DataFrame) -> pd.DataFrame:
+    return runs[["span", "error", "largest_error", "us_per_top"]]
+
+
+@of_part()
+def _draw_rivals(good: pd.DataFrame, style):
+    runs = good[good.part == "rival"]
+    if runs.empty:
+        return None
+    fig, ax = style.figure("page", 3.4)
+    for method in style.ordered(runs.method):
+        chosen = runs[runs.method == method].sort_values([name for name in ("h", "tol") if name in runs])
+        ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))
+    jump = good[good.part == "jump"]
+    if not jump.empty:
+        look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
+        ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
+    ax.set(xlabel="ns for a top and a unit of time, one core, set-up included")
+    ax.set(ylabel=f"error at the end, median of {JUDGED} tops")
+    style.legend_below(fig)
+    fig.caption = (
+        "Many tops over the same time on one core: the exact step and heyoka's batch mode, in SIMD lanes, and the fixed steps of "
+        f"others, one top after another. The runs are t = {show(float(runs.span.iloc[0]))} long. Along a line "
+        "the step or, for heyoka, the tolerance changes. A jump is one map from the start to the end, not a sequence of steps."
+    )
+    return fig
+
+
+tables = tabulated(rivals, jump)
+draw = drawn(rivals=_draw_rivals)

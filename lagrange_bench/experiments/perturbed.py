@@ -8,11 +8,10 @@ separatrix. One is chaotic: an ulp grows to 1e-6 in about 600 units. The best me
 on the error that is allowed. A splitting with the exact step inside makes an error in proportion to ε. So it can take long steps
 in weak fields, but each costs more than a step of rotations. The map of winners shows where the border is.
 
-Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “order” measures how its error
-after 32 units falls with the step. Part “work” measures what an error costs: all compiled methods run over 10³ and 10⁴ units of
-time, and the best of them also over 10⁵ on one top. Part “tolerance” gives the splitting with the exact step a tolerance in place
-of a step. It compares the tolerance with the true error, on random tops in tides and near charges. Part “problem” follows
-problems other than a top in a fixed field over 32 units: a free body, a vibrating pivot, Kirchhoff's body, four spins.
+Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “work” measures what an error
+costs: all compiled methods run over 10³ and 10⁴ units of time, and the best of them also over 10⁵ on one top. Part “tolerance”
+gives the splitting with the exact step a tolerance in place of a step. It compares the tolerance with the true error, on random
+tops in tides and near charges.
 
 *Fields that move*: part “driven” measures what an error costs if the Hamiltonian depends on time. `kapitza` is Kapitza's top:
 upright, too slow to stand, and held by a pivot that vibrates fast and strongly. `weak_pivot` is a heavy top whose pivot vibrates
@@ -28,16 +27,19 @@ until an ulp has grown to 1e-6. Wall time is the least of several runs, with set
 
 import random
 import warnings
+from functools import partial
 from itertools import product
 from typing import Any
 
 import numpy as np
+import pandas as pd
 
 from lagrange_bench.experiments import drift, work_precision
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.tables import numbers_in, show
 from lagrange_bench.experiments.measuring import metrics, states, timing
-from lagrange_bench.experiments.perturbed_figures import OURS
-from lagrange_bench.experiments.perturbed_figures import draw as draw
-from lagrange_bench.experiments.perturbed_figures import tables as tables
+from lagrange_bench.experiments.measuring.reductions import largest
+from lagrange_bench.experiments.work_precision import APART, TARGETS, best, draw_runs, races, useful
 from lagrange_bench.integrators import (
     METHODS,
     LagrangeTop,
@@ -50,30 +52,25 @@ from lagrange_bench.integrators import (
 )
 from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.examples import PROBLEMS
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.truth import reference
 
 VERSION = 3
-SCALED_TIMES = ("problem", "drift", "order", "work", "tolerance")  # parts
+SCALED_TIMES = ("drift", "work", "tolerance")  # parts
 MEASURED = {
-    "problem": ("error", "kept"),
     "drift": ("t", *INVARIANTS),
-    "order": ("error",),
     "work": work_precision.MEASURED[""],
     "tolerance": ("error",),
     "driven": ("error", "seconds", "setup_seconds"),
 }
 
+OURS = "backlund_splitting"  # the splitting with the exact step inside
 # in the quick profile: each field has kernels of its own, which take seconds to compile
 QUICK = ("weak_tide", "kapitza")
 # part “drift”
 DRIFT_STEP = 0.125
 DRIFT_STEPS = {"quick": 10**4, "full": 10**6}
-# parts “order” and “problem”
-SPAN = 32.0
-SIZES = {"quick": tuple(2.0**-k for k in range(0, 6, 2)), "full": tuple(2.0**-k for k in range(-1, 9))}
 SLOW = ("gauss6",)  # slow to compile: in the quick profile gauss4 and gauss8 stand for it
 # part “work”
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
@@ -123,9 +120,6 @@ def cells(profile: str) -> list[dict]:
         for name, method in methods.items():
             steps = states.affordable(method, DRIFT_STEPS[profile], full)
             listed.append({"part": "drift", "method": name, "state": state, "h": DRIFT_STEP, "steps": steps})
-        for name, method in methods.items():
-            if method.control == "step":
-                listed += [{"part": "order", "method": name, "state": state, "h": h} for h in SIZES[profile]]
         for span, longest in LONGEST_RUNS[profile].items() if state in RACES else ():
             sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
             for name, method in methods.items():
@@ -133,10 +127,6 @@ def cells(profile: str) -> list[dict]:
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, **way} for way in VARIANTS.get(name, ({},)) if full or len(way) < 2]
-    for state in PROBLEMS if full else ():
-        for name, method in states.methods_on(state).items():
-            sizes = SIZES[profile] if method.control == "step" else (1.0,)
-            listed += [{"part": "problem", "method": name, "state": state, "h": h} for h in sizes]
     tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
     listed += [
         {**tolerance, "field": field, "span": span, "tol": tol}
@@ -213,8 +203,6 @@ def to_tolerance(cell: dict) -> list[dict]:
 def measure(cell: dict) -> list[dict]:
     if cell["part"] == "tolerance":
         return to_tolerance(cell)
-    if cell["part"] == "problem":
-        return [any_problem(cell)]
     if cell["part"] == "driven":
         return [in_a_driven_field(cell)]
     top, y0 = states.of_cell(cell)
@@ -222,32 +210,12 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "drift":
         counts = states.log_counts(cell["steps"], per_octave=2)
         return drift.against_steps(cell, top, y0, cell["h"] * unit, counts)
-    span = cell.get("span", SPAN)
+    span = cell["span"]
     # the top of the longest race is not chaotic. For problems that are no top the reference itself shows chaos
     follow = kinds.top(top) and span < LONGEST
     if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
-    if cell["part"] == "work":
-        return work_precision.measure(cell)
-    method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
-    h = SPAN * unit / n
-    y = prepare(top, y0, h, method).advance(y0, n)
-    error = metrics.scaled_error(top, y0, y, states.truth(top, y0, method, h, [n])[0])
-    return [{"error": states.rounded(float(error))}]
-
-
-def any_problem(cell: dict) -> dict:
-    """The error at the end, and the largest errors of the invariants that the method claims and of the others."""
-    problem, y0 = states.of_cell(cell)
-    method, n = METHODS[cell["method"]], round(SPAN / cell["h"])
-    h = SPAN * problem.scales(y0)[2] / n
-    _, y, moved = drift.followed(cell, problem, y0, h, states.places(n))
-    keeps = method.conserves_on(problem)
-    sizes = {name: float(np.max(np.abs(error))) for name, error in moved.items()}
-    kept, others = ([size for name, size in sizes.items() if (name in keeps) is said] for said in (True, False))
-    error = metrics.scaled_error(problem, y0, y[-1], states.truth(problem, y0, method, h, [n])[0])
-    row = {"error": states.rounded(float(error)), "kept": states.rounded(np.max(kept, initial=0.0))}
-    return row | ({"others": states.rounded(np.max(others))} if others else {})
+    return work_precision.measure(cell)
 
 
 def in_a_driven_field(cell: dict) -> dict:
@@ -269,3 +237,137 @@ def in_a_driven_field(cell: dict) -> dict:
     right = reference.solution(problem, y0, [span]).states[0]
     row = {"error": float(metrics.scaled_error(problem, y0, end, right)), "seconds": seconds, "setup_seconds": setup}
     return {column: states.rounded(value) for column, value in row.items()}
+
+
+# ---------------------------------------------------------------- tables and figures
+
+
+SPANS = (1e3, 1e4, 1e5)  # of the part “work”: each has a figure
+EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # strengths of one tide
+
+
+@by_group(
+    ("state", "method"), "drift", "Tops in a potential: the largest relative error of each invariant that the top has"
+)
+def kept(state: str, method: str, run: pd.DataFrame) -> dict:
+    """A line for each top and method."""
+    top = states.of_cell({**run.iloc[0], "state": state})[0]
+    errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
+    says = METHODS[method].conserves_on(top) if method in METHODS else ()
+    return {"steps": int(run.steps.max()), **errors, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
+
+
+@of_part(
+    "",
+    "The cheapest method, set-up counted, and the best of the others beside the splitting with the exact step. The part “work” "
+    "has tops in a potential, the part “driven” tops with a Hamiltonian that depends on time, in their own unit of time",
+)
+def winners(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each top, length of run and target error."""
+    good = useful(rows[rows.part.isin(("work", "driven"))])
+    table = []
+    for fields, race in races(good, ["part", *APART], TARGETS, "total") if len(good) else ():
+        own, others = race[race.method == OURS].total, race[race.method != OURS]
+        line = {**fields, "cheapest": race.method.iloc[0], "seconds": race.total.iloc[0]}
+        line["best of the others"] = others.method.iloc[0] if len(others) else ""
+        ratio = others.total.min() / own.min() if len(own) and len(others) else np.nan
+        table.append({**line, "times as long as the exact step inside": ratio})
+    return pd.DataFrame(table)
+
+
+@by_group(
+    ("field", "span", "tol"),
+    "tolerance",
+    "The splitting with the exact step, given an error tol in place of a step, on random tops: how many runs it answers and "
+    "refuses, and the largest error. Chaotic runs are left out",
+)
+def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict:
+    """A line for each field, length of run and tolerance."""
+    answered = group.reindex(columns=["answer", "error"])[group.answer == "given"]
+    refused = int((group.answer == "refused").sum())
+    return {
+        "answered": len(answered),
+        "refused": refused,
+        "share refused": refused / max(refused + len(answered), 1),
+        "chaotic": int((group.answer == "chaotic").sum()),
+        "largest error / tol": float(np.max(answered.error.to_numpy() / tol, initial=0.0)),
+    }
+
+
+def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    named = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
+    return tabulated(kept, winners, tolerances)(named)
+
+
+@of_part()
+def _draw_work(rows: pd.DataFrame, style, part: str, span: float | None = None):
+    """Draw error against time, with a panel for each top. span : of the runs; None: each has a panel of its own."""
+    good = useful(rows[rows.part == part])
+    if span and len(good):
+        good = good[good.span == span]
+    if good.empty:
+        return None
+
+    def named(here: pd.DataFrame) -> list[str]:
+        quickest = best(here, 1e-8, "total").method
+        return [OURS, *quickest[quickest != OURS][:2]]
+
+    runs = dict(list(good.groupby(APART, sort=False)))
+    titles = [
+        numbers_in(states.label(state)) if span else f"{state.replace('_', ' ')}, t = {length:g}"
+        for length, state in runs
+    ]
+    labels = "wall time of the run with set-up, s", "error at the end"
+    fig, axes = style.panels(titles, 2, (0.5, 2.6), *labels, sharex=bool(span), sharey=True)
+    for ax, here in zip(axes, runs.values(), strict=True):
+        most_accurate = here.method[here.error.idxmin()]
+        draw_runs(ax, here.assign(seconds=here.total), [most_accurate, *named(here)], style, ours=OURS)
+    style.label_ends(axes)
+    which = f"in a potential, t = {show(span)}" if span else "with a Hamiltonian that depends on time"
+    fig.caption = (
+        f"Error at the end against wall time, set-up included, for tops {which}; down and left is better. "
+        f"{style.naming(good.method, 'named: the exact step inside, the two others quickest to 1e-8, and the most accurate')}. "
+        "Each curve joins a method's Pareto-optimal runs, one for each step size or tolerance."
+    )
+    return fig
+
+
+@of_part("work")
+def _draw_winner(rows: pd.DataFrame, style):
+    """Draw a map over (ε, error) of the best other method's time, in units of the time of the exact step inside."""
+    from matplotlib import colors
+
+    table = winners(rows[rows.state.isin(EPSILON)])
+    if table is None or table.empty:
+        return None
+    spans, tops = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
+    targets = sorted(set(table["error at most"]), reverse=True)
+    titles, labels = [f"t = {show(span)}" for span in spans], ("size of the tide, ε", "error at most")
+    fig, axes = style.panels(titles, len(spans), (0.0, 2.6), *labels)
+    for ax, span in zip(axes, spans, strict=True):
+        here = table[table.span == span]
+        wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
+        ratios = wide.reindex(index=targets, columns=tops).to_numpy(dtype=float)
+        norm = colors.LogNorm(vmin=0.1, vmax=10.0)
+        ax.pcolormesh(np.ma.masked_invalid(ratios), cmap="RdBu", norm=norm, edgecolors="white", linewidth=1.0)
+        for (i, j), ratio in np.ndenumerate(ratios):
+            unknown = "–" if tops[j] in set(here.state) else ""
+            word = f"{ratio:.2g}" if np.isfinite(ratio) else unknown
+            dark = np.isfinite(ratio) and not 0.3 < ratio < 3.3
+            ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
+        ax.set_xticks(np.arange(len(tops)) + 0.5, [show(EPSILON[state]) for state in tops])
+        ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
+        ax.grid(visible=False)
+    fig.caption = (
+        "Who wins on the generic top in a tide of size ε: the wall time of the best other method, set-up included, in units "
+        "of the splitting's time. Above 1, blue: the splitting with the exact step is quicker. Below, red: another method is. "
+        "A dash: one of the two does not get there. Empty: not run over this time."
+    )
+    return fig
+
+
+draw = drawn(
+    **{f"work_t{span:.0f}": partial(_draw_work, part="work", span=span) for span in SPANS},
+    driven=partial(_draw_work, part="driven"),
+    winner=_draw_winner,
+)

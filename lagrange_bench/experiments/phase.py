@@ -15,17 +15,26 @@ Part “theory” compares other methods with backward error analysis: `predicte
 from itertools import product
 
 import numpy as np
+import pandas as pd
+import scipy
 
-from lagrange_bench.experiments.measuring import metrics, orders, states
-from lagrange_bench.experiments.phase_figures import draw as draw
-from lagrange_bench.experiments.phase_figures import tables as tables
-from lagrange_bench.experiments.phase_runs import PROMISE_H, SPAN, STATES
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.measuring import metrics, states
+from lagrange_bench.experiments.measuring.orders import RUN, hides_leading_term, order_points
+from lagrange_bench.experiments.measuring.orders import SPANS as ORDER_SPANS
+from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.backward_error.prediction import predicted_phase
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
+
+# tops of the runs against h, and the length of these
+STATES = {"quick": ("generic", "through_pole"), "full": ("generic", "figure1", "fast", "through_pole")}
+SPAN = 64.0
+PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)  # steps of the part “promise”
+
 
 VERSION = 3
 SCALED_TIMES = True
@@ -90,8 +99,8 @@ def _one_step(name: str) -> list[dict]:
     Single steps show the order: in long runs a method of high order may show the next order, or round-off. If a step depends on
     earlier ones, short runs are made, and their errors divided by the number of steps: rows with `run`.
     """
-    points = orders.order_points(METHODS[name], orders.SPANS)
-    length = {"run": orders.RUN} if points.runs else {}
+    points = order_points(METHODS[name], ORDER_SPANS)
+    length = {"run": RUN} if points.runs else {}
     pairs = zip(points.spans, points.errors, strict=True)
     return [{"h": states.rounded(h), "error": states.rounded(error), **length} for h, error in pairs]
 
@@ -153,3 +162,185 @@ def _promised_error(top, y0, method, h) -> dict:
     error = metrics.scaled_error(top, y0, y, exact.after_steps(top, y0, h * unit, counts))
     ulps = error / (metrics.condition(top, y0, times) * np.finfo(float).eps)
     return {"h": h, "error": states.rounded(np.max(error)), "ulps": states.rounded(np.max(ulps))}
+
+
+# ---------------------------------------------------------------- tables and figures
+
+
+ROUND_OFF = 1e-12  # a smaller error is round-off
+ON_TORUS = 1e-10  # a smaller error off the torus: the invariants are kept
+SMALL = 0.1  # a larger error cannot be split to first order
+
+
+@of_part(
+    "",
+    "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are relative to the "
+    "scales of J and x; hidden: the leading term is too small to show",
+)
+def orders(good: pd.DataFrame) -> pd.DataFrame:
+    """The measured order of each method with a step: from single steps, without them from the runs on each top."""
+    table = []
+
+    def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
+        measured = {"measured": order, "standard error": stderr, "points": used}
+        # at such large steps the terms after a very small leading one still show: see `orders.hides_leading_term`
+        excess = order - (METHODS[name].order or order)
+        measured["hidden"] = hides_leading_term(float(points.h.min()), excess)
+        sizes = {"smallest error": float(points.error.to_numpy().min()), "largest error": largest(points.error)}
+        claimed = METHODS[name].order or "exact"
+        table.append({"method": name, "state": where, "claimed": claimed, **measured, **sizes})
+
+    single = good[good.part == "order"]
+    for name, points in single.groupby("method", sort=False):
+        if name in METHODS:
+            few = len(points) < 4
+            fit = None if few else scipy.stats.linregress(np.log(points.h), np.log(points.error))
+            order, stderr = (np.nan, np.nan) if fit is None else (fit.slope - 1, fit.stderr)
+            where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
+            enter(name, f"{where}, 8 tops", points, order, stderr, len(points))
+    runs = good[(good.part == "h") & ~good.method.isin(set(single.method))]
+    for (name, state), points in runs.groupby(["method", "state"], sort=False):
+        if name in METHODS and METHODS[name].control == "step":
+            fit = metrics.order(points.h.to_numpy(), points.error.to_numpy(), floor=1e-14, saturation=1e-3)
+            enter(name, state, points, fit.p, fit.stderr, int(fit.mask.sum()))
+    return pd.DataFrame(table)
+
+
+@by_group(
+    ("method", "state"),
+    "time",
+    "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for the nutation, radians per "
+    "unit of time for the precession) and a residual, while the error is below 0.1",
+)
+def frequency_shifts(method: str, state: str, run: pd.DataFrame) -> dict:
+    small = run[(run.error > SMALL).cumsum() == 0]
+    t = small.t.to_numpy()
+    nutation, precession = (metrics.frequency_shift(t, small[name].to_numpy()) for name in ("time", "angle"))
+    return {
+        "fitted up to t": float(t[-1]) if len(t) else np.nan,
+        "relative time shift": nutation.slope,
+        "time residual": nutation.residual_size,
+        "precession shift": precession.slope,
+        "angle residual": precession.residual_size,
+        "error at the end of the run": run.error.iloc[-1],
+    }
+
+
+@of_part(
+    "promise",
+    "The exact step on every named top and many others, and the same without pins on tops of every kind and on those released "
+    "with pure spin: for each step size the largest error, and how many ulps in the initial state would make the same error",
+)
+def promise(rows: pd.DataFrame) -> pd.DataFrame:
+    rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
+    rows["step"] = rows.step.fillna("fractions of the nutation period")
+    worst = rows.loc[rows.groupby(["method", "step"], sort=False).ulps.idxmax()]
+    table = worst[["method", "step", "state", "error", "ulps"]].reset_index(drop=True)
+    return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
+
+
+RANGE = (1e-9, 1e-2)  # errors above round-off and of first order: they show how good the theory is
+
+
+@by_group(
+    ("method", "state", "h"),
+    "theory",
+    "Predicted phases: by how much the clock (nutation) is fast, and by how many radians the turn (precession) is too wide, per "
+    "unit of time; how these two grow per unit of time; the largest error of the run, what the prediction leaves of it, and "
+    "that share",
+)
+def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
+    first = run.iloc[0]
+    if pd.notna(first.get("reason")):
+        return {"reason": first.reason}
+    rates = {name.replace("_", " "): first[name] for name in ("clock", "turn", "clock_growth", "turn_growth")}
+    error, left = largest(run.error), largest(run.left)
+    judged = not (error < RANGE[0] or error > RANGE[1])  # a run that failed (NaN) is judged, too
+    return {**rates, "error": error, "left": left, "share left": left / error, "in range": judged}
+
+
+@of_part("h", failed=True)
+def _draw_h(rows: pd.DataFrame, style):
+    """Draw the page's first figure. Every method is a thin line; one of each family is bold and named."""
+    stored = list(dict.fromkeys(rows.state))
+    tops = list(STATES["quick"]) if {*STATES["quick"]} <= {*stored} else stored[:2]
+    fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
+    first = rows[(rows.state == tops[0]) & (rows.status == "done")]
+    best = ["rk4", *style.best_of_families(style.nearest(first, "h", 1 / 8).set_index("method").error)]
+    for ax, state in zip(axes[0], tops, strict=True):
+        style.draw_methods(ax, rows[(rows.state == state) & ~(rows.error <= 0)], "h", "error", best)
+        style.ulp_line(ax)
+        ax.set(xlabel=style.STEP, ylim=(1e-16, 30), title=style.plain(states.label(state)))
+    axes[0, 0].set_ylabel(f"largest error up to t = {SPAN:g}")
+    style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
+    ours = rows[(rows.method == "backlund") & (rows.status == "done")].error
+    if ours.max() < ROUND_OFF:
+        fig.headline = "Any step: the error of the exact step stays at round-off"
+    exact = "; the exact Bäcklund step has none, at any h" if (rows.method == "backlund").any() else ""
+    fig.caption = (
+        f"Largest error against the exact solution up to t = {SPAN:g}, relative to the scales of J and x, against the "
+        f"step. {style.naming(rows.method, 'named: RK4, and of the families the best at a step of 1/8')}. "
+        f"A method of order p has slope p{exact}. A line ends where its method fails. The thin grey line is one ulp."
+    )
+    return fig
+
+
+def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """The rows of the first top, and its label."""
+    state = rows.state.iloc[0] if len(rows) else ""
+    return rows[rows.state == state], states.label(state)
+
+
+@of_part("time", failed=True)
+def _draw_time(rows: pd.DataFrame, style):
+    here, top = first_top(rows)
+    lines = [here[here.status != "done"][["method", "status"]]]
+    for method, run in here[here.status == "done"].groupby("method", sort=False):
+        t, largest = metrics.block_maxima(run.t, run.time, blocks=30)
+        shown = {"t": t, "time": np.where(largest > 0, largest, np.nan)}
+        lines.append(pd.DataFrame({"method": method, "status": "done", **shown}))
+    runs = here[here.status == "done"].groupby("method")
+    lost = (runs.off.max() < ON_TORUS) & (runs.time.agg(lambda error: error.abs().max()) > SMALL)
+    ylabel = "|nutation phase error|"
+    fig, _ = style.by_family(pd.concat(lines), "t", "time", style.TIME, ylabel, (1e-17, 1e4), marker="none")
+    if lost.any():
+        fig.headline = "To keep every invariant is not enough: the clock drifts"
+    fig.caption = (
+        "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
+        "in units of 1/(|J| + √(|α||x|)), largest over blocks of time; pale blue: the exact Bäcklund step. A straight line of "
+        "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
+        f"precession and the other tops are in the table of frequency shifts. The top is “{top}”."
+    )
+    return fig
+
+
+@of_part("theory")
+def _draw_theory(rows: pd.DataFrame, style):
+    if "left" not in rows:
+        return None
+    here, top = first_top(rows[rows.error > 0])
+
+    def line(ax, method, look):
+        run = here[here.method == method]
+        run = run[run.h == run.h.max()]
+        if run.empty:
+            return
+        predicted, measured = np.hypot(run.predicted_time, run.predicted_angle), np.hypot(run.time, run.angle)
+        dots = {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
+        dotted = {"linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": "none", "label": "_left"}
+        ax.loglog(run.t, predicted, **{**look, "linestyle": "-", "marker": "none"})
+        ax.loglog(run.t, measured, **{**look, **dots})
+        ax.loglog(run.t, run.left.cummax(), **{**look, **dotted})
+
+    fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
+    style.label_ends(axes)
+    fig.caption = (
+        f"Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “{top}”, "
+        "each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and θ the "
+        "precession's in radians. Dotted: what the prediction misses, the largest so far of the whole state."
+    )
+    return fig
+
+
+tables = tabulated(orders, frequency_shifts, promise, theory)
+draw = drawn(h=_draw_h, time=_draw_time, theory=_draw_theory)

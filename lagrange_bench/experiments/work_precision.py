@@ -11,16 +11,19 @@ torus, has a column of its own, and each table says whether it is counted. Nonli
 "Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
+from collections.abc import Iterator, Sequence
 from time import perf_counter
 
 import numpy as np
+import pandas as pd
 
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import counters, metrics, states, timing
-from lagrange_bench.experiments.work_precision_figures import draw as draw
-from lagrange_bench.experiments.work_precision_figures import tables as tables
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
 SCALED_TIMES = True
@@ -139,3 +142,188 @@ def _seconds(stepper, y0, n) -> float:
     start = perf_counter()
     stepper.advance(y0, n)
     return perf_counter() - start
+
+
+# ---------------------------------------------------------------- tables and figures
+
+
+OURS = "backlund"  # the exact step
+APART = ["span", "state"]  # runs are compared only if they have these in common
+SHADED = "Shaded: the time of one call from Python, which every run pays. "
+SHORT = 100.0  # up to this length of run, the quickest run takes hardly longer than a call
+WALL = "wall time of the run, s"
+TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+
+
+def useful(rows: pd.DataFrame) -> pd.DataFrame:
+    """The runs that were timed, with their `family` and `total`, the time with set-up."""
+    rows = rows.assign(**{name: np.nan for name in ("error", "seconds", "setup_seconds") if name not in rows})
+    good = rows[(rows.status == "done") & rows.error.notna() & rows.seconds.notna()]
+    families = {name: METHODS[name].family if name in METHODS else "others" for name in set(good.method)}
+    return good.assign(total=good.seconds + good.setup_seconds, family=good.method.map(families))
+
+
+def best(good: pd.DataFrame, target: float, price: str = "seconds") -> pd.DataFrame:
+    """The cheapest run of every method with an error of at most `target`, the cheapest method first."""
+    reached = good[good.error <= target]
+    return reached.loc[reached.groupby("method")[price].idxmin()].sort_values(price)
+
+
+def races(
+    rows: pd.DataFrame, apart: Sequence[str], targets: Sequence[float], price: str
+) -> Iterator[tuple[dict, pd.DataFrame]]:
+    """For each group of runs (by the columns `apart`) and each target error that a run reaches: its fields and `best` runs."""
+    for values, group in rows.groupby(list(apart), sort=False):
+        for target in targets:
+            race = best(group, target, price)
+            if len(race):
+                yield {**dict(zip(apart, values, strict=True)), "error at most": target}, race
+
+
+@of_part(
+    "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
+)
+def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
+    """A line for each run and target error, with set-up and without."""
+    both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
+    table = []
+    for pair in zip(*both, strict=True):
+        for (fields, race), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
+            first, others = race.iloc[0], race.iloc[1:]
+            line = {**fields, "set-up counted": counted, "cheapest": first.method, "seconds": first[price]}
+            line["next"] = others.method.iloc[0] if len(others) else ""
+            line["times as long"] = others[price].iloc[0] / first[price] if len(others) else np.nan
+            table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
+    return pd.DataFrame(table)
+
+
+ENDS = (
+    "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance"
+)
+
+
+@by_group((*APART, "method"), "", ENDS, failed=True)
+def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
+    """A line for each curve."""
+    if "stopped" not in run:
+        return {}
+    last = run.iloc[-1]
+    why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
+    why = why or (last.failure if last.status == "failed" else "tightest tolerance")
+    return {"runs": int(run.error.notna().sum()), "smallest error": float(run.error.min()), "ends because": why}
+
+
+def champions(good: pd.DataFrame) -> list[str]:
+    """From each family the method that is cheapest at most of the target errors; from the Bäcklund maps the exact step."""
+    wins: dict[str, dict[str, int]] = {}
+    for target in TARGETS:
+        for family, group in best(good, target).groupby("family", sort=False):
+            of_family = wins.setdefault(str(family), {})
+            name = group.method.iloc[0]
+            of_family[name] = of_family.get(name, 0) + 1
+    chosen = {family: max(of_family, key=lambda name: of_family[name]) for family, of_family in wins.items()}
+    if (good.method == OURS).any():
+        chosen[METHODS[OURS].family] = OURS
+    return list(chosen.values())
+
+
+@of_part(failed=True)
+def draw_frontier(rows: pd.DataFrame, style):
+    """Draw error against time of runs on the first top, with a panel for each length that has useful runs."""
+    rows = rows[rows.state == rows.state.iloc[0]]
+    good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
+    if good.empty:
+        return None
+    spans = sorted(set(good.span))
+    titles = [f"t = {show(span)}" for span in spans]
+    fig, axes = style.panels(titles, 2, (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True)
+    short = good[good.span <= SHORT]
+    for ax, span in zip(axes, spans, strict=True):
+        here = good[good.span == span]
+        front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
+        draw_runs(ax, here, [*dict.fromkeys([*front.method[::-1], *champions(here)])], style)
+        if len(short):
+            shade_calls(ax, float(short.seconds.min()), style)
+        tried = rows[rows.span == span].method.unique()
+        for method in (name for name in named if name in tried and name not in set(here.method)):
+            style.failed_label(ax, method)
+    style.label_ends(axes)
+    bold = "named: the exact step, methods that no other beats in both time and error, and the cheapest of families"
+    winners = [best(good[good.span == spans[-1]], target).method.iloc[:1] for target in TARGETS[:3]]
+    if spans[-1] > SHORT and all(winner.eq(OURS).any() for winner in winners):
+        fig.headline = "In long runs the exact step costs least"
+    state = good.state.iloc[0]
+    label = TOPS[state].label if state in TOPS else state
+    fig.caption = (
+        f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
+        "better. Each curve shows a method's Pareto-optimal runs. "
+        f"{style.naming(good.method, bold)}. {SHADED if len(short) else ''}"
+        "A cross before a name: no run is within the limits of time and of error. "
+        "Set-up and compilation are not included here; the tables count set-up too."
+    )
+    return fig
+
+
+def draw_runs(ax, good: pd.DataFrame, named: Sequence[str], style, ours: str = OURS) -> None:
+    """Draw each method's Pareto-optimal runs of one length into one panel, error against time; methods of `named` are bold."""
+    for method, look in style.looks(good.method, named).items():
+        runs = good[good.method == method]
+        runs = runs.iloc[metrics.pareto_front(runs.seconds, runs.error)]
+        if method in named and len(runs) < 3:  # hardly a line
+            look["marker"] = "o"
+        elif len(runs) == 1:
+            look |= {"marker": ".", "markersize": 2.5}
+        behind = 1.5 if look["label"] == "_thin" else 3
+        ax.loglog(runs.seconds, runs.error.clip(lower=1e-17), **look, zorder=6 if method == ours else behind)
+    ax.set_ylim(1e-16, 1)
+
+
+def shade_calls(ax, call: float, style) -> None:
+    """Shade the times that no run can reach, because a call from Python takes longer."""
+    low = ax.get_xlim()[0]
+    if low > call:
+        return
+    ax.axvspan(1e-9 * call, call, color="#f0ece4", zorder=0.5)
+    ax.set_xlim(left=min(low, call / 2.5))
+    ax.annotate(
+        "one call from Python", (call, 0.5), (-2, 0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", rotation=90,
+        ha="right", va="center", fontsize=6.5, color=style.FAINT, annotation_clip=True, clip_on=True,
+    )  # fmt: skip
+
+
+def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
+    """Performance profiles: for each method its times in the races that it finishes, in units of the cheapest, rising.
+
+    Each run and target error is a race; set-up is counted. The second value is the number of races.
+    Source: Dolan and Moré, Math. Program. 91 (2002) 201.
+    """
+    run = [race.set_index("method").total / race.total.min() for _, race in races(good, APART, TARGETS, "total")]
+    return {str(name): np.sort(taken) for name, taken in pd.concat(run).groupby(level=0, sort=False)}, len(run)
+
+
+@of_part()
+def _draw_profile(rows: pd.DataFrame, style):
+    good = useful(rows)
+    if not (good.error <= TARGETS[0]).any():
+        return None
+    fig, ax = style.figure("page", 3.4)
+    factors, count = profiles(good)
+    longest = max(1.5 * max(taken[-1] for taken in factors.values()), 10.0)
+    for method, look in style.looks(factors, champions(good)).items():
+        taken = factors[method]
+        share = np.arange(len(taken) + 1) / count
+        above = {"marker": "none", "zorder": 6 if method == OURS else 3}
+        ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
+    ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
+    ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
+    style.label_ends([ax], 7)
+    fig.caption = (
+        "How often is a method within a factor τ of the fastest? Left end: how often it wins. Right end: how often it finishes. "
+        f"There are {count} races, each for a top, a length of run and an error from 1e-4 to 1e-12, set-up counted. "
+        f"{style.naming(factors, 'named: of each family the cheapest at most errors')}. Point at a line to see its name."
+    )
+    return fig
+
+
+tables = tabulated(cheapest, ends)
+draw = drawn(time=draw_frontier, profile=_draw_profile)

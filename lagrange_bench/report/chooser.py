@@ -7,7 +7,7 @@ import pandas as pd
 
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, SCHEME_OPTIONS, find
-from lagrange_bench.experiments.work_precision_figures import TARGETS, races, useful
+from lagrange_bench.experiments.work_precision import TARGETS, races, useful
 from lagrange_bench.integrators import CASES, METHODS
 from lagrange_bench.integrators.registry import ARCHIVE
 

@@ -11,7 +11,7 @@ import pandas as pd
 from lagrange_bench.experiments.drawing.looks import label
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.experiments.perturbed_figures import SPANS
+from lagrange_bench.experiments.perturbed import SPANS
 from lagrange_bench.integrators import INVARIANTS
 
 Tables = Mapping[str, pd.DataFrame]
@@ -85,12 +85,6 @@ def _forms(rows: pd.DataFrame, tables: Tables) -> str:
     return f"Restored invariants lower the phase error from {show(before)} to {show(after)} of the time"
 
 
-def _throughput(rows: pd.DataFrame, tables: Tables) -> str:
-    alone = _where(tables["tops"], threads=1).set_index("tops")["ns_per_step"]
-    many = alone.idxmin()
-    return f"{show(many)} tops at once take {show(alone[many])} ns a step each, one alone {show(alone[1])} ns"
-
-
 def _batches(rows: pd.DataFrame, tables: Tables) -> str:
     times = _where(tables["rivals"], method="taylor")["times the exact step"]
     return f"heyoka in batches takes {show(times.min())} to {show(times.max())} times as long as the exact step"
@@ -125,7 +119,6 @@ HEADLINES: dict[str, Callable[[pd.DataFrame, Tables], str]] = {
     "perturbed_winner": _gain,
     "perturbed_driven": partial(_races, part="driven"),
     "drift_form": _forms,
-    "ensemble_throughput": _throughput,
     "ensemble_rivals": _batches,
     "heavy_top_steps": _bodies,
     "paper_invariants": _paper,

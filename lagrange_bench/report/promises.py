@@ -13,7 +13,7 @@ import pandas as pd
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, RELEASED, SPINNING, WIDE, methods_on
-from lagrange_bench.experiments.work_precision_figures import APART, TARGETS, best, useful
+from lagrange_bench.experiments.work_precision import APART, TARGETS, best, useful
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from matplotlib.text import Text
 
-from lagrange_bench.experiments import EXPERIMENTS, cost, perturbed, perturbed_figures
+from lagrange_bench.experiments import EXPERIMENTS, cost, perturbed
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style, tables
 from lagrange_bench.experiments.measuring import reductions, states, timing
@@ -119,18 +119,16 @@ def test_perturbed_tops_say_who_wins_and_who_loses():
     runs = [*ours, ("taylor", 1e-11, 3.0, 0.0), ("rk4", 1e-3, 0.1, 0.0)]
     rows = pd.DataFrame(runs, columns=["method", "error", "seconds", "setup_seconds"])
     rows = rows.assign(part="work", status="done", state="weak_tide", span=1e3)
-    both = perturbed_figures.winners(pd.concat([rows, rows.assign(part="driven")]))
+    both = perturbed.winners(pd.concat([rows, rows.assign(part="driven")]))
     assert both.part.tolist() == ["work"] * 4 + ["driven"] * 4, "one race each"
-    table = perturbed_figures.winners(rows).set_index("error at most")
+    table = perturbed.winners(rows).set_index("error at most")
     ratios = table["times as long as the exact step inside"].tolist()
     assert ratios == pytest.approx([4.0, 2.0, 2.0, float("nan")], nan_ok=True)
     assert table.cheapest.tolist() == [perturbed.OURS] * 3 + ["taylor"]
     assert table["best of the others"].tolist() == ["taylor"] * 4
-    order = {"part": "order", "state": "weak_tide", "h": 0.5, "error": 0.1}
-    for fields in (order, {"part": "tolerance", "answer": "given"}):
-        alone = pd.DataFrame([{"method": "rk4", "status": "done", **fields}])
-        assert "winners" not in perturbed_figures.tables(alone), "of a sweep"
-        assert "driven" not in perturbed_figures.draw(alone)
+    alone = pd.DataFrame([{"method": "rk4", "status": "done", "part": "tolerance", "answer": "given"}])
+    assert "winners" not in perturbed.tables(alone), "of a sweep"
+    assert "driven" not in perturbed.draw(alone)
 
 
 def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):

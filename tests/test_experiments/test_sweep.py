@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from lagrange_bench.commands.run import _own_modules
-from lagrange_bench.experiments import phase_figures, sweep
+from lagrange_bench.experiments import phase, sweep
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import integrate
@@ -19,7 +19,7 @@ PAGE = Path(__file__).resolve().parents[2] / "docs" / "sweeps.md"
 IN_A_TIDE = """
 experiment = "perturbed"
 tops.heavy = { alpha = 1.5, J = [0.3, -0.4, 2.0], x = [0.48, 0.6, 0.64], potential = "tide", parameters = [0.1, 1, 0, 0] }
-sweep = [{ part = "order", methods = "rk4", tops = "heavy", h_scaled = [0.5, 0.25] }]
+sweep = [{ part = "drift", methods = "rk4", tops = "heavy", h_scaled = [0.5, 0.25] }]
 """
 BAD = [  # what to replace in GOOD, by what, and what the message must say
     ('"drift"', '"drfit"', "unknown experiment 'drfit'; did you mean 'drift'?"),
@@ -28,7 +28,7 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ('"generic"]', '"magnet"]', "methods: backlund does not take the potential charge"),
     ("h_scaled = [", "h = [", "[[sweep]] 1, h: write h_scaled = …, in the time scale of each top"),
     ("span_scaled = 1000", 'span_scaled = "long"', "span_scaled must be a real number; got 'long'"),
-    (GOOD, IN_A_TIDE.replace('"order"', '"driven"'), "part: 'driven' has tops of its own; leave the file out"),
+    (GOOD, IN_A_TIDE.replace('"drift"', '"driven"'), "part: 'driven' has tops of its own; leave the file out"),
 ]
 
 
@@ -69,7 +69,7 @@ def test_a_top_in_a_potential_and_a_method_of_ones_own(write):
     assert {(cell["potential"], cell["parameters"]) for cell in cells} == {("tide", "0.1,1.0,0.0,0.0")}
     top, y0 = states.of_cell(cells[0])
     assert (top.potential.name, top.parameters, y0[2]) == ("tide", (0.1, 1.0, 0.0, 0.0), 2.0)
-    race = IN_A_TIDE.replace('"order"', '"work"').replace("h_scaled = [0.5, 0.25]", "span_scaled = 50")
+    race = IN_A_TIDE.replace('"drift"', '"work"').replace("h_scaled = [0.5, 0.25]", "span_scaled = 50")
     assert "scheme" not in sweep.read(write(race)).cells[0], "the first cell of this part is of another method"
     assert _own_modules(["drift"], cells) == []
     assert _own_modules(["my.study"], [{"method": "mine:METHOD", "potential": "other:V"}]) == [
@@ -95,5 +95,5 @@ def test_the_first_figure_has_a_top_of_the_file_beside_a_named_one():
     rows = pd.DataFrame(
         {"state": np.repeat(["heavy", "generic"], 3), "h": [1.0, 0.5, 0.25] * 2, "error": [1.0, 0.1, 0.01] * 2}
     )
-    figure = phase_figures.draw(rows.assign(part="h", method="rk4", status="done"))["h"]
+    figure = phase.draw(rows.assign(part="h", method="rk4", status="done"))["h"]
     assert [ax.get_title() for ax in figure.axes] == ["heavy", "generic unit top"]

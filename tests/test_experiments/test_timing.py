@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import cost, cost_figures, drift, ensemble, work_precision
+from lagrange_bench.experiments import cost, drift, ensemble, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import prepare
@@ -62,12 +62,8 @@ def test_unstable_timings_are_marked_and_bad_calls_refused():
 
 CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
 STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
-LANES, SET_UPS, TOPS, FEW = 1000 * 1024, 4096, 32, 1  # tops and steps in one call
-A_STEP = CALL / (3125 - FEW) / TOPS
-BOUND = CALL / 80_000 * 1e9
 RACE = {"method": "strang", "state": "generic", "span": 16.0, "h": 1 / 8}
 RACE |= {"per_octave": 1, "decades": 1, "longest": 100.0}
-TIDE = {"method": "strang", "potential": "tide", "tops": 3, "span": 1.0, "h": 0.1}
 UNITS = {  # experiment and part, other fields of a cell → what its row has
     "cost step": (
         {"method": "strang", "h": 0.5, "repeats": 2},
@@ -76,16 +72,7 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
     "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
     "drift form_cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
-    "ensemble bound": ({}, {"pinned_ns": BOUND, "free_bound_ns": BOUND, "free_ratio": 1.0}),
-    "ensemble lanes": ({"lanes": 8}, {"free_ns_per_step": CALL / LANES * 1e9}),
-    "ensemble setup": ({"h": 0.1}, {"setup_us": CALL / SET_UPS * 1e6, "first_step_us": CALL / SET_UPS * 1e6}),
-    "ensemble tops": (
-        {"tops": TOPS, "threads": 1, "budget": 1e5},
-        {"ns_per_step": A_STEP * 1e9, "setup_us": (CALL / TOPS - FEW * A_STEP) * 1e6},
-    ),
-    "ensemble many": ({"tops": 64}, {"seconds": CALL, "us_per_top": CALL / 64 * 1e6}),
     "ensemble jump": ({"tops": 4, "span": 50.0}, {"us_per_top": CALL / 4 * 1e6, "ns_per_time": CALL / 4 / 50 * 1e9}),
-    "ensemble perturbed": (TIDE, {"setup_us": CALL / 3 * 1e6, "ns_per_kick": CALL / 3 / 9 * 1e9}),
 }
 
 
@@ -109,7 +96,6 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
     monkeypatch.setattr(timing, "interleave", interleave)
     for module in (cost, work_precision):
         monkeypatch.setattr(module, "prepare", prepared)
-    monkeypatch.setattr(ensemble, "perf_counter", itertools.count(0.0, CALL).__next__)
     monkeypatch.setattr(work_precision, "_seconds", lambda *_: CALL)
     monkeypatch.setattr(drift, "FORMS", {"increments": drift.FORMS["increments"]})
     module = load(name)
@@ -130,15 +116,10 @@ def test_curves_of_exact_methods_go_on_to_a_state_every_unit(monkeypatch):
 
 
 def test_labels_name_the_units():
-    assert cost_figures.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
+    assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
     rows = [
-        {"part": "tops", "tops": 32, "threads": 1, "ns_per_step_and_core": 5.0},
-        {"part": "setup", "h": 0.1, "setup_us": 3.0},
-        {"part": "many", "tops": 10, "us_per_top": 2.0},
         {"part": "rival", "method": "strang", "h": 0.1, "ns_per_time": 9.0, "error": 1e-3, "span": 10.0},
     ]
     figures = ensemble.draw(pd.DataFrame(rows).assign(status="done"))
-    shown = {ax.get_ylabel()[:13]: ax.lines[0].get_ydata()[0] for ax in figures["throughput"].axes}
-    assert shown == {"ns per step o": 5.0, "µs per set-up": 3.0, "µs per top, 8": 2.0}
     (ax,) = figures["rivals"].axes
     assert (ax.get_xlabel()[:12], ax.lines[0].get_xdata()[0]) == ("ns for a top", 9.0)

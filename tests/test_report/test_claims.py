@@ -11,7 +11,7 @@ import pytest
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.measuring import errata, reductions
-from lagrange_bench.experiments.work_precision_figures import TARGETS
+from lagrange_bench.experiments.work_precision import TARGETS
 from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.report import chooser, claims, lists, origin, page, promises, readme
 from lagrange_bench.report.claims import Bound, Claim

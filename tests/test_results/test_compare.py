@@ -227,7 +227,6 @@ def test_an_edit_marks_the_cells_that_the_file_may_compute(tree):
         "integrators/cases/bruels.toml": {"drift", "phase"},
         "experiments/measuring/metrics.py": {"drift", "phase"},
         "experiments/drift.py": {"drift"},
-        "experiments/drift_figures.py": set(),
         "experiments/drawing/style.py": set(),
         "results/store.py": set(),
     }.items():

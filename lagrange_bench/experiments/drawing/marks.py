@@ -27,6 +27,7 @@ from lagrange_bench.experiments.drawing.looks import (
     TITLES,
     family,
     label,
+    looks,
     of,
     ordered,
     readable,
@@ -58,6 +59,25 @@ def draw_method(
         failure_marks(ax, failed, method)
         if good.empty and failed.empty:
             failed_label(ax, method)
+
+
+def draw_methods(ax: Axes, rows: pd.DataFrame, x: str, y: str, named: Iterable[str]) -> None:
+    """`draw_method` for every method in one panel: up to FEW in their colours, of more all but the `named` thin and grey."""
+    rows = rows.sort_values(x, kind="stable")
+    for method, look in looks(rows.method, named).items():
+        draw_method(ax, rows, method, x, y, {**look, "zorder": 1.5 if look["label"] == "_thin" else 3})
+
+
+def nearest(rows: pd.DataFrame, column: str, value: float) -> pd.DataFrame:
+    """The rows whose positive `column` is nearest to a value."""
+    values = rows[column].dropna().unique()
+    return rows[rows[column] == values[np.argmin(np.abs(np.log(values / value)))]] if len(values) else rows
+
+
+def best_of_families(errors: pd.Series) -> list[str]:
+    """From each family the method with the least error, the best first. errors : by method."""
+    known = errors.dropna().sort_values()
+    return list(known[~pd.Series(known.index.map(family), known.index).duplicated()].index)
 
 
 def draw_lines(

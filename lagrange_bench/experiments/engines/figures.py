@@ -10,7 +10,7 @@ import pandas as pd
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.engines.programs import BEST, DEFAULT, ENGINES, OURS, UNTIL, WORDS
-from lagrange_bench.experiments.heavy_top_figures import measured_orders
+from lagrange_bench.experiments.heavy_top import measured_orders
 
 SHOWN = 1 / 1024  # s, the step whose errors tables show beside the smallest step
 FOLLOWED = ("position", "rotation", "spin", "energy", "energy_growth", "until", "precision", "turns_over")  # untimed
