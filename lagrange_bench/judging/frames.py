@@ -150,11 +150,13 @@ class Frames:
         return self.launch[0] + t * self.launch[1] + t**2 / 2 * self.rigid_body.gravity  # type: ignore[no-any-return]
 
     def exact(self, t: ArrayLike) -> Exact:
-        """The motion of the case; NaN after `known_until`, because its series would take too long."""
+        """The motion of the case; NaN after `known_until`, because its series would take too long, and where it is lost."""
         assert self.case is not None
         times = np.asarray(t, dtype=float)
         known = np.abs(times) <= self.known_until
         motion = self.case.solution(times[known])
+        found = np.isfinite(motion.y).all(axis=1)
+        known[known], motion = found, replace(motion, y=motion.y[found], t=motion.t[found])
         R = motion.rotation.as_matrix()
         parts = R @ self.rigid_body.com if self.rigid_body.fixed else motion.position, R, motion.omega_body
         x, R, omega = (np.full((len(times), *part.shape[1:]), np.nan) for part in parts)

@@ -63,13 +63,13 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def quadruple():
-    """For tests that are too long for mpmath."""
+    """For tests that are too long for FLINT."""
     pytest.importorskip("heyoka")
     if "heyoka" not in reference.engines():
         pytest.skip("heyoka without real128")
 
 
-@pytest.fixture(params=["heyoka", "mpmath"])
+@pytest.fixture(params=["heyoka", "flint"])
 def engine(request):
     if request.param not in reference.engines():
         pytest.skip("heyoka is not here, or without real128")
@@ -113,9 +113,9 @@ EVERYTHING = top("everything", 1.0, (0.7,))
     "problem", [QUADRATIC, CHARGED, EVERYTHING, DRIVEN], ids=["quadratic", "charge", "everything", "driven"]
 )
 def test_the_engines_agree_and_keep_energy_and_casimirs(quadruple, problem):
-    one, two = (reference.solution(problem, Y0, [0.0, 0.25, -0.2], engine) for engine in ("heyoka", "mpmath"))
+    one, two = (reference.solution(problem, Y0, [0.0, 0.25, -0.2], engine) for engine in ("heyoka", "flint"))
     assert largest(distance(problem, one, digits(two))) < 1e-30
-    assert (one.engine, two.engine) == ("heyoka", "mpmath")
+    assert (one.engine, two.engine) == ("heyoka", "flint")
     if problem is DRIVEN:  # its energy changes
         return
     later = invariants(problem, one)
@@ -161,7 +161,7 @@ def counted(monkeypatch):
     return runs
 
 
-def asked(engine="mpmath", t=(0.5, 1.0), problem=QUADRATIC):
+def asked(engine="flint", t=(0.5, 1.0), problem=QUADRATIC):
     return reference.solution(problem, Y0, t, engine)
 
 
@@ -220,7 +220,7 @@ def test_what_cannot_be_followed():
             call()
 
 
-@pytest.mark.parametrize("engine", ["heyoka", pytest.param("mpmath", marks=pytest.mark.slow)], indirect=True)
+@pytest.mark.parametrize("engine", ["heyoka", pytest.param("flint", marks=pytest.mark.slow)], indirect=True)
 def test_singularities(engine, monkeypatch):
     """From (0.6, 0, 0.8) at rest the axis falls straight into the charge; its distance is about (t1 - t)^(2/3)."""
     monkeypatch.setattr(reference, "SHORTEST", 1e-6)
@@ -241,6 +241,6 @@ def test_singularities(engine, monkeypatch):
 
 def test_without_heyoka(monkeypatch):
     monkeypatch.setitem(sys.modules, "heyoka", None)
-    assert reference.engines.__wrapped__() == ("mpmath",)
+    assert reference.engines.__wrapped__() == ("flint",)
     monkeypatch.setitem(sys.modules, "heyoka", types.ModuleType("heyoka"))  # of a build without real128
-    assert reference.engines.__wrapped__() == ("mpmath",)
+    assert reference.engines.__wrapped__() == ("flint",)

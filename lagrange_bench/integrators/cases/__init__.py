@@ -1,12 +1,14 @@
 """Named motions of rigid bodies with their exact solution, for comparison with any program that follows a rigid body.
 
 Each case is a TOML file with decimals, because the digits are part of the case. A case of your own is such a file, too.
-`Case.solution` gives doubles: for a free or symmetric body from a closed form, which takes a microsecond a time, otherwise from
-Taylor series. `Case.digits` gives up to 40 digits from Taylor series in integers, an independent computation.
+`Case.solution` gives doubles, from the truth by which all methods are judged: for a free or symmetric body a closed form, which
+takes a microsecond a time, otherwise a reference solution. `Case.digits` gives up to 40 digits from Taylor series in integers, an
+independent computation.
 """
 
 from __future__ import annotations
 
+import math
 import tomllib
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,11 +23,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_count, check_times
-from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
-from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
+from lagrange_bench.integrators.trajectory import Trajectory
+from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
@@ -90,17 +92,13 @@ class Case:
     def solution(self, t: ArrayLike) -> Trajectory:
         """The exact motion at times t (N,), s, in any order: `.position` (N, 3), `.rotation`, `.omega_body` (N, 3), `.energy`.
 
-        Numbers are doubles. For a free or symmetric body they come from the closed form: errors are round-off, 1e-15 for each
-        radian of the turn. For other bodies they come from Taylor series: errors begin as small, and grow as errors of the
-        initial state do.
+        Numbers are doubles, and right to round-off at any time. A body that is neither free nor symmetric has a reference
+        solution only: states are NaN from where a chaotic motion is lost, and 1000 turns take some seconds.
         """
-        closed = kinds.free_body(self.body) or kinds.symmetric_body(self.body)
-        method, times = find_method("theta_functions" if closed else "taylor"), check_times(t)
-        state, flight = self.body.split_state(self.state)
-        evaluate: Any = method.evaluate_for(self.body)
-        y, work = evaluate(self.body, state, times)
+        times, (state, flight) = check_times(t), self.body.split_state(self.state)
+        y = truths.solution(self.body, state, times, longest=math.inf)
         y = y if flight is None else np.hstack((y, self.body.flight_at(flight, times)))
-        return Trajectory(self.body, method.name, times, y, work, start=RunInputs(state, method, None, {}, flight))
+        return Trajectory(self.body, truths.name(self.body), times, y, Work())
 
     def digits(self, times: Sequence[Any], digits: int = 25) -> Iterator[list[Decimal]]:
         """Rows of COLUMNS at `times` (ascending from 0: decimal strings, Fractions, doubles), each number to `digits` digits.

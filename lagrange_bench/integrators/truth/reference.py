@@ -4,7 +4,7 @@
 
 Taylor's method runs twice, with different orders and steps. The difference of the two runs estimates the error and is returned.
 For a `Problem` whose H depends on time, the time is one more variable. heyoka takes the steps in 128-bit numbers. If it is
-missing, or has no such numbers, mpmath takes them, about 20 times slower. No method of the bench is used.
+missing, or has no such numbers, FLINT takes them, in the interpreter. No method of the bench is used.
 
 The right-hand side is the program of the problem's gradient, with its constants and parameters as exact numbers. (heyoka on its
 own would turn a division by a double into a product with the rounded reciprocal.)
@@ -24,11 +24,12 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from operator import mul
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mpmath import mp, mpf
+from flint import acb, arb
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_times
@@ -41,13 +42,13 @@ from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.units import ldexp, scaled_size
 from lagrange_bench.integrators.problem.vectors import cross
 from lagrange_bench.support.files import cache_folder, write_file
-from lagrange_bench.support.precision import ONE_AT_A_TIME, workdps
+from lagrange_bench.support.precision import ONE_AT_A_TIME, workprec
 
 __all__ = ["Reference", "engines", "horizon", "solution"]
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
 TANGENT = 1e-20  # tolerance of a run with a tangent vector, whose growth is needed to a few digits
-DIGITS = 40  # of mpmath
+BITS = 136  # of FLINT: 40 digits
 PAIR = 2.0**-105  # relative error of a number as a pair of doubles
 SHORTEST = 1e-12  # least step, in units of the motion; only a singularity needs a shorter one
 FARTHEST = 1e9  # longest time, in units of the motion; it takes hours
@@ -63,7 +64,7 @@ class Reference:
     error: (
         Array  # (N,): of states + tail, relative to the scales of its vectors; of `states` alone it is 1.1e-16 larger
     )
-    engine: str  # "heyoka" or "mpmath"
+    engine: str  # "heyoka" or "flint"
 
 
 def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None = None) -> Reference:
@@ -152,7 +153,7 @@ class Orbit:
                     "y0 and the potential are too large or too small: choose less extreme units of time and length"
                 )
             program, parameters = equations(_formulas(self.problem.system), self.tangent), (*units, *parameters)
-        return {"heyoka": Heyoka, "mpmath": Mpmath}[self.engine](program, parameters, tolerance)
+        return {"heyoka": Heyoka, "flint": Flint}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array) -> Array:
         """Rows of states, tails and errors, from the two runs."""
@@ -252,8 +253,8 @@ def engines() -> tuple[str, ...]:
     try:
         import heyoka
     except ImportError:
-        return ("mpmath",)
-    return ("heyoka", "mpmath") if hasattr(heyoka, "real128") else ("mpmath",)
+        return ("flint",)
+    return ("heyoka", "flint") if hasattr(heyoka, "real128") else ("mpmath",)
 
 
 class Singularity(Exception):
@@ -313,8 +314,8 @@ def compiled(program: Program, tolerance: float) -> Any:
     )
 
 
-class Mpmath:
-    """Steps in mpmath, with 40 digits: the same Taylor series, in the interpreter."""
+class Flint:
+    """Steps in FLINT, with 40 digits: the same Taylor series, in the interpreter. Midpoints of balls go on, radii do not count."""
 
     def __init__(self, program: Program, parameters: Sequence[float], tolerance: float):
         self.program, self.parameters = program, parameters
@@ -324,37 +325,35 @@ class Mpmath:
         """As `Heyoka.states`."""
         n = len(self.program.outputs)
         out = np.empty((len(times), 2, n))
-        with workdps(DIGITS):
-            y, now = [mpf(a) + mpf(b) for a, b in start.T], mpf(0)
-            wanted = [mpf(t) for t in times]
+        with workprec(BITS):
+            y, now = [arb(a) + arb(b) for a, b in start.T.tolist()], arb(0)
+            wanted = [arb(t) for t in times.tolist()]
             done, backward = 0, wanted[-1] < 0
             while done < len(wanted):
-                try:
-                    series = coefficients(self.program, y, self.parameters, self.order)
-                except ZeroDivisionError:
-                    raise Singularity(float(now)) from None
+                series = coefficients(self.program, y, self.parameters, self.order)
                 h = self.step(series)
                 if not h > SHORTEST:
                     raise Singularity(float(now))
                 while done < len(wanted) and abs(wanted[done] - now) <= h:
                     for i, c in enumerate(series):
-                        value = horner(c, wanted[done] - now)
+                        value = horner(c, wanted[done] - now).mid()
                         out[done, :, i] = float(value), float(value - float(value))
                     done += 1
                 h = -h if backward else h
-                y, now = [horner(c, h) for c in series], now + h
+                y, now = [horner(c, arb(h)).mid() for c in series], (now + h).mid()
         return out
 
-    def step(self, series: list[list[mpf]]) -> float:
-        """The step for which the last two terms are below the tolerance: their radius of convergence over e²."""
+    def step(self, series: list[list[arb]]) -> float:
+        """The step for which the last two terms are below the tolerance: their radius of convergence over e². NaN: no step."""
         p = self.order
-        size, *last = (max(abs(c[k]) for c in series) for k in (0, p - 1, p))
-        size = max(size, mpf(1))
-        radii = [float((size / c) ** (mpf(1) / k)) for c, k in zip(last, (p - 1, p), strict=True) if c]
+        if not all(c[p].is_finite() for c in series):
+            return math.nan
+        size, *last = (max(float(abs(c[k])) for c in series) for k in (0, p - 1, p))
+        radii = [(max(size, 1.0) / c) ** (1 / k) for c, k in zip(last, (p - 1, p), strict=True) if c]
         return min([*radii, 1e6]) * math.exp(-2 - 0.7 / (p - 1))
 
 
-def horner(coefficients: Sequence[mpf], t: mpf) -> mpf:
+def horner(coefficients: Sequence[arb], t: arb) -> arb:
     """The value of a polynomial; coefficients by increasing power."""
     value = coefficients[-1]
     for c in coefficients[-2::-1]:
@@ -362,18 +361,18 @@ def horner(coefficients: Sequence[mpf], t: mpf) -> mpf:
     return value
 
 
-def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float], order: int) -> list[list[mpf]]:
-    """Taylor coefficients of each component of y from 0 to `order`; ZeroDivisionError at a singularity."""
+def coefficients(program: Program, y: Sequence[arb], parameters: Sequence[float], order: int) -> list[list[arb]]:
+    """Taylor coefficients of each component of y from 0 to `order`; not finite at a singularity."""
     states = [[v] for v in y]
-    values = [*states, *([mpf(p)] for p in parameters)]  # of each place a series; of a constant, one number
-    lines: list[tuple[str, list[mpf], list[mpf], list[mpf]]] = []
+    values = [*states, *([arb(p)] for p in parameters)]  # of each place a series; of a constant, one number
+    lines: list[tuple[str, list[arb], list[arb], list[arb]]] = []
 
-    def series(place: Any) -> list[mpf]:
-        return [mpf(place[1])] if isinstance(place, tuple) else values[place]
+    def series(place: Any) -> list[arb]:
+        return [arb(place[1])] if isinstance(place, tuple) else values[place]
 
     constant = [i >= len(states) for i in range(len(values))]
     for operation, *arguments in program.lines:
-        a, b, new = series(arguments[0]), series(arguments[-1]), list[mpf]()
+        a, b, new = series(arguments[0]), series(arguments[-1]), list[arb]()
         if operation in ("sin", "cos"):
             b = []  # for exp(i a)
         constant.append(all(isinstance(place, tuple) or constant[place] for place in arguments))
@@ -387,37 +386,37 @@ def coefficients(program: Program, y: Sequence[mpf], parameters: Sequence[float]
         for line in lines:
             _append(*line, k)
         for state, rate in zip(states, rates, strict=True):
-            state.append(rate[k] / (k + 1) if k < len(rate) else mpf(0))
+            state.append(rate[k] / (k + 1) if k < len(rate) else arb(0))
     return states
 
 
-def _append(operation: str, a: list[mpf], b: list[mpf], c: list[mpf], k: int) -> None:
+def _append(operation: str, a: list[arb], b: list[arb], c: list[arb], k: int) -> None:
     """Append coefficient k of c = a ∘ b, or of c = ∘a, computed from lower ones. A constant has only the first.
 
     a b: c_k = Σ a_j b_(k−j)      a/b: b_0 c_k = a_k − Σ b_j c_(k−j)      √a: 2 c_0 c_k = a_k − Σ c_j c_(k−j)
     exp a: k c_k = Σ j a_j c_(k−j)      log a: a_0 c_k = a_k − Σ j c_j a_(k−j)/k      sin a, cos a: parts of b = exp(i a)
     """
     if operation in ("add", "sub", "neg"):
-        one, two = (v[k] if k < len(v) else mpf(0) for v in (a, b))
+        one, two = (v[k] if k < len(v) else arb(0) for v in (a, b))
         c.append(one + two if operation == "add" else one - two if operation == "sub" else -one)
     elif operation == "mul":
-        c.append(a[0] * b[k] if len(a) <= k else a[k] * b[0] if len(b) <= k else mp.fdot(a[: k + 1], b[k::-1]))
+        c.append(a[0] * b[k] if len(a) <= k else a[k] * b[0] if len(b) <= k else sum(map(mul, a, b[k::-1]), arb(0)))
     elif operation == "div":
-        known = mp.fdot(b[1 : k + 1], c[k - 1 :: -1]) if k else mpf(0)
-        c.append(((a[k] if k < len(a) else mpf(0)) - known) / b[0])
+        known = sum(map(mul, b[1 : k + 1], c[::-1]), arb(0)) if k else arb(0)
+        c.append(((a[k] if k < len(a) else arb(0)) - known) / b[0])
     elif operation in ("exp", "sin", "cos"):
-        power, i = (c, 1) if operation == "exp" else (b, mp.j)
-        slope = mp.fsum(j * a[j] * power[k - j] for j in range(1, min(k + 1, len(a))))
-        power.append(slope * i / k if k else mp.exp(i * a[0]))
+        power, i = (c, 1) if operation == "exp" else (b, acb(0, 1))
+        slope = sum((j * a[j] * power[k - j] for j in range(1, min(k + 1, len(a)))), arb(0))
+        power.append(slope * i / k if k else (i * a[0]).exp())
         if operation != "exp":
             c.append(power[k].imag if operation == "sin" else power[k].real)
     elif operation == "log":
-        known = mp.fsum(j * c[j] * a[k - j] for j in range(max(1, k - len(a) + 1), k))
-        c.append(((a[k] if k < len(a) else mpf(0)) - known / k) / a[0] if k else mp.log(a[0]))
+        known = sum((j * c[j] * a[k - j] for j in range(max(1, k - len(a) + 1), k)), arb(0))
+        c.append(((a[k] if k < len(a) else arb(0)) - known / k) / a[0] if k else a[0].log())
     elif k == 0:
-        c.append(mp.sqrt(a[0]))
+        c.append(a[0].sqrt())
     else:
-        known = mp.fdot(c[1:], c[:0:-1])
+        known = sum(map(mul, c[1:], c[:0:-1]), arb(0))
         c.append((a[k] - known) / (2 * c[0]))
 
 
