@@ -25,7 +25,7 @@ from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.lanes import run_lanes
 from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
-from lagrange_bench.integrators.methods import symmetric_body
+from lagrange_bench.integrators.methods.closed_body import BodyStepper, with_attitude
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -35,8 +35,6 @@ from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter, plain_constants
 
 PIN = 8  # steps between two pins, by default
-LONGEST_TURN = 16.0  # longest step of the attitude, at rate 1; beyond, near the unstable vertical, |m|² has no digits
-MOST_PARTS = 10**8  # steps of an attitude: some seconds, not to be interrupted
 
 
 def _stepper(
@@ -88,7 +86,8 @@ def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times: one two-point map from y0 to each time, whatever the distance."""
     if kinds.symmetric_body(top):
-        return symmetric_body.evaluated("backlund", top, y0, times, evaluate_exact, frames_exact)  # type: ignore[arg-type]
+        states, work = evaluate_exact(top.top, top.reduced(y0), times)  # type: ignore[attr-defined]
+        return with_attitude("backlund", top, y0, times, states), work  # type: ignore[arg-type]
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     y = units.leave(ts.exact_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
     y[times == 0.0] = y0
@@ -130,32 +129,17 @@ def many(
     return forms >= 0
 
 
-def frames_exact(top: LagrangeTop, y0: Array, times: Array, pin: int = PIN) -> Array:
-    """The frame that turns with J, as quaternions (N, 4): exact steps from one time to the next, see `torus.attitude`."""
-    units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    state, spans = tuple(units.enter(y0)), units.spans("backlund", times)
-    # A whole nutation has no λ. So a step is at most half a nutation, and at most LONGEST_TURN if a nutation takes for ever.
-    longest = 0.5 * min(ts.nutation_period(units.alpha, state)[0], 2 * LONGEST_TURN)
-    if np.max(np.abs(spans), initial=0.0) > MOST_PARTS * longest:
-        raise StepError("backlund", f"the attitude is followed by half nutations, at most {MOST_PARTS} of them")
-    block = pin or NEVER
-    g = np.empty((len(spans), 4))
-    g[:] = 1.0, 0.0, 0.0, 0.0
-    for sign in (1.0, -1.0):
-        side = np.flatnonzero(sign * spans > 0.0)
-        side = side[np.argsort(sign * spans[side], kind="stable")]
-        if len(side):
-            g[side] = real_map.attitudes(units.alpha, state, spans[side], longest, block)
-    if not np.all(np.isfinite(g)):
-        raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
-    return g
-
-
-def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> symmetric_body.BodyStepper:
-    """The exact step of a symmetric body, `pin` as in `prepare_exact`."""
+def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> BodyStepper:
+    """The exact step of a symmetric body, `pin` as in `prepare_exact`: its top steps, and its attitude is the closed form."""
     pin = check_count(pin, "pin")
-    frames = partial(frames_exact, pin=pin)
-    return symmetric_body.prepared("backlund", body, y0, h, prepare_exact, frames, pin=pin)
+    prepare_exact(body.top, body.reduced(y0), h, pin=pin)  # fails here, and not in the first step
+
+    def rows(body: RigidBody, y: Array, times: Array) -> Array:
+        every, start = round(float(times[1]) / h) if len(times) > 1 else 1, body.reduced(y)
+        states = prepare_exact(body.top, start, h, pin=pin).record(start, every * (len(times) - 1), every)
+        return with_attitude("backlund", body, y, times, states)
+
+    return BodyStepper(body, h, rows)
 
 
 SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/0403028, section 5.5"

@@ -21,8 +21,8 @@ double-doubles, computed with + − × ÷ √ alone. Whole periods are subtracte
 doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
 This is a formula and no stepping kernel, so it may call sin, cos and exp. A step is one evaluation, at t = n h from the start of
-the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`, rests on mpmath's constants. It shares
-nothing with this file.
+the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`, doubles points of a
+curve. It shares nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """
@@ -39,12 +39,11 @@ from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
-from lagrange_bench.integrators.methods import free_body, symmetric_body
+from lagrange_bench.integrators.methods.closed_body import BodyStepper, closed_form
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
 from lagrange_bench.integrators.methods.lie_group import cross, times
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
-from lagrange_bench.integrators.problem.rotation import quaternion_product
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus.time_step import TWO_PI, largest_root, period_and_turn
@@ -55,7 +54,7 @@ RATE_J, RATE_X, SIZE_J, SIZE_X, SIZE_A2, SIZE_B2, PSI_RE, PSI_IM, J3 = range(11,
 START = 20  # the initial state
 TERMS = 4
 COS_J, SIN_J, COS_A, SIN_A, COS_B, SIN_B, THETA = range(26, 26 + 7 * TERMS, TERMS)
-RATE_A, RATE_B, SIZE = range(THETA + TERMS, THETA + TERMS + 3)
+SIZE = THETA + TERMS
 
 NAME = "theta_functions"
 REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
@@ -213,54 +212,7 @@ def positions(instants, c):
     return out
 
 
-# ------------------------------------------------------------------------------------ the frame that turns with J
-
-
-@jit
-def klein(n, r, turn, c):
-    """Unit quaternion w + xi + yj + zk of a frame that turns with J and has x/|x| as its third axis, for ψ = 0.
-
-    F_A and F_B are its Cayley-Klein parameters: w + iz = F_B/√2s, y − ix = i F_A/√2s. turn : the turn of F_A in a period.
-    """
-    J, A, B = factors(r, c)
-    turn_b = sub((c[TURN], c[TURN_LO]), turn)
-    b = A * unit(turned(n, turn[0], turn[1]) + c[RATE_A] * r) * math.sqrt(c[SIZE_A2])
-    a = B * unit(turned(n, turn_b[0], turn_b[1]) + c[RATE_B] * r) * math.sqrt(c[SIZE_B2])
-    size = 1.0 / math.sqrt((a.real * a.real + a.imag * a.imag) + (b.real * b.real + b.imag * b.imag))
-    return a.real * size, -b.real * size, -b.imag * size, a.imag * size
-
-
-@jit
-def frames(instants, turn, c):
-    """Unit quaternions (N, 4) of the frame that turns with J, from the unit matrix at t = 0."""
-    out = np.empty((len(instants), 4))
-    J1, J2, J3_ = c[START], c[START + 1], c[START + 2]
-    moving = c[KIND] == DIRECT or c[KIND] == TRANSFORMED
-    n, r = reduced(0.0, c)
-    w0, x0, y0, z0 = klein(n, r, turn, c) if moving else (1.0, 0.0, 0.0, 0.0)
-    for i in range(len(instants)):
-        n, r = reduced(instants[i], c)
-        if moving:
-            w, x, y, z = quaternion_product(klein(n, r, turn, c), (w0, -x0, -y0, -z0))
-            x, y = c[PSI_RE] * x - c[PSI_IM] * y, c[PSI_IM] * x + c[PSI_RE] * y
-        elif c[KIND] == FREE:
-            s = math.sin(0.5 * c[CLOCK] * r) / c[CLOCK]
-            w, x, y, z = math.cos(0.5 * c[CLOCK] * r), s * J1, s * J2, s * J3_
-        else:  # J is vertical, and so is x or there is none
-            w, x, y, z = math.cos(0.5 * J3_ * instants[i]), 0.0, 0.0, math.sin(0.5 * J3_ * instants[i])
-        out[i, 0], out[i, 1], out[i, 2], out[i, 3] = w, x, y, z
-    return out
-
-
-@jit
-def turn_of_frame(alpha, y):
-    """The turn of F_A in a period, over 2π. `klein` needs it besides the constants of `position`."""
-    J1, J2, m, x1, x2, x3 = y
-    if alpha < 0.0:
-        alpha, x1, x2, x3 = -alpha, -x1, -x2, -x3
-    z1, z2, z3, _, zA, _, _, dA, _ = roots(alpha, (J1, J2, m, x1, x2, x3))
-    low, high = above(z1, z2, z3, zA, dA)
-    return period_and_turn(z1, z2, z3, sub(zA, z3), low, high, dA, ZERO)[1]
+# ------------------------------------------------------------------------------------ constants
 
 
 @jit
@@ -481,8 +433,7 @@ def constants(alpha, y, h):
         gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
         gB = transformed_series(c, COS_B, SIN_B, sB, bB, True)
     c[RATE_J] = 0.5 * m + (ddJ[0] / J3_ - c[CLOCK] * gJ)
-    c[RATE_A], c[RATE_B] = ddA[0] / A3_ - c[CLOCK] * gA, ddB[0] / B2_ - c[CLOCK] * gB
-    c[RATE_X] = c[RATE_A] + c[RATE_B]
+    c[RATE_X] = (ddA[0] / A3_ - c[CLOCK] * gA) + (ddB[0] / B2_ - c[CLOCK] * gB)
     # sizes: of J+ and A where x3 is smallest, of B where it is largest; then the phase, from the initial state
     J, A, B = factors(0.0, c)
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
@@ -533,27 +484,17 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, with one evaluation for each."""
-    if kinds.free_body(top):
-        return free_body.evaluate(top, y0, times)  # type: ignore[arg-type]
-    if kinds.symmetric_body(top):
-        return symmetric_body.evaluated(NAME, top, y0, times, evaluate, frames_of)  # type: ignore[arg-type]
+    if kinds.rigid_body(top):
+        return closed_form(top, y0, times), Work(steps=len(times))  # type: ignore[arg-type]
     units, scaled, c = at_instants(top, y0, times)
     states = units.leave(positions(scaled, c))
     states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))
 
 
-def frames_of(top: LagrangeTop, y0: Array, times: Array) -> Array:
-    """Unit quaternions (N, 4) of the frame that turns with J, at any times: the Cayley-Klein parameters in closed form."""
-    units, scaled, c = at_instants(top, y0, times)
-    moving = c[KIND] in (DIRECT, TRANSFORMED)
-    turn = turn_of_frame(units.alpha, tuple(units.enter(y0).tolist())) if moving else ZERO
-    return frames(scaled, turn, c)
-
-
-def prepare_body(body: RigidBody, y0: Array, h: float) -> symmetric_body.BodyStepper:
-    """The closed form of a symmetric body at every multiple of h."""
-    return symmetric_body.prepared(NAME, body, y0, h, prepare, frames_of)
+def prepare_body(body: RigidBody, y0: Array, h: float) -> BodyStepper:
+    """The closed form of a free or symmetric body at every multiple of h."""
+    return BodyStepper(body, h, closed_form)
 
 
 def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array, Array]:
@@ -566,5 +507,5 @@ METHOD = Method(
     name=NAME, label="Theta functions", family="closed-form", order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    evaluate=evaluate, kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: free_body.prepare},
+    evaluate=evaluate, kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: prepare_body},
 )  # fmt: skip

@@ -18,12 +18,11 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
-from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple
 from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.units import Units, own_units
-from lagrange_bench.integrators.torus import attitude as at
 from lagrange_bench.integrators.torus import time_step as ts
 
 # places of the constants
@@ -376,51 +375,6 @@ def many_nearly_dependent(states, c, flags):
     for i in range(len(states)):
         s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
         flags[i] = nearly_dependent(s, c[i, ALPHA])
-
-
-@jit
-def follow_frames(out, times, begin, gap, place, c, spin, parts, done, block):
-    """Fill rows of `out` (N, 4) while `times` follow `begin` at equal distances `gap`, each of `parts` steps. Returns how many.
-
-    place : the state and the frame, 10 numbers, updated in place. done : how many steps were taken before. The invariants are
-    restored before every `block` steps.
-    """
-    s, g, count = load_tuple(place, 0, 6), load_tuple(place, 6, 4), 0
-    while count < len(times):
-        t = times[count]
-        if count > 0 and (gap == 0.0 or abs(begin + (count + 1) * gap - t) > 2e-16 * abs(t)):
-            break
-        for k in range(done + count * parts, done + (count + 1) * parts):
-            if k % block == 0:
-                s = restore_invariants_precisely(s, c) if nearly_dependent(s, c[ALPHA]) else restore_invariants(s, c)
-            u1, u2, u3, size = direction(s, c)
-            r = c[ETA] / size
-            g = at.turn_with(g, (s[3], s[4], s[5]), c[R], (r * u1, r * u2, r * u3), spin)
-            s = turning_step(s, c, c)
-        store_tuple(out[count], 0, g)
-        count += 1
-    store_tuple(place, 0, s)
-    store_tuple(place, 6, g)
-    return count
-
-
-def attitudes(alpha: float, y: tuple[float, ...], times: Array, longest: float, block: int) -> Array:
-    """Quaternions (N, 4), at times that lead away from 0, of the frame that turns with J and is 1 at 0.
-
-    Steps are at most `longest`, and the invariants are restored before every `block` of them. Equal distances share their
-    constants. Times are counted from the first of equal distances, so that no rounding adds up.
-    """
-    out, place = np.empty((len(times), 4)), np.array((*y, 1.0, 0.0, 0.0, 0.0))
-    c, spin, begin, done, row = np.zeros(CONSTANTS), (1.0, 0.0), 0.0, 0, 0
-    while row < len(times):
-        gap = float(times[row]) - begin
-        parts = math.ceil(abs(gap) / longest)
-        if parts:
-            c = exact_constants(alpha, y, gap / parts)[0]
-            spin = at.step_spin(alpha, y, gap / parts)
-        count = follow_frames(out[row:], times[row:], begin, gap, place, c, spin, parts, done, block)
-        begin, done, row = begin + count * gap, done + count * parts, row + count
-    return out
 
 
 # ---------------------------------------------------------------- the stepper around a kernel

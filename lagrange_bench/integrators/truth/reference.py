@@ -315,7 +315,7 @@ def compiled(program: Program, tolerance: float) -> Any:
 
 
 class Flint:
-    """Steps in FLINT, with 40 digits: the same Taylor series, in the interpreter. Midpoints of balls go on, radii do not count."""
+    """Steps in FLINT, with 40 digits: the same Taylor series, in the interpreter. Radii of balls do not count."""
 
     def __init__(self, program: Program, parameters: Sequence[float], tolerance: float):
         self.program, self.parameters = program, parameters
@@ -344,7 +344,7 @@ class Flint:
         return out
 
     def step(self, series: list[list[arb]]) -> float:
-        """The step for which the last two terms are below the tolerance: their radius of convergence over e². NaN: no step."""
+        """The step for which the last two terms are below the tolerance: their radius of convergence over e²; or NaN."""
         p = self.order
         if not all(c[p].is_finite() for c in series):
             return math.nan
@@ -405,7 +405,8 @@ def _append(operation: str, a: list[arb], b: list[arb], c: list[arb], k: int) ->
         known = sum(map(mul, b[1 : k + 1], c[::-1]), arb(0)) if k else arb(0)
         c.append(((a[k] if k < len(a) else arb(0)) - known) / b[0])
     elif operation in ("exp", "sin", "cos"):
-        power, i = (c, 1) if operation == "exp" else (b, acb(0, 1))
+        power: list[Any] = c if operation == "exp" else b
+        i = 1 if operation == "exp" else acb(0, 1)
         slope = sum((j * a[j] * power[k - j] for j in range(1, min(k + 1, len(a)))), arb(0))
         power.append(slope * i / k if k else (i * a[0]).exp())
         if operation != "exp":
