@@ -254,7 +254,7 @@ def engines() -> tuple[str, ...]:
         import heyoka
     except ImportError:
         return ("flint",)
-    return ("heyoka", "flint") if hasattr(heyoka, "real128") else ("mpmath",)
+    return ("heyoka", "flint") if hasattr(heyoka, "real128") else ("flint",)
 
 
 class Singularity(Exception):
