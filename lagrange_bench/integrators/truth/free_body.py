@@ -85,6 +85,8 @@ def motion(*numbers: float) -> FreeBody:
 class FreeBody(Top):
     """The moments and the start (q, L). Variables and states are (q, L)."""
 
+    columns = range(7)
+
     def __init__(self, moments: Rationals, q: Rationals, L: Rationals) -> None:
         self.a, self.q, self.L, self.length = [1 / v for v in moments], list(q), list(L), square(q)
         a, R = self.a, matrix(q)

@@ -70,6 +70,8 @@ def motion(axis: int, across: float, along: float, weight: float, *rest: float) 
 class SymmetricBody(Top):
     """Moments A and C, the weight along the axis, up, and the start (q, L). Variables are (J, x, X, Q), states (q, L)."""
 
+    columns = 0, 1, 2, 7, 8, 9, 10
+
     def __init__(self, axis: int, A: fmpq, C: fmpq, weight: fmpq, up: Rationals, q: Rationals, L: Rationals) -> None:
         self.A, self.cycle, self.axis, self.along = A, CYCLES[axis], axis, L[axis]
         self.Q, self.length = product(q, self.cycle), square(q)
@@ -152,9 +154,9 @@ class SymmetricBody(Top):
         return spin if self.node is None else [*spin, Drift(arb(0), arb(self.l), is_beyond=True)]
 
     def in_doubles(self, u: Array, left: Array, right: Array) -> Array:
-        """States (N, 7) from variables (N, 11), turned about e and about the axis."""
+        """States (N, 7) from J and Q (N, 7), turned about e and about the axis."""
         zero, length = np.zeros(len(u)), float(arb(self.eps).sqrt())
-        q = product(product(u[:, 7:].T, turns_about((0.0, 0.0, 1.0), right)), [float(v) for v in conjugate(self.cycle)])
+        q = product(product(u[:, 3:].T, turns_about((0.0, 0.0, 1.0), right)), [float(v) for v in conjugate(self.cycle)])
         _, *L = product(product(conjugate(q), (zero, *u[:, :3].T)), q)
         L = [float(self.A / self.length) * v for v in L]
         L[self.axis] = np.full(len(u), float(self.along))

@@ -137,7 +137,9 @@ class Table:
         self.ends = float(self.first * rate), float(self.last * rate)
         heads, self.tails = heads_and_tails(states, self.logs)
         terms = 1 if motion.steady else TERMS
-        self.coefficients = series_in_doubles(scaled_rates(motion, self.logs), heads, terms)
+        coefficients, columns = series_in_doubles(scaled_rates(motion, self.logs), heads, terms), list(motion.columns)
+        self.coefficients, self.tails = np.ascontiguousarray(coefficients[:, :, columns]), self.tails[:, columns]
+        self.logs = [self.logs[n] for n in columns]
 
     def __call__(self, times: Array, more: Array) -> Array:
         """States at `times` + `more` (N,), with `more` below an ulp."""
@@ -155,10 +157,13 @@ class Table:
             whole = np.floor(n / self.count)
             n -= whole * self.count
         n, r = np.where(side > 0, self.count - 1, n).astype(int), np.where(side == 0, r + more, 0.0)
-        u = np.zeros((len(n), len(self.logs)))
+        u, r = np.zeros((len(n), len(self.logs))), r[:, None]
+        gathered = np.empty_like(u)
         for row in self.coefficients[:0:-1]:
-            u = (u + row[n]) * r[:, None]
-        u = (u + self.tails[n]) + self.coefficients[0][n]
+            u += row.take(n, axis=0, out=gathered, mode="clip")
+            u *= r
+        u += self.tails[n]
+        u += self.coefficients[0][n]
         left, right = (turned(turns, whole) for turns in self.turns)
         for turning in self.turnings:
             turns = turning.turns(t, more, side)
@@ -263,4 +268,4 @@ def series_in_doubles(rates: Any, start: Array, terms: int) -> Array:
                     products[places] = u[n, i] if len(places) == 1 else np.sum(u[: n + 1, i] * u[n::-1, j], axis=0)
                 row += c * products[places]
         u[n + 1] /= n + 1
-    return np.ascontiguousarray(u.transpose(0, 2, 1))
+    return u.transpose(0, 2, 1)

@@ -148,7 +148,12 @@ def angle(c: arb, s: arb) -> arb:
 
 
 class Top(Motion):
-    """alpha, k and the start (J, x), rational. Variables are (J, x, X), states (J, x)."""
+    """alpha, k and the start (J, x), rational. Variables are (J, x, X), states (J, x).
+
+    columns : the places of the variables that `in_doubles` takes.
+    """
+
+    columns: Sequence[int] = range(6)
 
     def __init__(self, alpha: fmpq, k: fmpq, J: Rationals, x: Rationals, up: Rationals = E3) -> None:
         super().__init__()
@@ -359,8 +364,8 @@ class Top(Motion):
         return [Drift(length * (self.c * self.M - self.l * X) / (self.eps * self.c - X * X), arb(0), is_beyond=True)]
 
     def in_doubles(self, u: Array, left: Array, right: Array) -> Array:
-        """States (N, 6) from variables (N, 7), turned about e = e3."""
-        turn, states = unit_turn(left), u[:, :6].copy()
+        """States (N, 6) from J and x (N, 6), turned about e = e3."""
+        turn, states = unit_turn(left), u.copy()
         for n in (0, 3):
             across = (u[:, n] + 1j * u[:, n + 1]) * turn
             states[:, n], states[:, n + 1] = across.real, across.imag
