@@ -328,6 +328,8 @@ def _choose(
             raise ValueError(f"names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
         if best:
             chosen[kind] = best[0]
+    if "omega" in chosen:  # then a momentum tells nothing more, and may be in other axes
+        chosen = {kind: group for kind, group in chosen.items() if not kind.startswith("momentum")}
     _order_angles(chosen, header, how, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
