@@ -6,7 +6,6 @@ the results are printed as powers of ten, so that the same bytes come out every 
 
 from __future__ import annotations
 
-import os
 import re
 import shlex
 from collections import Counter
@@ -191,7 +190,7 @@ def write(report: Report, output: Path) -> Path:
     ValueError : another's index.html is there. OSError : a file cannot be written.
     """
     output = Path(output)
-    before = _linked(output)
+    before = linked_files(output)
     written = {path for section in report.sections for path in write_section(section, output)}
     if len(report.answers):
         written.add(write_file(output / "tables" / "answers.csv", tables.csv(report.answers)))
@@ -201,7 +200,7 @@ def write(report: Report, output: Path) -> Path:
     return index
 
 
-def _linked(output: Path) -> set[Path]:
+def linked_files(output: Path) -> set[Path]:
     """The files of the page in a folder: a page links to each. No other file there is ours to remove.
 
     Raises
@@ -226,19 +225,6 @@ def _errata() -> pd.DataFrame:
         wrong = "sentence" if e.prose else "formula"
         rows.append((e.section, e.equation, wrong, e.printed_text, printed, e.corrected_text, corrected))
     return pd.DataFrame(rows, columns=names)
-
-
-# ---------------------------------------------------------------- to files
-
-
-def check_writable(output: Path) -> None:
-    """Makes the folders of a page and a file in each, for a moment; OSError or ValueError if there is no place for it.
-
-    Nobody wants to learn that after a minute of drawing.
-    """
-    _linked(output)
-    for folder in ("", "figures", "tables"):
-        write_file(output / folder / f".probe-{os.getpid()}", b"").unlink()
 
 
 # ---------------------------------------------------------------- to HTML

@@ -21,12 +21,11 @@ import pandas as pd
 from markupsafe import Markup
 
 from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import UnknownExperiment, load, load_stored
+from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
 from lagrange_bench.integrators.own_modules import import_modules
 from lagrange_bench.report import origin
-from lagrange_bench.report.headlines import headline
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -205,9 +204,6 @@ def draw(experiment: str, store: Store) -> Section:
         section.tables = make_tables(module, section.rows)
     except Exception as error:
         section.errors.append(f"tables cannot be made: {described(error)}")
-    named = {table.name: table.frame for table in section.tables}
-    for figure in section.figures:
-        figure.headline = figure.headline or headline(section.file(figure.name), section.rows, named)
     return section
 
 
@@ -279,11 +275,10 @@ def write(section: Section, output: Path) -> list[Path]:
 
 
 def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
-    """Draws one experiment's figures and tables into `output`; raises whatever drawing raises."""
-    module, section = load(experiment), Section(experiment)
-    section.rows = with_failures(Store(results, choice).rows(experiment), getattr(module, "MEASURED", {}))
-    section.figures = draw_figures(module, section.rows, choice)
-    section.tables = make_tables(module, section.rows)
+    """Draws one experiment's figures and tables into `output`. ValueError: it cannot be drawn."""
+    section = draw(experiment, Store(results, choice))
+    if section.errors:
+        raise ValueError("; ".join(section.errors))
     return write(section, output)
 
 

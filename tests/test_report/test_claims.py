@@ -1,7 +1,6 @@
 """Claims pass only on rows that bear them out; and what else the page says: methods to take, origins, errata."""
 
 import json
-import re
 from dataclasses import replace
 
 import numpy as np
@@ -15,7 +14,6 @@ from lagrange_bench.experiments.work_precision import TARGETS
 from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.report import chooser, claims, lists, origin, page, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
-from lagrange_bench.report.headlines import HEADLINES, headline
 from lagrange_bench.report.origin import Origin
 from lagrange_bench.results.store import default_results
 
@@ -284,19 +282,6 @@ def test_the_equations_that_are_misprinted_are_counted_and_listed(run, monkeypat
     )
     first, other = (run("errata", "--points", "1", "--seed", seed, "--json")[1] for seed in (5, 6))
     assert (first != other, len(json.loads(first))) == (True, len(found))
-
-
-def test_headlines_say_what_the_rows_show(stored):
-    for figure in HEADLINES:
-        name = next(name for name in stored if figure.startswith(f"{name}_"))
-        frames = {key: tables.flat(table) for key, table in load(name).tables(stored[name]).items()}
-        assert re.search(r"\d", headline(figure, stored[name], frames)), figure
-        for none in ({key: frame.iloc[:0] for key, frame in frames.items()}, {}):
-            assert headline(figure, stored[name].iloc[:0], none) == "", figure
-    winners = pd.DataFrame({"span": [1e3, 1e3, 1e3], "cheapest": ["rk4", "backlund_splitting", "backlund_splitting"]})
-    winners["part"] = ["work", "work", "driven"]
-    assert headline("perturbed_work_t1000", winners, {"winners": winners}).endswith("in 1 of 2 races")
-    assert headline("perturbed_driven", winners, {"winners": winners}).endswith("in 1 of 1 races")
 
 
 def test_the_table_of_programs_needs_an_engine(stored):
