@@ -5,13 +5,15 @@
 import json
 import math
 import os
+import random
 import re
+import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from lagrange_bench import METHODS, PERTURBED_TOPS, TOPS, LagrangeTop, PerturbedTop, StepError, metrics
@@ -94,10 +96,32 @@ def variants(name):
 
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False)
+LARGEST, LEAST = sys.float_info.max, 5e-324
+
+
+def hard_numbers():
+    """States, alphas and steps of any size, the same with every version of Hypothesis, which draws others."""
+    yield (0.0, 0.7 * LARGEST, 0.7 * LARGEST, 0.0, 0.0, 1.0), 0.0, 1.0  # |J| is larger than a double
+    yield (0.0, 0.0, 0.0, 0.0, 0.0, 1.4e147), 1.3e161, 4.5e-290  # alpha |x| is, its root is not
+    yield (0.0, 0.0, 0.0, 0.7 * LARGEST, 0.0, 0.8 * LARGEST), 1.0, 1e-200  # |x| is
+    yield (1.0, 0.0, 0.0, 0.0, LEAST, 0.0), LARGEST, LEAST
+    yield (LEAST, 0.0, 0.0, 0.0, 0.0, LEAST), LEAST, LARGEST
+    draw = random.Random("hard numbers")
+    for _ in range(30):
+        numbers = [math.ldexp(draw.uniform(-1, 1), draw.choice((0, draw.randint(-1073, 1024)))) for _ in range(8)]
+        numbers = [number if draw.random() < 0.8 else 0.0 for number in numbers]
+        yield tuple(numbers[:6]), numbers[6], numbers[7]
+
+
+def with_hard_numbers(test):
+    for y0, alpha, h in hard_numbers():
+        test = example(y0=y0, alpha=alpha, h=h)(test)
+    return test
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=[pytest.mark.slow] * (n in LONG)) for n in STEPPING])
-@settings(max_examples=40, deadline=None, derandomize=True)
+@with_hard_numbers
+@settings(max_examples=20, deadline=None, derandomize=True)
 @given(y0=st.tuples(*[NUMBER] * 6), alpha=NUMBER, h=NUMBER)
 def test_any_numbers_give_finite_states_or_a_named_error(name, y0, alpha, h):
     message = None

@@ -24,6 +24,7 @@ def test_scales():
     top, y = LagrangeTop(-2.0), (0.0, 3.0, 4.0, 0.0, 2.0, 0.0)
     assert top.scales(y) == pytest.approx((7.0, 2.0, 1 / 7.0))
     assert top.invariant_scales(y) == pytest.approx((12.5 + 4.0, 7.0, 4.0, 14.0))
+    assert all(0.0 < scale < math.inf for scale in top.scales((1.7e308, 1.7e308, 0.0, 1.7e308, 0.0, 1.7e308)))
 
 
 Y = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))

@@ -88,7 +88,8 @@ class ExactSplittingStepper(loops.ConjugateStepper):
                 group[kernels.KICK_Z] = chosen.d[g] * (h * h * h * h * h)
             if timed:
                 group[kernels.WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
-        head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers[1:]))
+        with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
+            head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers[1:]))
         degree, made = 0, []
         if tabled and kernels.set_box(head, top_without_V(problem).scales(y0), y0, kernels.trial_run(V), h):
             different = tuple(dict.fromkeys(times))
