@@ -63,7 +63,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.experiments import sweep
-    from lagrange_bench.results.store import default_results, name_of
+    from lagrange_bench.results.store import NAMES, default_results, name_of
     from lagrange_bench.runner import engine
 
     names, file = options.experiments or EXPERIMENTS, None
@@ -71,6 +71,10 @@ def run(options: argparse.Namespace) -> Answer:
         if len(names) > 1:
             raise ValueError("a TOML file is run alone: its results have a folder of their own")
         file = sweep.read(Path(names[0]))
+        if file.name in NAMES and not options.results:
+            raise ValueError(
+                f"{names[0]}: {file.name} are results of the bench: rename the file, or give --results DIR"
+            )
         names = [file.experiment]
     results = options.results or default_results(file.name if file else options.profile)
     where = {"scheduler": options.scheduler, "timings": not options.no_timings, "again": options.again}

@@ -28,7 +28,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
     where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
     where.add_argument("--results", type=results_folder, metavar="DIR", help="the same; other commands have it, too")
-    text = "how many cells (default: 60, less than a minute on two cores)"
+    text = "how many cells (default: 60, about a minute on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
     text = "only cells that were computed with other or unknown source code"

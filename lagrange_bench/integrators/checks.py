@@ -45,7 +45,8 @@ def check_state(y0: Any, name: str = "y0") -> Array:
     except ValueError as error:
         raise ValueError(f"{name} must be six real numbers (J1, J2, J3, x1, x2, x3): {error}") from None
     if y.shape != (6,):
-        raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}")
+        hint = f"; if {y0!r} is a step, write h={y0!r}" if y.shape == () else ""
+        raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}{hint}")
     if y.dtype.kind not in "iuf":
         raise ValueError(f"{name} must be real numbers; got dtype {y.dtype}")
     if y.dtype != np.float64:

@@ -73,7 +73,7 @@ def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], N
 
         def advance(done: int, total: int) -> None:
             if show and bars.disable and bars.tasks[task].total is None:
-                print(f"drawing {total} parts, which takes a minute or two", file=sys.stderr, flush=True)
+                print(f"drawing {total} parts", file=sys.stderr, flush=True)
             bars.update(task, completed=done, total=total)
 
         yield advance

@@ -42,6 +42,13 @@ def write(tmp_path):
     return call
 
 
+@pytest.mark.parametrize("name", ["quick", "full", "reference"])
+def test_a_sweep_does_not_mix_with_the_results_of_the_bench(folder, run, name):
+    (folder / f"{name}.toml").write_text(GOOD, encoding="utf-8")
+    code, _, err = run("run", f"{name}.toml")
+    assert (code, "rename the file" in err) == (2, True)
+
+
 @pytest.mark.parametrize(("old", "new", "words"), BAD, ids=[f"{old[:8]} {new[-24:]}" for old, new, _ in BAD])
 def test_what_is_wrong_is_told_with_its_place(write, old, new, words):
     assert old in GOOD

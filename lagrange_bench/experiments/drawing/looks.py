@@ -119,7 +119,7 @@ def looks(methods: Iterable[str], named: Iterable[str]) -> dict[str, dict[str, A
 def naming(methods: Collection[str], chosen: str) -> str:
     """What a caption says of the lines of `looks`. chosen : the words for the named ones, if not all are named."""
     if len(set(methods)) <= FEW:
-        return "Every method is named"
+        return "Every method that is drawn is named"
     return f"Grey: the other methods; {chosen}"
 
 
