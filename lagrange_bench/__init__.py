@@ -22,9 +22,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot
     from lagrange_bench.ask.comparison import Comparison as Comparison
     from lagrange_bench.ask.data import load as load
     from lagrange_bench.ask.questions import drift as drift
-    from lagrange_bench.ask.questions import heavy_top as heavy_top
     from lagrange_bench.ask.questions import order as order
-    from lagrange_bench.ask.questions import perturbed as perturbed
     from lagrange_bench.ask.questions import phase as phase
     from lagrange_bench.ask.questions import work_precision as work_precision
     from lagrange_bench.ask.testing import assert_drift as assert_drift

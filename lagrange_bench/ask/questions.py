@@ -29,13 +29,12 @@ import pandas as pd
 from lagrange_bench.ask.comparison import Comparison
 from lagrange_bench.ask.data import in_both_units
 from lagrange_bench.experiments import drift as drift_experiment
-from lagrange_bench.experiments import heavy_top as body_experiment
 from lagrange_bench.experiments import perturbed as field_experiment
 from lagrange_bench.experiments import phase as phase_experiment
 from lagrange_bench.experiments import work_precision as work_experiment
 from lagrange_bench.experiments.measuring import orders
 from lagrange_bench.experiments.measuring.reductions import worst
-from lagrange_bench.integrators import CASES, METHODS, Method, StepError
+from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.checks import check_count, check_real
 from lagrange_bench.integrators.interface import StepWarning
 from lagrange_bench.integrators.problem import kinds
@@ -178,7 +177,8 @@ def work_precision(
     Comparison
         A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
         end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
-        costs. In the last row of a method `stopped` says why there are no more.
+        costs. In the last row of a method `stopped` says why there are no more: a chaotic motion that doubles lose before the end
+        has no errors.
 
     Raises
     ------
@@ -186,71 +186,26 @@ def work_precision(
         Also if there is no run with an error below 0.1 within `longest`.
     """
     request, span = _Request(methods, _starts(tops)), _step(t, t_scaled, 100.0, "t")
-    return _race(request, work_experiment.measure, {}, span, longest, "seconds")
-
-
-def perturbed(
-    methods: Methods, tops: Tops = "weak_tide", *, t: Number = None, t_scaled: Number = None, longest: float = 0.1
-) -> Comparison:
-    """As `work_precision`, where there is no closed form: tops in a potential, or problems of your own. Set-up is counted.
-
-    Parameters
-    ----------
-    methods, tops : str or list
-        As for `drift`.
-    t, t_scaled : float, optional
-        Length of the runs, as for `work_precision`; t_scaled = 1000 if neither is given.
-    longest : float
-        Seconds; no single run takes longer.
-
-    Returns
-    -------
-    Comparison
-        As of `work_precision`. Chaotic motions that doubles lose before the end have no errors: `stopped` says so.
-
-    Raises
-    ------
-    ValueError
-        As `work_precision`; and a top in a uniform field.
-    """
-    request = _Request(methods, _starts(tops))
+    if not check_real(longest, "longest") > 0:
+        raise ValueError(f"longest must be positive; got {longest!r}")
     for top in request.tops:
-        if kinds.uniform(top.top):
-            raise ValueError(f"tops: {top.name} is in a uniform field; take work_precision")
-    return _race(request, field_experiment.measure, {"part": "work"}, _step(t, t_scaled, 1000.0, "t"), longest, "total")
-
-
-def heavy_top(methods: Methods, tops: str | Iterable[str] = "bruels") -> Comparison:
-    """Position and rotation of a whole body at the end of a run against the step.
-
-    Parameters
-    ----------
-    methods : list of str or Method
-        Those that take a `RigidBody`.
-    tops : str or list of str
-        "bruels", "slow", "simo_wong" or "kovalevskaya". For a body of your own ask `work_precision` or `drift`.
-
-    Returns
-    -------
-    Comparison
-        `h` in s; `position` in m, `rotation` and `spin` in rad, `energy` and `momentum` relative to their terms.
-    """
-    cases: list[Any] = [tops] if isinstance(tops, str) or not isinstance(tops, Iterable) else list(tops)
-    if unknown := [case for case in cases if not isinstance(case, str) or case not in body_experiment.POWERS]:
-        known = ", ".join(body_experiment.POWERS)
-        raise ValueError(f"tops: {unknown[0]!r} must be one of {known}; of a body of your own ask work_precision")
-    request = _Request(methods, tuple(Start.of(CASES[case]) for case in cases))
-    units = {top.name: top.unit for top in request.tops}
+        if not SPANS[0] <= (length := span(top.unit)) <= SPANS[1]:
+            raise ValueError(f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {length:g}")
+    uniform = {top.name for top in request.tops if kinds.uniform(top.top)}
 
     def measure(cell: Cell) -> list[Cell]:
-        case, rows = cell["state"], []
-        for k in body_experiment.POWERS[case]:
-            h = CASES[case].until / 2**k
-            measured = _measured(body_experiment.measure, {**cell, "case": case, "h": h})
-            rows += [{**row, "h": h / units[case]} for row in measured]
-        return rows
+        if cell["state"] in uniform:
+            return work_experiment.measure(cell)
+        return field_experiment.measure({**cell, "part": "work"})
 
-    return request.comparison(request.measure(measure, lambda unit: {}), "h", "rotation")
+    fields = {"per_octave": 1, "decades": 1, "longest": longest}
+    frame = request.measure(measure, lambda unit: {**fields, "span": float(span(unit))})
+    if "seconds" not in frame or not frame["seconds"].notna().any():
+        why = next((f": {reason}" for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
+        below = f"below {work_experiment.USEFUL:g} within longest = {longest:g} s"
+        raise ValueError(f"methods: no run has an error {below}{why}")
+    frame["total"] = frame["seconds"] + frame["setup_seconds"]
+    return request.comparison(frame, "seconds" if uniform else "total", "error")
 
 
 class _Request:
@@ -318,21 +273,3 @@ def _step(own: float | None, scaled: float | None, usual: float, word: str = "h"
     if not number > 0:
         raise ValueError(f"{word} must be positive; got {number:g}")
     return lambda unit: number if own is None else number / unit
-
-
-def _race(
-    request: _Request, measure: Measure, fields: Cell, span: Callable[[float], float], longest: float, x: str
-) -> Comparison:
-    if not check_real(longest, "longest") > 0:
-        raise ValueError(f"longest must be positive; got {longest!r}")
-    for top in request.tops:
-        if not SPANS[0] <= (length := span(top.unit)) <= SPANS[1]:
-            raise ValueError(f"t must be from {SPANS[0]:g} to {SPANS[1]:g} time scales of {top.name}; got {length:g}")
-    fields = {**fields, "per_octave": 1, "decades": 1, "longest": longest}
-    frame = request.measure(measure, lambda unit: {**fields, "span": float(span(unit))})
-    if "seconds" not in frame or not frame["seconds"].notna().any():
-        why = next((f": {reason}" for reason in frame.get("reason", ()) if isinstance(reason, str)), "")
-        below = f"below {work_experiment.USEFUL:g} within longest = {longest:g} s"
-        raise ValueError(f"methods: no run has an error {below}{why}")
-    frame["total"] = frame["seconds"] + frame["setup_seconds"]
-    return request.comparison(frame, x, "error")

@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 
 from lagrange_bench import METHODS, TOPS, Comparison, LagrangeTop, Problem, integrate, load
 from lagrange_bench.ask.data import in_both_units
-from lagrange_bench.ask.questions import drift, heavy_top, order, perturbed, phase, work_precision
+from lagrange_bench.ask.questions import drift, order, phase, work_precision
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.results.store import REFERENCE, Store, make_record
 from tests.reference import free_body
@@ -65,9 +65,9 @@ def test_order_of_a_method_on_a_top_and_on_a_problem():
     assert measured.to_dict() == {(m, top): p for m, p in (("named", 2), ("rk4", 4)) for top in ("fast", "mine")}
 
 
-@pytest.mark.parametrize(("ask", "tops"), [(perturbed, "moderate_tide"), (work_precision, BODY), (perturbed, BODY)])
-def test_races_count_what_an_error_costs(short_races, ask, tops):
-    answer = ask(["rk4"], tops, t_scaled=10, longest=0.005)
+@pytest.mark.parametrize("tops", ["moderate_tide", BODY])
+def test_races_count_what_an_error_costs(short_races, tops):
+    answer = work_precision(["rk4"], tops, t_scaled=10, longest=0.005)
     frame = answer.to_frame()
     assert frame.groupby("method").error.min().between(1e-15, 1e-9).all()
     done = frame[frame.seconds.notna()]
@@ -76,14 +76,6 @@ def test_races_count_what_an_error_costs(short_races, ask, tops):
     (line,) = answer.plot().get_lines()
     for numbers, way in ((line.get_xdata(), 1), (line.get_ydata(), -1)):
         assert np.all(way * np.diff(numbers) > 0), "no run beats another in both"
-
-
-def test_errors_of_a_whole_body():
-    frame = heavy_top(["rk4"], "slow").to_frame()
-    assert len(frame) == 8
-    assert frame.rotation.min() < 1e-9
-    assert frame.h.max() == pytest.approx(2 / 2**5)
-    assert (frame.h_scaled > frame.h).all()
 
 
 def made(methods=("rk4", "strang"), tops=("generic", "fast")):
@@ -101,8 +93,6 @@ BAD = {
     "does not take the potential charge": lambda: drift(["backlund"], "magnet"),
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
     "every run failed: rk4: every step is exact up to round-off on rest": lambda: order(["rk4"], RESTING).plot(),
-    "is in a uniform field; take work_precision": lambda: perturbed(["rk4"], "generic"),
-    "of a body of your own ask": lambda: heavy_top(["rk4"], "nobody"),
     "^y must be a column of numbers": lambda: made().plot(y="method"),
     "no row has both": lambda: Comparison(made().frame.assign(error=np.nan)).plot(),
 }
