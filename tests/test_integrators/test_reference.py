@@ -244,3 +244,9 @@ def test_without_heyoka(monkeypatch):
     assert reference.engines.__wrapped__() == ("flint",)
     monkeypatch.setitem(sys.modules, "heyoka", types.ModuleType("heyoka"))  # of a build without real128
     assert reference.engines.__wrapped__() == ("flint",)
+
+
+def test_the_rest_of_a_time_is_led_over_by_one_term_only_where_it_suffices():
+    """At a time that 26 bits cannot hold, by half of their last place."""
+    top, t = PerturbedTop(LagrangeTop(1.0), POTENTIALS["tide"], (0.5, 0.8, 0.0, 0.6)), np.array((100.0 + 0.95e-6,))
+    assert largest(truths.solution(top, Y0, t) - reference.solution(top, Y0, t).states) < 1e-14

@@ -253,6 +253,57 @@ def test_books_have_bodies_that_no_matter_has():
         RigidBody(1.0, (0, 0, 0), (-0.1, 1.0, 1.0))
 
 
+REFUSED = [
+    ({"inertia_com": ((0.4, 1e-3, 0), (0, 0.5, 0), (0, 0, 0.6))}, "inertia_com must be a symmetric matrix"),
+    ({"inertia_com": ((0.4, 1e-11, 0), (0, 0.5, 0), (0, 0, 0.6))}, "inertia_com must be a symmetric matrix"),
+    ({"inertia_com": (0.4, 0.5)}, "inertia_com must be finite real numbers, shape"),
+    ({"inertia_com": (0.4, 0.0, 0.4), "com": (0, 0, 0)}, "moments about the fixed point must be positive"),
+    ({"mass": 0.0}, "mass must be positive"),
+    ({"mass": -1.0}, "mass must be positive"),
+    ({"mass": math.nan}, "mass must be finite"),
+    ({"com": (0, 0)}, "com must be finite real numbers, shape"),
+    ({"gravity": (0, 0, math.inf)}, "gravity must be finite real numbers, shape"),
+    ({"fixed": 1}, "fixed must be True or False"),
+]
+
+
+@pytest.mark.interpreted
+@pytest.mark.parametrize(("wrong", "message"), REFUSED)
+def test_numbers_that_are_no_body_are_refused(wrong, message):
+    facts = {"mass": 1.0, "com": (0.0, 0.0, 1.0), "inertia_com": (0.4, 0.5, 0.6)}
+    RigidBody(**facts)
+    with pytest.raises(ValueError, match=message):
+        RigidBody(**{**facts, **wrong})
+
+
+@pytest.mark.interpreted
+def test_a_state_off_the_unit_sphere_is_refused():
+    """By 1e-5; a millionth is what a poor run may lose."""
+    y = SKEW.check_state(SKEW.state(**WHOLE))
+    SKEW.check_state(y * (*[1 + 0.5e-6] * 4, 1, 1, 1))
+    for length in (1 - 1e-5, 1 + 1e-5):
+        with pytest.raises(ValueError, match="must be a unit one"):
+            SKEW.check_state(y * (*[length] * 4, 1, 1, 1))
+
+
+@pytest.mark.interpreted
+def test_euler_angles_of_a_body():
+    """R = R3(phi) R2(theta) R3(psi), by matrices written down here."""
+    theta, phi, psi = 0.7, -1.1, 2.3
+
+    def about(axis, angle):
+        i, j = ((axis + 1) % 3, (axis + 2) % 3)
+        R = np.eye(3)
+        R[i, i] = R[j, j] = math.cos(angle)
+        R[j, i] = math.sin(angle)
+        R[i, j] = -R[j, i]
+        return R
+
+    R = about(2, phi) @ about(1, theta) @ about(2, psi)
+    run = integrate(SKEW, SKEW.state(rotation=R, omega_body=(0.1, 0.2, 0.3)), h=1e-3, steps=1, method="strang")
+    assert run.euler_angles()[0] == pytest.approx((theta, phi, psi), abs=1e-12)
+
+
 def test_a_start_in_seven_digits_is_scaled():
     body = RigidBody(1.0, (0, 0, 0), (10, 20, 26))
     with pytest.warns(RuntimeWarning, match="a unit quaternion.*it is scaled"):

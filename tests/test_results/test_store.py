@@ -152,6 +152,12 @@ def test_the_last_success_counts_but_for_what_another_environment_or_source_made
         assert len(results.done("toy")[0]) == (shown is not None)
 
 
+def test_of_two_failures_the_last_is_shown(tmp_path):
+    results = Store(tmp_path)
+    results.append(record(0, "failed", i=1), record(1, "failed", i=1))
+    assert [row["failure"] for row in results.rows("toy").to_dict("records")] == ["ArithmeticError: attempt 1"]
+
+
 def test_a_failed_append_says_what_to_do_and_costs_no_other_cell(filled, monkeypatch):
     real = os.write
 
