@@ -124,6 +124,21 @@ def test_states_follow_the_equations_of_motion(case):
     assert largest((exact.solution(top, y0, np.resize(times, MANY))[: len(times)] - closed) / sizes) < TABLE
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("tides", [False, True], ids=["uniform field", "tide"])
+def test_random_tops_follow_the_equations_of_motion(tides):
+    """300 of each kind, of sizes that differ by up to 10⁴; to 34 digits."""
+    rng = np.random.default_rng(17 + tides)
+    for _ in range(300):
+        alpha, k = rng.normal(size=2) * 10 ** rng.uniform(-2, 2, 2) * (1.0, tides)
+        y0 = tuple((rng.normal(size=6) * np.repeat(10 ** rng.uniform(-2, 2, 2), 3)).tolist())
+        size = math.hypot(*y0[3:])
+        rate = math.hypot(*y0[:3]) + math.sqrt(abs(alpha) * size) + math.sqrt(abs(k)) * size
+        times = np.array((0.2, 8.0)) / rate
+        closed = exact.solution(in_tide(alpha, k), y0, times, digits=34)
+        assert largest((closed - flows(alpha, y0, times, 50, k)) / np.repeat((rate, size), 3)) < 1e-33
+
+
 @pytest.mark.parametrize("case", STATES)
 def test_enclosures_contain_what_more_digits_enclose(case):
     alpha, k, y0 = STATES[case]

@@ -6,12 +6,16 @@ import types
 
 import numpy as np
 import pytest
+from flint import arb, fmpq
 from mpmath import mp, mpf
 
 from lagrange_bench import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, Problem, StepError, cos, exact, exp
 from lagrange_bench.integrators import log, reference, sin, sqrt
 from lagrange_bench.integrators.problem.system import invariants_of
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.integrators.truth.curve import around, dot, horner, power_above, rational, series
+from lagrange_bench.integrators.truth.states import as_mpf as exactly_as_mpf
+from lagrange_bench.support.precision import workprec
 from tests.reference import as_mpf, errors, largest
 
 Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
@@ -133,6 +137,51 @@ def test_the_estimate_bounds_the_error(quadruple):
         actual = distance(FREE, found, wanted)
         assert all(a <= b <= 1e8 * a for a, b in zip(actual, found.error, strict=True))
         assert max(actual) > 1e-28
+
+
+def enclosed(alpha, c, y0, end, bits):
+    """The state at a time in the potential c x1²/2: midpoints and radii, as arrays of mpf.
+
+    A step is a Taylor series from a point; the rest of the series, by majorants, and rounding make its error a ball. With
+    δ = (δJ/r, δx/s), r² = s (|alpha| + 2|c| s), s = |x|, earlier errors grow like |δ|' <= r |δ| for all tops with this s: J × δx
+    is at right angles to δx, |δJ × x| <= s |δJ|, and the force times x changes by (|alpha| + 2|c| s) |δx| at most.
+    """
+    theta = fmpq(1, 4)
+    alpha, c, *start = map(rational, (alpha, c, *y0))
+    moves = [((1, n, 3 + m), (-1, m, 3 + n)) for n, m in ((1, 2), (2, 0), (0, 1))]
+    rates = (((-alpha, 4),), ((alpha, 3), (-c, 3, 5)), ((c, 3, 4),), *moves)
+    with workprec(bits):
+        y, t, end, error = [arb(v) for v in start], fmpq(0), rational(end), arb(0)
+        size = arb(dot(start[3:], start[3:])).sqrt() * (1 + arb(2) ** -20)  # of all points: rounding changes |x|
+        r = (size * (abs(alpha) + 2 * abs(c) * size)).sqrt()
+        while t < end:
+            rate = power_above(dot(y[:3], y[:3]).sqrt() + r)
+            h = min(theta / rate, end - t)
+            rows, place = series(rates, y, 1 / arb(rate), bits // 2 + 2), arb(rate * h)
+            rest = place ** len(rows[0]) / (1 - place)
+            sizes = [arb(rate)] * 3 + [size] * 3
+            y = [horner(row, place) + around(rest * scale) for row, scale in zip(rows, sizes, strict=True)]
+            assert (dot(y[3:], y[3:]).sqrt()) < size
+            local = sum((v.rad() / scale for v, scale in zip(y, [r] * 3 + [size] * 3, strict=True)), arb(0))
+            error, y, t = (error * (r * h).exp() + local).upper(), [v.mid() for v in y], t + h
+        return [exactly_as_mpf(v) for v in y], [
+            exactly_as_mpf((error * scale).upper()) for scale in [r] * 3 + [size] * 3
+        ]
+
+
+@pytest.mark.parametrize(("c", "end", "bits"), [(0.3, 4.0, 192), (0.0, 2.0, 160)])
+def test_the_estimate_bounds_the_error_without_a_closed_form(engine, c, end, bits):
+    """By an enclosure; it contains the closed form where there is one."""
+    mids, radii = enclosed(1.0, c, Y0, end, bits)
+    assert max(radii) < 1e-26
+    found = reference.solution(top("square", 1.0, (c,)), Y0, [end], engine)
+    with mp.workdps(60):
+        off = [abs(v - mid) + radius for v, mid, radius in zip(digits(found)[0], mids, radii, strict=True)]
+        scales = np.repeat(top("none").scales(Y0)[:2], 3)
+        assert largest(off / scales) <= found.error[0] + max(radii)
+        if not c:
+            ball = exact.enclosure(LagrangeTop(1.0), Y0, end, 40)
+            assert all(abs(mid - v) + r <= radius for mid, v, r, radius in zip(mids, *ball, radii, strict=True))
 
 
 def growth(problem, y0, t, engine=None):

@@ -194,6 +194,27 @@ def test_the_truth_of_a_body(body, state):
         assert largest(apart(integrate(body, y0, t=far, method="theta_functions").y, there)) < 4e-15
 
 
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:inertia_com")
+@pytest.mark.parametrize("is_free", [True, False], ids=["free", "heavy"])
+def test_random_bodies_follow_the_equations_of_motion(is_free):
+    """300 of each kind, to 34 digits; |q| is 1 without rounding, as the series have it."""
+    rng = np.random.default_rng(23 + is_free)
+    for _ in range(300):
+        moments, L, k = 10 ** rng.uniform(-1, 1, 3), rng.normal(size=3), rng.integers(3)
+        com = np.zeros(3)
+        if not is_free:
+            moments[(k + 1) % 3], com[k] = moments[(k + 2) % 3], rng.normal() / 4
+        body = RigidBody(10 ** rng.uniform(-1, 1), com, moments, (0, 0, rng.choice((-9.81, 4.0))))
+        y0 = np.array((*rng.permutation((0.5, -0.5, 0.5, -0.5)), *L))
+        rate = np.max(np.abs(L / body.inertia)) + np.sqrt(np.max(np.abs(body.weight)) / np.median(body.inertia))
+        times = [0.3 / rate, 5.0 / rate]
+        truth = (free if is_free else symmetric).solution(body, y0, times, digits=34)
+        digits = np.vectorize(exactly, otypes=[object])(truth)
+        scale = 1.0 if is_free else rate * np.median(body.inertia) / np.linalg.norm(L)
+        assert largest(apart(digits, of_integers(body, y0, times, 40))) < 1e-33 * max(1.0, scale)
+
+
 def test_a_body_without_a_closed_form_is_judged_as_far_as_its_reference_goes():
     y0 = SKEW.state(**WHOLE)
     limit = 2.0 * SKEW.scales(y0)[2]

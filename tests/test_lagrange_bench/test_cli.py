@@ -30,7 +30,19 @@ from tests.mutants import ROOT
 from tests.reference import free_body
 
 COMMANDS = tuple(" ".join(cli.GROUPS.values()).split())
-SLOW = ["numpy", "numba", "scipy", "matplotlib", "pandas", "heyoka", "mpmath", "rich", "jinja2", "multiprocessing"]
+SLOW = [
+    "numpy",
+    "numba",
+    "scipy",
+    "matplotlib",
+    "pandas",
+    "heyoka",
+    "mpmath",
+    "flint",
+    "rich",
+    "jinja2",
+    "multiprocessing",
+]
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
 
@@ -47,6 +59,23 @@ print("loaded:", loaded or set({SLOW!r}) & set(sys.modules) - {{"multiprocessing
 """
     done = python("-c", program)
     assert done.stdout.splitlines()[-1:] == ["loaded: set()"], done.stderr
+
+
+@pytest.mark.processes
+def test_cases_are_judged_without_heyoka_and_numba(tmp_path):
+    """Rows of every case are right; code of every closed form is written."""
+    program = f"""
+import sys
+sys.modules |= dict.fromkeys(("heyoka", "numba", "llvmlite"))
+from lagrange_bench.__main__ import main
+for name in {list(CASES)!r}:
+    assert main(["case", name, "--until", "0.5", "--every", "0.1", "--output", f"{{name}}.csv"]) == 0
+    assert main(["judge", f"{{name}}.csv", "--case", name, "--quiet"]) == 0
+    assert main(["case", name, "--code", "c", "--output", f"{{name}}.c"]) == 2 * (name == "kovalevskaya")
+"""
+    done = python("-c", program, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("The start is right.") == len(CASES)
 
 
 def examples(text):
@@ -371,7 +400,7 @@ def test_where_and_when_a_trajectory_is(answer):
 
 NOT_JUDGED = {  # and why
     "--h 1 --steps 1000 --option lam=0.02j": "lam given: one step is the flow over another time than h, and a turn",
-    "--top weightless --method backlund_paper --h 1e13 --steps 10000": "periods",  # 1e16 and more: beyond doubles
+    "--top weightless --method backlund_paper --h 1e13 --steps 10000": "hardly resolve",  # 1e16 and more: beyond doubles
     "--h 1 --steps 3000 --top axisymmetric --method strang": "longer than 2000 time scales",
     "--method strang --h 0.1 --steps 5 --top magnet": "chaotic",
 }
