@@ -21,9 +21,12 @@ for the differential d log Z = R dx/y, which has the residues +1 at the zeros p 
 
     d log Z(−P(t)) + d log Z(−P(u)) + d log Z(Q) = Σ_p d log g(p) − Σ_q d log g(q).
 
-Z(−P) Z(P) is a constant times Π (v − x), for it has the same zeros and poles. At infinity g = (±√k − A2) x² + …, so the poles
-contribute d log (A2² − k), and for k = 0 a single one d log A2. Hence both sides of the formula for Z have one quotient. It is 1,
-since for t, u → 0 the parabola becomes steep, A2 → ∞, g ~ −A2 (x − x(0))², and both sides tend to Z(0).                        ∎
+d log (Z(P) Z(−P)) is rational in x and has the poles and residues of d log Π (v − x), so Z(P) Z(−P) is const Π (v − x).
+At infinity g = (±√k − A2) x² + …, so the poles contribute d log (A2² − k), and for k = 0 a single one d log A2. Hence both sides
+of the formula for Z have one quotient. It is 1, since for t, u → 0 the parabola becomes steep, A2 → ∞, g ~ −A2 (x − x(0))², and
+both sides tend to Z(0). ∎
+
+P(0) may be any point of the motion. The code takes the *base point*, at a short time after the start.
 
 **The first step** is a Taylor series of the equations of motion, u' = B(u, u) + C u. Its parts, over their scales, have norms at
 most 1 at t = 0, and their rates at most r times the product of two such norms, or of one. So w' = r w², w(0) = 1 is a majorant:
@@ -33,8 +36,8 @@ its solution is 1/(1 − r t), the norms of all coefficients are at most r^n, an
 
 Balls (Arb) hold the true value after every operation; the precision is raised until they are small (`certified`).
 
-Sources: Abel, Œuvres complètes 1 (1881) 145; Miller, J. Cryptology 17 (2004) 235 (the formula for Z, for pairings); Johansson,
-IEEE Trans. Comput. 66 (2017) 1281 (Arb).
+Sources: Miller, The Weil pairing, and its efficient calculation, J. Cryptology 17 (2004) (the formula for Z, for pairings);
+Johansson, Arb: efficient arbitrary-precision midpoint-radius interval arithmetic, arXiv 1611.02831.
 """
 
 from __future__ import annotations
@@ -54,11 +57,10 @@ I = acb(0, 1)
 # The fraction of the longest first step at which the base point lies. Times of users are multiples of powers of two. No such time
 # minus this one is a power of two times it, so symmetric motions meet no division by zero.
 BASE = fmpq(3, 10)
-MOST_BITS = 60_000  # the separatrix itself is no such case; a motion 1e-1000 beside it needs as many
-FIRST_BITS = 64  # of precision beyond the digits
+MOST_BITS = 60_000  # of precision; a motion 1e-1000 beside the separatrix needs about as many
+FIRST_BITS = 64  # of precision beyond the digits, to begin with
 LOST = 6  # bits that one doubling usually loses
 BITS = 192  # of periods and turns; with 105 of them doubles lose nothing
-
 KEPT = 8  # series of a motion, at different precisions
 
 Terms = tuple[tuple[Any, ...], ...]  # of a rate: (c, i) stands for c u_i, (c, i, j) for c u_i u_j
@@ -197,7 +199,6 @@ class Motion(ABC):
     ----------
     start : u at t = 0, rational.
     rates : the terms of each u'.
-    sizes : of each u, as functions of nothing, at the present precision: bounds of its norm at t = 0.
     rate : r of the majorant.
     """
 

@@ -24,8 +24,8 @@ of t but for a constant. With e1 = e(high), and e2, e3 = e of the other two root
 
     T = 2 R_F(0, e1 − e2, e1 − e3)        ∫ dX/(|P − X| √f) = (R_F + e(P) R_J(0, e1 − e2, e1 − e3, e1 − e(P))/3)/|P − low|
 
-from `low` to `high`. The integrals for the poles P = ±√(ε c) give the angle that x sweeps about e in a period: the rate of x+ has
-the partial fractions (|e| l ∓ M √c)/2 over ∓P + X.
+from `low` to `high`. The integrals for the poles P = ±√(ε c) give the angle that x sweeps about e in a period: its rate is the
+sum of (M √c ∓ |e| l)/(2 |P − X|).
 
 Sources: Whittaker, Analytical Dynamics, sections 71–72; DLMF 19.25.35 and 19.16. All formulas are derived again, and tested
 against Taylor series in integers.
