@@ -88,7 +88,8 @@ class Comparison:
     def __repr__(self) -> str:
         tops = list(dict.fromkeys(self.frame["top"])) if "top" in self.frame else []
         names = textwrap.shorten(", ".join(dict.fromkeys(_methods(self.frame))), 60, placeholder=" …")
-        return f"<Comparison of {names} on {len(tops)} top{'s' * (len(tops) != 1)}: {self.y} against {self.x}>"
+        plural = "" if len(tops) == 1 else "s"
+        return f"<Comparison of {names} on {len(tops)} top{plural}: {self.y} against {self.x}>"
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as a frame of its own.
@@ -193,8 +194,8 @@ class Comparison:
             raise ValueError(f"no row has both {x} and {y}")
         if "part" in rows:
             if len(parts := list(dict.fromkeys(rows["part"][both]))) > 1:
-                how = f"choose one, as frame[frame.part == {parts[0]!r}], or NAME_{parts[0]} on the command line"
-                raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {how}")
+                choose = f"choose one, as frame[frame.part == {parts[0]!r}], or NAME_{parts[0]} on the command line"
+                raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {choose}")
             rows = rows[rows["part"] == parts[0]]
         return rows[rows["top"].isin(rows["top"][both])]
 
@@ -205,8 +206,8 @@ class Comparison:
         if log[1] and not self._is_error(y):
             rows = rows.assign(**{y: rows[y].where(rows[y] > 0)})
         good = rows[rows[x].notna() & rows[y].notna()]
-        own = ("span",) if _lack(rows, "span_scaled") else ()  # of rows in the tops' own units
-        apart = [name for name in (*APART, *own, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
+        spans = ("span",) if _lack(rows, "span_scaled") else ()  # of rows in the tops' own units
+        apart = [name for name in (*APART, *spans, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
         if race:
             each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
             kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]
@@ -227,8 +228,8 @@ class Comparison:
     def _is_log(self, rows: pd.DataFrame, name: str) -> bool:
         values = rows[name][np.isfinite(rows[name])]
         sizes = values[values != 0].abs()
-        several = bool((values >= 0).all()) and sizes.max() > 30 * sizes.min()
-        return len(sizes) > 0 and (self._is_error(name) or name in STEPS or bool(several))
+        is_wide = bool((values >= 0).all()) and bool(sizes.max() > 30 * sizes.min())
+        return len(sizes) > 0 and (self._is_error(name) or name in STEPS or is_wide)
 
     def _is_error(self, name: str) -> bool:
         return name in (*self.invariants, *ERRORS) or name.startswith(OWN)
@@ -257,8 +258,8 @@ def _listed(names: Names) -> list[str] | None:
     """Names, each once, as a list; None stands for all."""
     if names is None:
         return None
-    several = [names] if isinstance(names, str | Method) else names
-    return list(dict.fromkeys(name.name if isinstance(name, Method) else name for name in several))
+    listed = [names] if isinstance(names, str | Method) else names
+    return list(dict.fromkeys(name.name if isinstance(name, Method) else name for name in listed))
 
 
 def _methods(rows: pd.DataFrame) -> pd.Series:

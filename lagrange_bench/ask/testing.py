@@ -129,12 +129,12 @@ def assert_drift(
                 wrong.append(f"{name} is off by {value:.4g} ulps at step {step} on {run.top}, {run.step}: {bound:g}")
     lines = [f"{record.name}: {text} allowed" for text in wrong]
     if growth is not None and below is not None:
-        lines += _grows(record, runs, growth, below)
+        lines += growth_beyond(record, runs, growth, below)
     if lines:
         raise AssertionError("\n".join(lines))
 
 
-def _grows(method: Method, runs: list[Run], name: str, below: float) -> Iterator[str]:
+def growth_beyond(method: Method, runs: list[Run], name: str, below: float) -> Iterator[str]:
     """A message for each step for which the exponent is too large. A drift below `ROUND_OFF` is not judged."""
     for step in dict.fromkeys(run.step for run in runs):
         these = [run for run in runs if run.step == step]
@@ -223,9 +223,9 @@ def drifts(
                 raise ValueError(f"tops: {reason}")
             for size in sizes:
                 step = f"{word} = {size:g}"
-                own = size if word == "h" else own_step(None, size, (top, y0))
+                length = size if word == "h" else own_step(None, size, (top, y0))
                 try:
-                    times, y = states.sample(top, y0, name, own, counts, **options or {})
+                    times, y = states.sample(top, y0, name, length, counts, **options or {})
                 except StepError as error:
                     at = f"in {n} steps" if error.step is None else f"step {error.step} of {n}"
                     raise AssertionError(f"{name} on {start.name}, {step}, {at}: {error.reason}") from None

@@ -102,10 +102,12 @@ class Section:
     def _module(self) -> str:
         """The options that import the user's own modules again, if they were imported for this page."""
         named = [str(name) for word in ("method", "potential") for name in self.rows.get(word, ())]
-        own = [name.partition(":")[0] for name in named if ":" in name]
-        own = [self.experiment] * ("." in self.experiment) + [name for name in own if name in sys.modules]
+        modules = [name.partition(":")[0] for name in named if ":" in name]
+        modules = [name for name in modules if name in sys.modules]
+        if "." in self.experiment:
+            modules.insert(0, self.experiment)
         chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
-        return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(own) if name not in chosen)
+        return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(modules) if name not in chosen)
 
     @property
     def measured(self) -> str:

@@ -83,7 +83,7 @@ def verify(
 
 
 def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
-    times, tolerance = declared(old["experiment"], "TIMES", ()), _tolerance(old["cell"].get("method"))
+    times, tolerance = declared(old["experiment"], "TIMES", ()), tolerance_of(old["cell"].get("method"))
     word, columns = compare_cell(old, new, times, tolerance)
     result.identical += word == "same"
     result.close += word == "close"
@@ -92,7 +92,7 @@ def _judge(result: Verification, old: Record, new: Record, here: Sources) -> Non
         result.changed.append({**cell, "columns": columns, "sources": sources.judge(old, here)})
 
 
-def _tolerance(method: Any) -> Any:
+def tolerance_of(method: Any) -> Any:
     compiled = isinstance(method, str) and find_stored(method, METHODS).engine == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 

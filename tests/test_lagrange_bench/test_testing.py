@@ -61,13 +61,13 @@ def test_growth():
 def test_growth_that_comes_late_or_is_not_finite():
     counts = list(range(1, 101))
     runs = [testing.Run("generic", "h = 0.1", counts, np.zeros((100, 1)), ("H",)) for _ in range(16)]
-    assert list(testing._grows(MINE, runs, "H", 0.75)) == []
+    assert list(testing.growth_beyond(MINE, runs, "H", 0.75)) == []
     for run in runs:
         run.ulps[-3:] = 1e6
-    (line,) = testing._grows(MINE, runs, "H", 0.75)
+    (line,) = testing.growth_beyond(MINE, runs, "H", 0.75)
     assert "H is off by 1e+06 ulps at last on 16 tops" in line
     runs[3].ulps[50] = np.nan
-    (line,) = testing._grows(MINE, runs, "H", 0.75)
+    (line,) = testing.growth_beyond(MINE, runs, "H", 0.75)
     assert "H is not finite on 16 tops" in line
 
 

@@ -176,12 +176,6 @@ def test_nothing_verified_is_no_success(run, toy, monkeypatch):
     refused("no cell of", "unknown experiment 'toys.nobody'; if it is your own, add --module")
 
 
-def test_cells_of_a_method_whose_package_is_missing_are_left_out(monkeypatch):
-    monkeypatch.setattr(verify, "available", lambda method: method.name != "taylor")
-    cells = ({"method": "taylor"}, {"method": "rk4"}, {"potential": "nobody"})
-    assert list(map(verify._absent, cells)) == ["taylor", None, "nobody"]
-
-
 def test_compiled_methods_are_held_to_the_bit():
     old = {"status": "done", "error": None, "cell": {"method": "backlund"}, "rows": [{"H": 1e-16, "error": 1e-15}]}
     for rows, method, changed in (
@@ -191,7 +185,7 @@ def test_compiled_methods_are_held_to_the_bit():
         ({"H": 1e-16, "error": 3e-9}, "backlund", ["error"]),
         ({"H": 1e-16, "error": 3e-9}, "taylor", ["error"]),
     ):
-        assert list(compare.differences(old, {**old, "rows": [rows]}, (), verify._tolerance(method))) == changed
+        assert list(compare.differences(old, {**old, "rows": [rows]}, (), verify.tolerance_of(method))) == changed
 
 
 ROOT = Path(__file__).resolve().parents[2]
