@@ -356,98 +356,146 @@ def agm(a, g):
     return 0.5 * (a + g)
 
 
+# ------------------------------------------------------------------------------------ the constants, in five stages
+
+
 @jit
 def constants(alpha, y, h):
     """Everything `position` needs for the motion through y at t = 0."""
     c = np.zeros(SIZE)
-    J1, J2, m, x1, x2, x3 = y
-    c[H], c[J3], c[PERIOD] = h, m, math.inf
+    c[H], c[J3], c[PERIOD], c[SIGN] = h, y[2], math.inf, 1.0
     for k in range(6):
         c[START + k] = y[k]
+    if is_plain(alpha, y, c):
+        return c
+    if alpha < 0.0:  # the mirror image
+        c[SIGN], alpha, y = -1.0, -alpha, (y[0], y[1], y[2], -y[3], -y[4], -y[5])
+    found = roots(alpha, y)
+    put_clock(found, y, c)
+    z12, z13, z23, of_J, of_A, of_B = distances(found)
+    K, K_ = put_start(found, y, z12, z13, z23, c)
+    if z23 <= z12:
+        slopes = put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c)
+    else:
+        slopes = put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c)
+    put_scales(found, of_J[2], of_A[2], of_B[1], slopes, alpha, y, c)
+    return c
+
+
+@jit
+def is_plain(alpha, y, c):
+    """Whether the motion is a rest, a turn about a constant J, or too upright; then it has its constants."""
+    J1, J2, m, x1, x2, _ = y
     if abs(alpha) < WEIGHTLESS:
         rate = sqrt(add(add(two_prod(J1, J1), two_prod(J2, J2)), two_prod(m, m)))
         c[KIND] = FREE if rate[0] > 0.0 else REST
         if rate[0] > 0.0:
             c[CLOCK] = rate[0]
             c[PERIOD], c[PERIOD_LO] = div(TWO_PI, rate)
-        return c
+        return True
     off = max(max(abs(J1), abs(J2)), max(abs(x1), abs(x2)))
-    if off == 0.0:
-        return c
     if off < UPRIGHT:
-        c[KIND] = TOO_UPRIGHT
-        return c
-    c[SIGN] = 1.0
-    if alpha < 0.0:  # the mirror image
-        c[SIGN], alpha, x1, x2, x3 = -1.0, -alpha, -x1, -x2, -x3
-    d1, d2, d3, dzJ, dzA, dzB, ddJ, ddA, ddB = roots(alpha, (J1, J2, m, x1, x2, x3))
-    J_low, J_high = above(d1, d2, d3, dzJ, ddJ)
-    A_low, A_high = above(d1, d2, d3, dzA, ddA)
-    T, turn = period_and_turn(d1, d2, d3, sub(dzJ, d3), J_low, J_high, ddJ, dd(m))
+        c[KIND] = TOO_UPRIGHT if off > 0.0 else REST
+    return off < UPRIGHT
+
+
+@jit
+def put_clock(found, y, c):
+    """1: the period, and the turn in it, in double-double. From here on doubles do."""
+    z1, z2, z3, zJ, _, _, dJ, _, _ = found
+    low, high = above(z1, z2, z3, zJ, dJ)
+    T, turn = period_and_turn(z1, z2, z3, sub(zJ, z3), low, high, dJ, dd(y[2]))
     c[PERIOD], c[PERIOD_LO] = T
     c[TURN], c[TURN_LO] = turn
-    # from here on doubles do
-    z12, z13, z23 = sub(d1, d2)[0], sub(d1, d3)[0], sub(d2, d3)[0]
-    J2_, J1_, J3_ = max(J_low[0], 0.0), max(J_high[0], 0.0), sub(dzJ, d3)[0]  # distances of ζ_J from ζ2, ζ1, ζ3
-    A2_, A1_, A3_ = max(A_low[0], 0.0), max(A_high[0], 0.0), sub(dzA, d3)[0]
-    B3_, B2_, B1_ = max(sub(d3, dzB)[0], 0.0), sub(d2, dzB)[0], sub(d1, dzB)[0]
-    sJ, sA = side(ddJ, J_low, J_high), side(ddA, A_low, A_high)
-    sB = math.copysign(1.0, ddB[0]) if ddB[0] != 0.0 and B3_ > 0.0 else 0.0
-    kappa = math.sqrt(0.5 * z13)
-    K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))  # K', K and w at t = 0
+
+
+@jit
+def distances(found):
+    """2: ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3; for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ."""
+    z1, z2, z3, zJ, zA, zB, dJ, dA, dB = found
+    J_low, J_high = above(z1, z2, z3, zJ, dJ)
+    A_low, A_high = above(z1, z2, z3, zA, dA)
+    of_J = max(J_high[0], 0.0), max(J_low[0], 0.0), sub(zJ, z3)[0], side(dJ, J_low, J_high)
+    of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], side(dA, A_low, A_high)
+    B3 = max(sub(z3, zB)[0], 0.0)
+    of_B = sub(z1, zB)[0], sub(z2, zB)[0], B3, math.copysign(1.0, dB[0]) if dB[0] != 0.0 and B3 > 0.0 else 0.0
+    return sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0], of_J, of_A, of_B
+
+
+@jit
+def put_start(found, y, z12, z13, z23, c):
+    """3: the time since x3 was smallest. Returns K and K'; CLOCK is κ for now."""
+    J1, J2, _, x1, x2, _ = y
+    c[CLOCK] = math.sqrt(0.5 * z13)
+    K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))
     K = 0.5 * math.pi / agm(1.0, math.sqrt(z12 / z13)) if z12 > 0.0 else math.inf
-    w = 0.0
-    if d3[0] < 0.0:
-        w = math.sqrt(-d3[0]) * carlson(max(d2[0], 0.0), d1[0] * z23 / z13, z23)
-    slope = J1 * x2 - J2 * x1
-    c[TIME_0] = math.copysign(w, slope) / kappa
-    if z23 <= z12:
-        c[KIND] = DIRECT
-        c[NOME] = nome(z23 / z13, z12 / z13)
-        c[CLOCK] = 0.5 * math.pi * kappa / K
-        eJ = math.sqrt(J1_) * carlson(J2_, J3_ * z12 / z13, z12) if sJ != 0.0 else K_
-        eA = math.sqrt(A1_) * carlson(A2_, A3_ * z12 / z13, z12) if sA != 0.0 else K_
-        eB = math.sqrt(z13) * carlson(B3_, B2_, B1_) if sB != 0.0 else K_
-        gJ = direct_series(c, COS_J, SIN_J, sJ, eJ, K)
-        gA = direct_series(c, COS_A, SIN_A, sA, eA, K)
-        gB = direct_series(c, COS_B, SIN_B, sB, eB, K)
-        power, odd = -2.0 * c[NOME], -c[NOME] * c[NOME] * c[NOME]  # 2 (−1)^n q^(n²), −q^(2n+1)
-        for n in range(TERMS):
-            c[THETA + n] = power
-            power *= odd
-            odd *= c[NOME] * c[NOME]
-    else:
-        c[KIND] = TRANSFORMED
-        c[NOME] = nome(z12 / z13, z23 / z13)
-        c[CLOCK] = 0.5 * math.pi * kappa / K_
-        c[BARRIER] = 0.5 * math.pi * K / K_
-        scale_ = 0.5 * math.pi / K_
-        bJ = bA = bB = 0.0
-        if sJ != 0.0:
-            bJ = scale_ * math.sqrt(J2_ * z13) * carlson(J1_ * z23, z23 * z12, J3_ * z12)
-        if sA != 0.0:
-            bA = scale_ * math.sqrt(A2_ * z13) * carlson(A1_ * z23, z23 * z12, A3_ * z12)
-        if sB != 0.0:
-            bB = scale_ * math.sqrt(B3_) * carlson(z23, z23 * B1_ / z13, B2_)
-        gJ = transformed_series(c, COS_J, SIN_J, sJ, bJ, False)
-        gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
-        gB = transformed_series(c, COS_B, SIN_B, sB, bB, True)
-    c[RATE_J] = 0.5 * m + (ddJ[0] / J3_ - c[CLOCK] * gJ)
-    c[RATE_X] = (ddA[0] / A3_ - c[CLOCK] * gA) + (ddB[0] / B2_ - c[CLOCK] * gB)
-    # sizes: of J+ and A where x3 is smallest, of B where it is largest; then the phase, from the initial state
+    z1, z2, z3, w = found[0][0], found[1][0], found[2][0], 0.0
+    if z3 < 0.0:
+        w = math.sqrt(-z3) * carlson(max(z2, 0.0), z1 * z23 / z13, z23)
+    c[TIME_0] = math.copysign(w, J1 * x2 - J2 * x1) / c[CLOCK]
+    return K, K_
+
+
+@jit
+def put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
+    """4: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
+    c[KIND], c[NOME] = DIRECT, nome(z23 / z13, z12 / z13)
+    c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K
+    (J1, J2, J3_, sJ), (A1, A2, A3, sA), (B1, B2, B3, sB) = of_J, of_A, of_B
+    eJ = math.sqrt(J1) * carlson(J2, J3_ * z12 / z13, z12) if sJ != 0.0 else K_
+    eA = math.sqrt(A1) * carlson(A2, A3 * z12 / z13, z12) if sA != 0.0 else K_
+    eB = math.sqrt(z13) * carlson(B3, B2, B1) if sB != 0.0 else K_
+    gJ = direct_series(c, COS_J, SIN_J, sJ, eJ, K)
+    gA = direct_series(c, COS_A, SIN_A, sA, eA, K)
+    gB = direct_series(c, COS_B, SIN_B, sB, eB, K)
+    power, odd = -2.0 * c[NOME], -c[NOME] * c[NOME] * c[NOME]  # 2 (−1)^n q^(n²), −q^(2n+1)
+    for n in range(TERMS):
+        c[THETA + n] = power
+        power *= odd
+        odd *= c[NOME] * c[NOME]
+    return gJ, gA, gB
+
+
+@jit
+def put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
+    """4: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
+    c[KIND], c[NOME] = TRANSFORMED, nome(z12 / z13, z23 / z13)
+    c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K_
+    c[BARRIER] = 0.5 * math.pi * K / K_
+    (J1, J2, J3_, sJ), (A1, A2, A3, sA), (B1, B2, B3, sB) = of_J, of_A, of_B
+    per_K, bJ, bA, bB = 0.5 * math.pi / K_, 0.0, 0.0, 0.0
+    if sJ != 0.0:
+        bJ = per_K * math.sqrt(J2 * z13) * carlson(J1 * z23, z23 * z12, J3_ * z12)
+    if sA != 0.0:
+        bA = per_K * math.sqrt(A2 * z13) * carlson(A1 * z23, z23 * z12, A3 * z12)
+    if sB != 0.0:
+        bB = per_K * math.sqrt(B3) * carlson(z23, z23 * B1 / z13, B2)
+    gJ = transformed_series(c, COS_J, SIN_J, sJ, bJ, False)
+    gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
+    return gJ, gA, transformed_series(c, COS_B, SIN_B, sB, bB, True)
+
+
+@jit
+def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
+    """5: the rates λ, the constant factors, and the phase ψ at the start."""
+    J1, J2, m, x1, x2, x3 = y
+    _, _, _, _, _, _, dJ, dA, dB = found
+    gJ, gA, gB = slopes
+    c[RATE_J] = 0.5 * m + (dJ[0] / J3_ - c[CLOCK] * gJ)
+    c[RATE_X] = (dA[0] / A3 - c[CLOCK] * gA) + (dB[0] / B2 - c[CLOCK] * gB)
+    # factors of J+ and A where x3 is smallest, of B where it is largest
     J, A, B = factors(0.0, c)
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
-    c[SIZE_A2] = A3_ / alpha / (A.real * A.real + A.imag * A.imag)
+    c[SIZE_A2] = A3 / alpha / (A.real * A.real + A.imag * A.imag)
     J, A, B = factors(0.5 * c[PERIOD], c)
-    c[SIZE_B2] = B2_ / alpha / (B.real * B.real + B.imag * B.imag)
+    c[SIZE_B2] = B2 / alpha / (B.real * B.real + B.imag * B.imag)
     c[SIZE_X] = math.sqrt(c[SIZE_A2] * c[SIZE_B2])
     n, r = reduced(0.0, c)
-    J, x, z = model(n, r, c)
+    J, x, _ = model(n, r, c)
     length = x1 * x1 + x2 * x2 + x3 * x3
     weight = J1 * J1 + J2 * J2 + m * m + alpha * math.sqrt(length)
     psi = J.conjugate() * complex(J1, J2) * length + x.conjugate() * complex(x1, x2) * weight
     c[PSI_RE], c[PSI_IM] = psi.real / abs(psi), psi.imag / abs(psi)
-    return c
 
 
 def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
