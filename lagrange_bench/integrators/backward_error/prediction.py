@@ -184,9 +184,16 @@ class Theory:
     """
 
     def __init__(
-        self, top: LagrangeTop, y0: Array, h: float, step: Array, S: NDArray[Any], angle: NDArray[Any],
-        drifts: bool = False, amplitude: float = math.inf,
-    ):  # fmt: skip
+        self,
+        top: LagrangeTop,
+        y0: Array,
+        h: float,
+        step: Array,
+        S: NDArray[Any],
+        angle: NDArray[Any],
+        drifts: bool = False,
+        amplitude: float = math.inf,
+    ):
         self.amplitude = amplitude
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)

@@ -295,8 +295,11 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
 
 
 METHOD = Method(
-    name="addition_theorem", label="Addition theorem", family="closed-form", order=None,
+    name="addition_theorem",
+    label="Addition theorem",
+    family="closed-form",
+    order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker and Watson, A Course of Modern Analysis, 20.3 and 23.7; matrix form: this project",
     prepare=prepare,
-)  # fmt: skip
+)

@@ -146,17 +146,32 @@ SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/04
 
 
 EXACT = Method(
-    name="backlund", label="Bäcklund, exact λ(h)", family="backlund", order=None,
+    name="backlund",
+    label="Bäcklund, exact λ(h)",
+    family="backlund",
+    order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
-    source=SOURCE + "; λ(h) by time doubling, this project", prepare=prepare_exact,
-    evaluate=evaluate_exact, many=many,
+    source=SOURCE + "; λ(h) by time doubling, this project",
+    prepare=prepare_exact,
+    evaluate=evaluate_exact,
+    many=many,
     kernels_for={kinds.symmetric_body: prepare_body},
-)  # fmt: skip
+)
 UNPINNED = replace(
-    EXACT, name="backlund_unpinned", label="Bäcklund, exact, not pinned", prepare=prepare_unpinned, evaluate=None,
-    many=partial(many, pin=0), kernels_for={},
-)  # fmt: skip
+    EXACT,
+    name="backlund_unpinned",
+    label="Bäcklund, exact, not pinned",
+    prepare=prepare_unpinned,
+    evaluate=None,
+    many=partial(many, pin=0),
+    kernels_for={},
+)
 PAPER = replace(
-    UNPINNED, name="backlund_paper", label="Bäcklund, paper's λ", order=2, source=SOURCE, prepare=prepare_paper,
+    UNPINNED,
+    name="backlund_paper",
+    label="Bäcklund, paper's λ",
+    order=2,
+    source=SOURCE,
+    prepare=prepare_paper,
     many=None,
-)  # fmt: skip
+)

@@ -52,7 +52,7 @@ from lagrange_bench.integrators.methods.backlund_step_size import (
     top_without_V,
     warn_long,
     warn_strong,
-)  # fmt: skip
+)
 from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
@@ -71,9 +71,16 @@ class ExactSplittingStepper(loops.ConjugateStepper):
     """
 
     def __init__(
-        self, problem: Problem, y0: Array, h: float, chosen: Scheme, corrected: bool, modified: bool, tabled: bool,
+        self,
+        problem: Problem,
+        y0: Array,
+        h: float,
+        chosen: Scheme,
+        corrected: bool,
+        modified: bool,
+        tabled: bool,
         after: float = 0.0,
-    ):  # fmt: skip
+    ):
         (alpha, V), start, n = problem.alpha_and_rest, problem.start + after, len(chosen.b)
         conserves_J3, timed, numbers = 2 in V.constant, V.timed, np.array((alpha, start, *problem.numbers))
         J, x = y0[:3], y0[3:]
@@ -108,11 +115,19 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
         restore = kernels.restore_casimirs_at_fixed_J3 if conserves_J3 else kernels.restore_casimirs
         super().__init__(
-            NAME, h, c, step, restore, kernels.RESTORE_EVERY, map_rows=kernels.map_over(V),
+            NAME,
+            h,
+            c,
+            step,
+            restore,
+            kernels.RESTORE_EVERY,
+            map_rows=kernels.map_over(V),
             preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
             postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
-            rhs_per_step=n, failures=kernels.FAILURES, timed=timed,
-        )  # fmt: skip
+            rhs_per_step=n,
+            failures=kernels.FAILURES,
+            timed=timed,
+        )
 
     def rows(self, out: Array, every: int) -> Array:
         numbers, parts, (start, *_) = self._postprocess
@@ -135,9 +150,15 @@ class ExactSplittingStepper(loops.ConjugateStepper):
 
 
 def prepare(
-    top: LagrangeTop, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
-    modified_kick: bool | None = None, table: bool = True,
-) -> Stepper:  # fmt: skip
+    top: LagrangeTop,
+    y0: Array,
+    h: float,
+    *,
+    scheme: str = "strang",
+    corrector: bool | None = None,
+    modified_kick: bool | None = None,
+    table: bool = True,
+) -> Stepper:
     """In a uniform field, V = 0, every scheme is the exact step."""
     _check(scheme, corrector, modified_kick, table)
     try:
@@ -149,9 +170,15 @@ def prepare(
 
 
 def prepare_in_field(
-    problem: Problem, y0: Array, h: float, *, scheme: str = "strang", corrector: bool | None = None,
-    modified_kick: bool | None = None, table: bool = True,
-) -> ExactSplittingStepper:  # fmt: skip
+    problem: Problem,
+    y0: Array,
+    h: float,
+    *,
+    scheme: str = "strang",
+    corrector: bool | None = None,
+    modified_kick: bool | None = None,
+    table: bool = True,
+) -> ExactSplittingStepper:
     """Kicks by V, and exact flows of the top without V.
 
     Parameters
@@ -241,8 +268,14 @@ def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, 
 
 
 METHOD = Method(
-    name="backlund_splitting", label="Bäcklund splitting", family="backlund", order=4,
+    name="backlund_splitting",
+    label="Bäcklund splitting",
+    family="backlund",
+    order=4,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field, needs=kinds.driven_top, kernels_for={"uniform": prepare}, evaluate=evaluate,
-)  # fmt: skip
+    prepare=prepare_in_field,
+    needs=kinds.driven_top,
+    kernels_for={"uniform": prepare},
+    evaluate=evaluate,
+)

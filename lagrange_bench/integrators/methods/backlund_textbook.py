@@ -87,8 +87,12 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
 
 
 METHOD = replace(
-    PAPER, name="backlund_textbook", label="Bäcklund, paper's program",
-    source=SOURCE + " and the program of section 5.7", prepare=prepare_textbook, kernels_for={},
+    PAPER,
+    name="backlund_textbook",
+    label="Bäcklund, paper's program",
+    source=SOURCE + " and the program of section 5.7",
+    prepare=prepare_textbook,
+    kernels_for={},
     # The map conserves H, C1 and C2, too. But the divisions lose them where B(λ) is small: at each pass near the vertical.
     claims=Claims(symmetric=True, poisson=True, conserves={"J3"}),
-)  # fmt: skip
+)

@@ -82,7 +82,12 @@ def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 
 METHOD = Method(
-    name="bobenko_suris", label="Bobenko–Suris", family="integrable", order=2,
+    name="bobenko_suris",
+    label="Bobenko–Suris",
+    family="integrable",
+    order=2,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}, conserves_own={"E": energy}),
-    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form", prepare=prepare, needs=kinds.top,
-)  # fmt: skip
+    source="Bobenko and Suris, Commun. Math. Phys. 204 (1999) 147, in symmetric form",
+    prepare=prepare,
+    needs=kinds.top,
+)

@@ -292,7 +292,14 @@ def check_tolerances(rtol: float, atol: float) -> tuple[float, float]:
 
 PREPARE, EVALUATE = dense("dop853", runner)
 METHOD = Method(
-    name="dop853", label="DOP853", family="runge-kutta", order=8, claims=Claims(conserves={"J3"}), control="tolerance",
+    name="dop853",
+    label="DOP853",
+    family="runge-kutta",
+    order=8,
+    claims=Claims(conserves={"J3"}),
+    control="tolerance",
     source="Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5 and II.6; program DOP853",
-    prepare=PREPARE, evaluate=EVALUATE, needs="rhs",
-)  # fmt: skip
+    prepare=PREPARE,
+    evaluate=EVALUATE,
+    needs="rhs",
+)

@@ -181,11 +181,15 @@ def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
 
 
 METHOD = Method(
-    name="implicit_midpoint", label="Implicit midpoint", family="implicit", order=2,
+    name="implicit_midpoint",
+    label="Implicit midpoint",
+    family="implicit",
+    order=2,
     claims=Claims(symmetric=True, conserves={"J3", "C1", "C2"}, conserves_if_quadratic={"H"}),
     source="Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), II.1.1 and IV.2.1",
-    prepare=prepare_in_field, needs="rhs",
+    prepare=prepare_in_field,
+    needs="rhs",
     # In a uniform field one cubic equation solves the step, and shows whether it is unique. The general kernel costs 4.8 times
     # as much there.
     kernels_for={"uniform": prepare},
-)  # fmt: skip
+)

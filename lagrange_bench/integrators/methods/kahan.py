@@ -161,10 +161,14 @@ def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 
 METHOD = Method(
-    name="kahan", label="Kahan–Hirota–Kimura", family="integrable", order=2,
+    name="kahan",
+    label="Kahan–Hirota–Kimura",
+    family="integrable",
+    order=2,
     claims=Claims(symmetric=True, conserves={"J3"}, conserves_own={"e": e, "r0": r0, "kappa": kappa}),
     source="Kimura and Hirota, J. Phys. Soc. Japan 69 (2000) 3193; in the rest frame: this project",
-    prepare=prepare_in_field, needs=kinds.quadratic_top,
+    prepare=prepare_in_field,
+    needs=kinds.quadratic_top,
     # in a uniform field the general kernel would let kappa drift, by 40 000 ulps in 10⁵ steps
     kernels_for={"uniform": prepare},
-)  # fmt: skip
+)

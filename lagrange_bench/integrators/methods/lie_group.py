@@ -246,7 +246,12 @@ def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
 
 
 RKMK4 = Method(
-    name="rkmk4", label="RKMK 4", family="lie-group", order=4, claims=Claims(conserves={"C1", "C2"}),
+    name="rkmk4",
+    label="RKMK 4",
+    family="lie-group",
+    order=4,
+    claims=Claims(conserves={"C1", "C2"}),
     source="Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas and Owren, Phil. Trans. R. Soc. A 357 (1999) 957",
-    prepare=prepare, needs="rhs",
-)  # fmt: skip
+    prepare=prepare,
+    needs="rhs",
+)

@@ -163,8 +163,15 @@ def stepper(name: str, problem: Any, h: float, split: Split, step: Callable[...,
     system = problem.system
     size, timed = system.size, system.timed
     return FixedStepper(
-        name, h, constants_for(split, problem, h), step, rhs_per_step=calls, size=size, timed=timed, memory=size,
-    )  # fmt: skip
+        name,
+        h,
+        constants_for(split, problem, h),
+        step,
+        rhs_per_step=calls,
+        size=size,
+        timed=timed,
+        memory=size,
+    )
 
 
 # ------------------------------------------------------------------------------------ projection
@@ -303,9 +310,15 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
         return stepper(name, problem, h, increment_of(tableau, problem.system), step, tableau.stages)
 
     return Method(
-        name=name, label=label, family="runge-kutta", order=tableau.order, claims=Claims(conserves={"J3"}), source=source,
-        prepare=prepare, needs="rhs",
-    )  # fmt: skip
+        name=name,
+        label=label,
+        family="runge-kutta",
+        order=tableau.order,
+        claims=Claims(conserves={"J3"}),
+        source=source,
+        prepare=prepare,
+        needs="rhs",
+    )
 
 
 VERNER = "Verner, Numer. Algorithms 53 (2010) 383, most efficient 9(8)"
@@ -315,9 +328,11 @@ FIFTH = fixed(
     "rk45_fixed", "RK45, fixed step", DORMAND_PRINCE, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
 )
 EIGHTH = fixed(
-    "dop853_fixed", "DOP853, fixed step", DOP853,
+    "dop853_fixed",
+    "DOP853, fixed step",
+    DOP853,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-)  # fmt: skip
+)
 NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
@@ -352,9 +367,13 @@ def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedSteppe
 
 
 def _on_torus(
-    h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], enter: Callable[[Array], Array],
+    h: float,
+    c: Array,
+    step: Any,
+    lacking: Callable[[Array], tuple[float, ...]],
+    enter: Callable[[Array], Array],
     **more: Any,
-) -> FixedStepper:  # fmt: skip
+) -> FixedStepper:
     """A stepper that refuses states whose invariants are off by more than round-off."""
     if not finite(c):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
@@ -370,8 +389,12 @@ def _on_torus(
 
 
 PROJECTED = replace(
-    NINTH, name=PROJECTING, label="Verner 9, projected", claims=Claims(conserves={"H", "J3", "C1", "C2"}),
+    NINTH,
+    name=PROJECTING,
+    label="Verner 9, projected",
+    claims=Claims(conserves={"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected_in_field, needs=kinds.top,
+    prepare=prepare_projected_in_field,
+    needs=kinds.top,
     kernels_for={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
-)  # fmt: skip
+)

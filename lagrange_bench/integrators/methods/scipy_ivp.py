@@ -108,16 +108,26 @@ def natural(solver: Solver, label: str, order: int, source: str) -> Method:
     """The record of a solver."""
     prepare, evaluate = dense(solver.name, solver.runner)
     return Method(
-        name=solver.name, label=label, family="runge-kutta", order=order, claims=Claims(conserves={"J3"}), control="tolerance",
-        source=f"scipy.integrate.{solver.scipys.__name__}; {source}", prepare=prepare, evaluate=evaluate, needs="rhs",
+        name=solver.name,
+        label=label,
+        family="runge-kutta",
+        order=order,
+        claims=Claims(conserves={"J3"}),
+        control="tolerance",
+        source=f"scipy.integrate.{solver.scipys.__name__}; {source}",
+        prepare=prepare,
+        evaluate=evaluate,
+        needs="rhs",
         engine="scipy",
-    )  # fmt: skip
+    )
 
 
 RK45 = natural(
     Solver("rk45", scipy.integrate.RK45), "RK45 (SciPy)", 5, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
 )
 DOP853 = natural(
-    Solver("scipy_dop853", scipy.integrate.DOP853), "DOP853 (SciPy)", 8,
+    Solver("scipy_dop853", scipy.integrate.DOP853),
+    "DOP853 (SciPy)",
+    8,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
-)  # fmt: skip
+)

@@ -197,7 +197,16 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
 
 PREPARE, EVALUATE = dense("taylor", runner)
 NATURAL = Method(
-    name="taylor", label="Taylor (heyoka)", family="taylor", order=20, claims=Claims(conserves={"J3"}), control="tolerance",
-    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614", prepare=PREPARE, evaluate=EVALUATE,
-    requires="heyoka", engine="heyoka", needs="smooth",
-)  # fmt: skip
+    name="taylor",
+    label="Taylor (heyoka)",
+    family="taylor",
+    order=20,
+    claims=Claims(conserves={"J3"}),
+    control="tolerance",
+    source="heyoka.taylor_adaptive; Biscani and Izzo, MNRAS 504 (2021) 2614",
+    prepare=PREPARE,
+    evaluate=EVALUATE,
+    requires="heyoka",
+    engine="heyoka",
+    needs="smooth",
+)

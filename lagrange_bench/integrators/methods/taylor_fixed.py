@@ -220,7 +220,13 @@ def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> Fixed
 
 
 METHOD = Method(
-    name="taylor_fixed", label="Taylor 20, fixed step", family="taylor", order=20, claims=Claims(conserves={"J3"}),
-    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2", prepare=prepare_in_field, needs="smooth",
+    name="taylor_fixed",
+    label="Taylor 20, fixed step",
+    family="taylor",
+    order=20,
+    claims=Claims(conserves={"J3"}),
+    source="Jorba and Zou, Exp. Math. 14 (2005) 99, section 2",
+    prepare=prepare_in_field,
+    needs="smooth",
     kernels_for={"uniform": prepare},  # the general kernel costs 4.5 times as much there
-)  # fmt: skip
+)

@@ -552,8 +552,13 @@ def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array
 
 
 METHOD = Method(
-    name=NAME, label="Theta functions", family="closed-form", order=None,
+    name=NAME,
+    label="Theta functions",
+    family="closed-form",
+    order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
-    source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477", prepare=prepare,
-    evaluate=evaluate, kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: prepare_body},
-)  # fmt: skip
+    source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477",
+    prepare=prepare,
+    evaluate=evaluate,
+    kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: prepare_body},
+)

@@ -292,22 +292,34 @@ def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> 
 of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.rigid_body`
 
 RATTLE = of_bodies(
-    name="rattle", label="RATTLE", order=2,
+    name="rattle",
+    label="RATTLE",
+    order=2,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
-    source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87", prepare=partial(prepare, "rattle", rattle),
-)  # fmt: skip
+    source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87",
+    prepare=partial(prepare, "rattle", rattle),
+)
 SIMO_WONG = of_bodies(
-    name="simo_wong", label="Cayley midpoint", order=2,
+    name="simo_wong",
+    label="Cayley midpoint",
+    order=2,
     claims=Claims(symmetric=True, conserves={"H", "J3", "C1"}),
     source="after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen",
     prepare=partial(prepare, "simo_wong", simo_wong),
-)  # fmt: skip
+)
 LIE_MIDPOINT = of_bodies(
-    name="lie_midpoint", label="Lie midpoint", order=2, claims=Claims(symmetric=True, conserves={"J3", "C1"}),
+    name="lie_midpoint",
+    label="Lie midpoint",
+    order=2,
+    claims=Claims(symmetric=True, conserves={"J3", "C1"}),
     source="as simo_wong, with the exponential",
     prepare=partial(prepare, "lie_midpoint", lie_midpoint),
-)  # fmt: skip
+)
 GENERALIZED_ALPHA = of_bodies(
-    name="generalized_alpha", label="Generalized-α", order=2, claims=Claims(conserves={"C1", "C2"}),
-    source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121", prepare=prepare_alpha,
-)  # fmt: skip
+    name="generalized_alpha",
+    label="Generalized-α",
+    order=2,
+    claims=Claims(conserves={"C1", "C2"}),
+    source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
+    prepare=prepare_alpha,
+)

@@ -31,13 +31,27 @@ from lagrange_bench.integrators.problem.system import (
     invariants_of,
     make_system,
     slopes_of,
-)  # fmt: skip
+)
 from lagrange_bench.integrators.problem.vectors import cross_in
 
 COLUMNS = frozenset(  # names that no invariant may have: tables with a column for each invariant have these, too
-    ("t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure", "worst", "error",
-     "motion")
-)  # fmt: skip
+    (
+        "t",
+        "h",
+        "span",
+        "t_scaled",
+        "h_scaled",
+        "span_scaled",
+        "method",
+        "top",
+        "steps",
+        "status",
+        "failure",
+        "worst",
+        "error",
+        "motion",
+    )
+)
 Formula = Callable[..., Any]
 
 
