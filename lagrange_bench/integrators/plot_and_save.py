@@ -22,12 +22,14 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-LEAST = 2.0**-54  # a quarter of an ulp of 1: where a logarithmic axis shows smaller errors and 0
-JOINED, SMOOTH, MOST_TURNS = (
-    8,
-    48,
-    500,
-)  # rows a nutation, from which on they are joined; points a nutation of a smooth orbit; most nutations of a smooth orbit
+# a quarter of an ulp of 1: where a logarithmic axis shows smaller errors and 0
+LEAST = 2.0**-54
+# rows a nutation, from which on they are joined
+JOINED = 8
+# points a nutation of a smooth orbit
+SMOOTH = 48
+# most nutations of a smooth orbit
+MOST_TURNS = 500
 KINDS = ("components", "invariants", "error", "axis")
 FORMATS = (".csv", ".npz", ".parquet")
 

@@ -66,7 +66,6 @@ FAILURES = {
 }
 WEIGHTLESS = 2.0**-100  # a smaller alpha, in units of the orbit, changes no double at any admissible time
 UPRIGHT = 1e-40  # least J+ or x+, in units of the orbit: the fourth powers of smaller ones underflow
-ZERO = (0.0, 0.0)
 state_of, put_state = tuple_loader(6), tuple_storer(6)
 
 
@@ -534,8 +533,8 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, with one evaluation for each."""
     if kinds.rigid_body(top):
         return closed_form(top, y0, times), Work(steps=len(times))  # type: ignore[arg-type]
-    units, scaled, c = at_instants(top, y0, times)
-    states = units.leave(positions(scaled, c))
+    units = Units(top, y0, 1.0)
+    states = units.leave(positions(units.spans(NAME, times), found_constants(units, y0, 0.0)))
     states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))
 
@@ -543,12 +542,6 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
 def prepare_body(body: RigidBody, y0: Array, h: float) -> BodyStepper:
     """The closed form of a free or symmetric body at every multiple of h."""
     return BodyStepper(body, h, closed_form)
-
-
-def at_instants(top: LagrangeTop, y0: Array, times: Array) -> tuple[Units, Array, Array]:
-    """Units, the times in them, and the constants."""
-    units = Units(top, y0, 1.0)
-    return units, units.spans(NAME, times), found_constants(units, y0, 0.0)
 
 
 METHOD = Method(
