@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, Case, RigidBody
+from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
 
 Array = np.ndarray
@@ -106,7 +107,7 @@ def equations(program: Program) -> Callable[[float, Array], Array]:
 
 
 def start_of(case: Case) -> Array:
-    return np.concatenate((case.state[:4], np.asarray(case.omega_body, float)))
+    return np.concatenate((as_rotation(case.rotation).as_quat(scalar_first=True), np.asarray(case.omega_body, float)))
 
 
 def columns_of(case: Case, t: Array, y: Array) -> tuple[Array, Array, Array]:
@@ -264,8 +265,8 @@ def integrated(c: Columns, rng: Any) -> Columns:
 
 
 def mirrored(c: Columns, rng: Any) -> Columns:
-    S = np.diag([1.0, 1, -1])[:, rng.permutation(3)]
-    S = S if np.allclose(S, S.T) else np.diag([1.0, -1, 1])
+    mirrors = [P for P in SIGNED if np.linalg.det(P) < 0 and np.trace(P) == 1]
+    S = mirrors[rng.integers(len(mirrors))]
     return c._replace(x=c.x @ S, R=S @ c.R @ S, omega=-c.omega @ S)
 
 
@@ -402,6 +403,9 @@ def run(rng: Any, mistakes: Iterable[str], with_case: bool, reach: float = 1.0) 
     mistakes = set(mistakes)
     while True:
         case = draw_case(rng, body_kinds(mistakes, with_case))
+        products = case.body.inertia_com - np.diag(np.diag(case.body.inertia_com))
+        if "products of inertia left out" in mistakes and np.abs(products).max() < 0.1 * case.body.inertia.max():
+            continue
         speed = float(np.linalg.norm(case.omega_body))
         dt = min(LONGEST, min(WIDEST, rng.uniform(0.03, 0.5)) / speed) * rng.uniform(0.4, 1) * reach
         t = np.arange(int(rng.integers(50, 150))) * dt
@@ -412,7 +416,7 @@ def run(rng: Any, mistakes: Iterable[str], with_case: bool, reach: float = 1.0) 
         right = columns
         for name in [name for name in WRITTEN if name in mistakes]:
             columns = WRITTEN[name](columns, rng)
-        if is_seen(case, right, columns):
+        if is_seen(case, right, columns, bool(mistakes & set(MADE))):
             break
     rows, ways, floor = read(columns, int(rng.choice([5, 6, 7, 9, 12, 17])))
     exact = exact_motion(Program(case), 1.3 * t[-1] + 4) if with_case else None
@@ -442,24 +446,19 @@ def written(rng: Any, program: Program, t: Array, mistakes: set[str]) -> Columns
     return Columns(t, R, omega if frame == "body" else np.einsum("kij,kj->ki", R, omega), x, frame, kind, path)
 
 
-def is_seen(case: Case, right: Columns, columns: Columns) -> bool:
+def is_seen(case: Case, right: Columns, columns: Columns, is_made: bool) -> bool:
     """Whether a mistake changes anything: ω by 1 %, rotations by 0.05 rad, or positions, times or how they are read."""
-    if columns is right:
+    if is_made:
         until = right.t[-1]
-        return bool(np.nanmax(np.abs(exact_motion(Program(case), 1.01 * until)(right.t)[1] - right.R)) > 0.05)
-    if columns.frame != right.frame or columns.omega is not right.omega:
-        R = (
-            np.eye(3)[None]
-            if columns.frame == right.frame
-            else right.R
-            if right.frame == "world"
-            else right.R.transpose(0, 2, 1)
-        )
-        off = np.linalg.norm(
-            np.einsum("kij,kj->ki", np.broadcast_to(R, right.R.shape), columns.omega) - right.omega, axis=1
-        )
-        return bool(np.nanmedian(off) > 0.01 * np.nanmedian(np.linalg.norm(right.omega, axis=1)))
-    return True
+        if np.nanmax(np.abs(exact_motion(Program(case), 1.01 * until)(right.t)[1] - right.R)) < 0.05:
+            return False
+    if columns.frame == right.frame and columns.omega is right.omega:
+        return True
+    omega = columns.omega
+    if columns.frame != right.frame:
+        omega = np.einsum("kij,kj->ki" if right.frame == "world" else "kji,kj->ki", right.R, omega)
+    sizes = np.linalg.norm(omega - right.omega, axis=1), np.linalg.norm(right.omega, axis=1)
+    return bool(np.nanmedian(sizes[0]) > 0.01 * np.nanmedian(sizes[1]))
 
 
 def rounded(v: Array, digits: int) -> Array:
@@ -561,12 +560,14 @@ def pair(rng: Any) -> list[str]:
     """Two mistakes that do not touch the same columns in the same way."""
     while True:
         one, other = (str(name) for name in rng.choice(list(CAUSES), 2, replace=False))
-        kinds = [CAUSES[name][0].partition("-")[0] for name in (one, other)]
+        kinds = [
+            CAUSES[name][0].partition("-")[0].replace("angles", "omega").replace("angle", "omega")
+            for name in (one, other)
+        ]
         both = {one, other}
-        is_one_program = (
-            both <= set(MADE) or (both & EXACT and both & POOR) or len(both & (ANGLES | {"order of quaternions"})) > 1
-        )
-        if kinds[0] != kinds[1] and not is_one_program and body_kinds(both, True):
+        is_one_program = both <= set(MADE) or (both & EXACT and both & (POOR | {"rows of another step"}))
+        is_one_reading = len(both & (ANGLES | {"order of quaternions"})) > 1
+        if kinds[0] != kinds[1] and not is_one_program and not is_one_reading and body_kinds(both, True):
             return [one, other]
 
 

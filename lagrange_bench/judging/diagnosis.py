@@ -23,14 +23,34 @@ from lagrange_bench.judging import fits_frames as ff
 from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging import fits_law as fl
 from lagrange_bench.judging.findings import Finding, Words
-from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, NEAR, ONE, Array, Choice, Model, choose, maps, rotvec, size
+from lagrange_bench.judging.fits import (
+    CLEARLY,
+    EACH,
+    FAR,
+    GOOD,
+    NEAR,
+    ONE,
+    Array,
+    Choice,
+    Model,
+    choose,
+    maps,
+    rotvec,
+    size,
+)
 
 # at most so many rows are looked at, and so many findings told
 MOST, TOLD = 2000, 3
-# fewer rows tell nothing, and fewer with five others around them no rates
-FEWEST, RATES = 8, 12
+# fewer rows tell nothing, and fewer tell no rates
+FEWEST, RATES = 4, 12
 # rad between rows, beyond which turns may be others than they seem
 COARSE = 1.0
+# and beyond which the step of a program may explain what is left of its law
+LAWFUL = 0.55
+# rotations without ω and without a start must be nearer, for nothing else says that they do not turn farther
+ALONE = 0.1
+# and squared relative errors of their rates, beyond which the rates say nothing
+BLURRED = 0.01
 # a law that holds to this share needs no cause
 WORTH = 3e-3
 # ω that turn the body to this share are right
@@ -39,10 +59,11 @@ TURNS = 0.02
 UNCLEAR = 0.2
 # relative, or rad: a start that is off by less is no other start; so many first rows tell it from noise
 ANOTHER_START, STARTING = 0.05, 9
+# beside these causes another start is told
+ASIDE = ("time-unit", "omega", "length", "origin")
 # misfits below it are round-off
 ROUND_OFF = 1e-9
-# unit of time → s, and how near to it the ratio of two speeds must be
-CLOCKS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+# how near to a unit of time the ratio of two speeds must be
 ALIKE = {"ms": 0.4, "us": 0.4, "ns": 0.4, "min": 0.03}
 
 
@@ -124,7 +145,7 @@ class Diagnosis:
             self.motion()
             if self.rows.x is not None:
                 self.positions(self.rows.x)
-            if self.exact is not None and not self.found:
+            if self.exact is not None and all(each.cause.startswith(ASIDE) for each in self.found):
                 self.start(self.exact)
         return self.found[:TOLD]
 
@@ -144,15 +165,19 @@ class Diagnosis:
     def time_unit(self) -> None:
         """How fast the rows turn or fly, over how fast they should: a unit of time?"""
         ratio = self.speed_ratio()
-        for unit, factor in CLOCKS.items():
+        for unit, factor in fk.CLOCKS.items():
             # degrees that were taken for radians turn some 57 times too fast, which is no minute
             alike = ALIKE[unit] if self.rows.angles is None else 0.1 * ALIKE[unit]
             if abs(ratio / factor - 1) < alike:
-                text = f"the times are in {findings.CLOCK_NAMES[unit]}: --units t={unit}"
-                self.tell(Words("time-unit", text, f"--units t={unit}"), abs(ratio - 1), abs(ratio / factor - 1))
-                self.rows = self.rows._replace(t=self.rows.t * factor)
-                self.floor = self.floor._replace(t=self.floor.t * factor)
+                self.clock(unit, abs(ratio - 1), abs(ratio / factor - 1))
                 return
+
+    def clock(self, unit: str, before: float, after: float) -> None:
+        """Take the times in another unit."""
+        text = f"the times are in {findings.CLOCK_NAMES[unit]}: --units t={unit}"
+        self.tell(Words("time-unit", text, f"--units t={unit}"), before, after)
+        self.rows = self.rows._replace(t=self.rows.t * fk.CLOCKS[unit])
+        self.floor = self.floor._replace(t=self.floor.t * fk.CLOCKS[unit])
 
     def speed_ratio(self) -> float:
         """How fast the rows turn or move by their own times, over how fast by the exact motion, by ω, or by gravity."""
@@ -174,37 +199,44 @@ class Diagnosis:
         if rows.R is not None and rows.omega is not None:
             return size(fk.rates(rows.t, rows.R)[0]) / (size(rows.omega) or math.nan)
         if rows.x is not None and not self.body.fixed:
-            g, off = ff.parabola(rows.t, rows.x)
-            strength = float(np.linalg.norm(self.body.gravity)) or math.nan
-            return math.sqrt(float(np.linalg.norm(g)) / strength) if off < WORTH else math.nan
+            flight, strength = ff.parabola(rows.t, rows.x), float(np.linalg.norm(self.body.gravity)) or math.nan
+            return math.sqrt(float(np.linalg.norm(flight.g)) / strength) if flight.misfit < WORTH else math.nan
         return math.nan
 
     def times_and_frames(self, exact: ff.Exact) -> None:
-        """A constant of the times, and the reading and the axes of the rotations."""
-        rows, first = self.rows, float(self.rows.t[0])
-        floor = max(self.floor.R, ROUND_OFF)
-        few = slice(0, 2 * STARTING)
-        spin = rows.omega if rows.R is None and rows.frame == fk.BODY else None
-        parts = [None if part is None else part[few] for part in (rows.R, rows.x, spin)]
-        late = choose(ff.clocks(rows.t[few], parts, exact), floor)
-        frames: dict[float, Choice] = {}
-        if rows.R is not None:
-            for zero in dict.fromkeys((0.0, -first)):
-                choice = ff.frames(rows.R, exact(rows.t + zero)[1], self.ways, floor)
-                if choice is not None:
-                    frames[zero] = choice
-        price = math.log(EACH)
-        gains = {zero: choice.gain - (price if zero else 0.0) for zero, choice in frames.items()}
-        zero = max(gains, key=gains.__getitem__, default=0.0)
-        if late.winner is not None and late.gain > gains.get(zero, 0.0) - price:
-            zero, frames = late.winner.value, {}
-        if zero:
-            after = late.winner or frames[zero].winner
-            assert after is not None
-            self.tell(findings.of_shift(zero, first, self.step), late.now.misfit, after.misfit)
-            self.rows = rows._replace(t=rows.t + zero)
-        if zero in frames:
-            self.frames(frames[zero], exact)
+        """A constant of the times, or the reading and the axes of the rotations; whatever is clearer, then times once more."""
+        rows, late, price = self.rows, self.lateness(exact), math.log(EACH)
+        if rows.R is None:
+            if late.winner is not None:
+                self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
+            return
+        zero, choice, gain = 0.0, None, 0.0
+        for shift in dict.fromkeys((0.0, -float(rows.t[0]))):
+            tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.ways, max(self.floor.R, ROUND_OFF))
+            if tried is not None and tried.gain - (price if shift else 0.0) > gain:
+                zero, choice, gain = shift, tried, tried.gain - (price if shift else 0.0)
+        if late.winner is not None and late.gain > gain - price:
+            self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
+        elif choice is not None:
+            assert choice.winner is not None
+            if zero:
+                self.shift(zero, late.now.misfit, choice.winner.misfit)
+            self.frames(choice, exact)
+            if (late := self.lateness(exact)).winner is not None:
+                self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
+
+    def lateness(self, exact: ff.Exact) -> Choice:
+        """The choice of a constant of the times, by the first rows."""
+        rows, few = self.rows, slice(0, STARTING)
+        R = None if rows.R is None else self.W @ rows.R[few] @ self.B
+        x = None if rows.x is None else rows.x[few] @ self.W.T
+        omega = None if rows.omega is None or rows.frame != fk.BODY else rows.omega[few]
+        return choose(ff.clocks(rows.t[few], (R, x, omega), exact), max(self.floor.R, ROUND_OFF))
+
+    def shift(self, constant: float, before: float, after: float) -> None:
+        """Add a constant to the times."""
+        self.tell(findings.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
+        self.rows = self.rows._replace(t=self.rows.t + constant)
 
     def frames(self, choice: Choice, exact: ff.Exact) -> None:
         """Take the rotations in other readings and axes."""
@@ -213,7 +245,8 @@ class Diagnosis:
         self.read(frame.reading, *off)
         self.W, self.B = W, B = frame.W, frame.B
         if self.rows.x is not None and np.allclose(W @ B, ONE) and not np.allclose(W, ONE):
-            right = exact(self.rows.t)[0]
+            assert self.rows.R is not None
+            right = W @ self.rows.R @ B @ self.body.com if self.body.fixed else exact(self.rows.t)[0]
             hand = choose(maps(self.rows.x @ W.T, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
             if hand.winner is not None and np.allclose(hand.winner.value, -ONE):
                 self.tell(findings.of_hand(findings.triple(-W)), *off)
@@ -233,45 +266,34 @@ class Diagnosis:
             self.rows, self.ways = self.rows._replace(R=R), {}
 
     def start(self, exact: ff.Exact) -> None:
-        """Another start, of rows in which nothing else is wrong."""
+        """Another start, of rows in which nothing else is wrong that concerns it."""
         rows, first = self.rows, slice(0, STARTING)
-        if rows.t[0] or rows.R is None or not self.is_clear:
+        if rows.t[0] or not self.is_clear or (rows.R is None and (rows.x is None or rows.omega is None)):
             return
-        _, E, Omega = exact(rows.t[first])
-        off = [rotvec(rows.R[first] @ E.transpose(0, 2, 1))]
-        words = f"the rotation is off by {np.linalg.norm(off[0][0]):.3g} rad"
-        if rows.omega is not None:
+        x, E, Omega = exact(rows.t[first])
+        off = []  # of rotations in rad, else of positions, and of ω, relative
+        if rows.R is not None:
+            off.append(rotvec(rows.R[first] @ E.transpose(0, 2, 1)))
+        elif rows.x is not None:
+            off.append((rows.x[first] - x) / (size(x) or 1.0))
+        if rows.omega is not None and not self.found and (rows.R is None or len(rows.t) >= RATES):
             right = Omega if rows.frame == fk.BODY else np.einsum("kij,kj->ki", E, Omega)
             off.append((rows.omega[first] - right) / (size(right) or 1.0))
-            words += f", ω by {np.linalg.norm(rows.omega[0] - right[0]):.3g} rad/s"
         # noise changes from row to row, another start does not
-        most = 0.0
-        for v in off:
-            if size(v) > EACH * size(np.diff(v, axis=0)):
-                most = max(most, float(np.linalg.norm(v[0])))
-        if most > ANOTHER_START:
-            self.tell(Words("other-start", f"the rows start elsewhere: {words}", "--start first-row"), most, 0.0)
+        clear = [float(np.linalg.norm(v[0])) for v in off if size(v) > EACH * size(np.diff(v, axis=0))]
+        if clear and max(clear) > ANOTHER_START:
+            words = findings.of_start(rows.R, rows.omega if rows.frame == fk.BODY else None, rows.x)
+            self.tell(words, max(clear), 0.0)
 
     # ---------------------------------------------------------------- by the rows themselves
 
     def motion(self) -> None:
         """What turns the body, and what changes its momentum."""
         rows = self.rows
+        if rows.omega is not None:
+            self.cap(rows.omega)
         if rows.R is not None:
-            rate, blur = fk.rates(rows.t, rows.R)
-            speed = size(rate)
-            seen = speed if self.exact is None else max(speed, size(self.exact(rows.t)[2]))
-            noise = self.floor.R / (self.step * speed) + self.floor.t / self.step + ROUND_OFF if speed else math.inf
-            is_coarse = self.step * seen > COARSE
-            spin: Array | None = rate
-            if rows.omega is not None and len(rows.t) >= RATES and speed and size(rows.omega):
-                floor = max(noise + self.floor.omega / speed, CLEARLY * blur)
-                spin = self.kinematics(rows.omega, rate, floor, is_coarse)
-            if spin is not None and speed and not is_coarse:
-                inner = slice(2, -2)
-                noise = noise if spin is rate else self.floor.omega / speed + self.floor.R
-                assert self.rows.R is not None
-                self.law(self.rows.t[inner], self.rows.R[inner], spin, noise)
+            self.turning(rows.R)
         elif (
             rows.omega is not None and not self.omega_alone(rows.omega) and rows.frame == fk.BODY and self.body.is_free
         ):
@@ -279,52 +301,89 @@ class Diagnosis:
             if speed and self.step * speed < COARSE:
                 self.law(rows.t, fk.turned(rows.t, rows.omega), rows.omega, self.floor.omega / speed)
 
-    def kinematics(self, omega: Array, rate: Array, floor: float, is_coarse: bool) -> Array | None:
-        """Does ω turn the body? ω in the body at the rows 2 … N − 3, or what the rotations say of it; None if they are wrong."""
+    def turning(self, R: Array) -> None:
+        """Does ω turn the body, and does the law change it?"""
+        rows, widest = self.rows, COARSE
+        rate, blur = fk.rates(rows.t, R)
+        if not (speed := size(rate)):
+            return
+        noise = self.floor.R / (self.step * speed) + self.floor.t / self.step + ROUND_OFF
+        spin: Array | None = rate
+        if rows.omega is not None and len(rows.t) >= RATES and size(rows.omega):
+            spin = self.kinematics(rows.omega, rate, noise + self.floor.omega / speed, blur)
+        elif self.exact is None:
+            widest = ALONE
+        if spin is None or self.rows.R is None:
+            return
+        noise = noise if spin is rate else self.floor.omega / speed + self.floor.R
+        seen = size(spin) if self.exact is None else max(size(spin), size(self.exact(self.rows.t)[2]))
+        if self.step * seen < widest and fk.rates(self.rows.t, self.rows.R)[1] < BLURRED:
+            self.law(self.rows.t[2:-2], self.rows.R[2:-2], spin, noise)
+
+    def kinematics(self, omega: Array, rate: Array, floor: float, blur: float) -> Array | None:
+        """ω in the body at the rows 2 … N − 3 if it turns the body, else the rates of the rotations; None if these are wrong."""
         rows = self.rows
         assert rows.R is not None
         choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.ways), floor)
-        if (
-            rows.angles is not None
-            and not is_coarse
-            and (is_told := self.angles(omega, rate, choice, floor)) is not None
-        ):
-            return is_told
+        off = choice.now.misfit, choice.winner.misfit if choice.winner else math.nan
+        if rows.angles is not None and blur < BLURRED and self.is_angles(omega, choice, max(floor, fk.BLURS * blur)):
+            return self.angles(rate, choice)
         if choice.winner is None:
             in_body = omega if rows.frame == fk.BODY else np.einsum("kji,kj->ki", rows.R, omega)
             self.is_clear = choice.now.misfit < UNCLEAR
             return in_body[2:-2] if choice.now.misfit < TURNS else rate if self.is_clear else None
-        spin, off = choice.winner.value, (choice.now.misfit, choice.winner.misfit)
-        if self.step * abs(findings.factor_of(spin.M)) * size(omega) > COARSE:
-            self.is_clear = False
+        spin = choice.winner.value
+        self.is_clear = self.is_dense(omega, findings.factor_of(spin.M), choice.winner.misfit)
+        if not self.is_clear:
             return None
         if self.is_product(spin, omega):
             self.tell(findings.of_product(spin.frame), *off)
+            self.tell(findings.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
             return None
         self.read(spin.reading, *off)
+        unit = findings.name_of(findings.factor_of(spin.M), fk.CLOCKS)
+        if unit is not None:
+            self.clock(unit, *off)
+            spin = spin._replace(M=spin.M / fk.CLOCKS[unit])
         self.tell(findings.of_spin(spin, rows.frame), *off)
-        return fk.rates(rows.t, self.rows.R)[0] if spin.reading else rate  # type: ignore[arg-type]
+        assert self.rows.R is not None
+        return fk.rates(self.rows.t, self.rows.R)[0] if spin.reading or unit else rate
 
-    def angles(self, omega: Array, rate: Array, choice: Choice, floor: float) -> Array | None:
-        """Is ω the rate of the angles? Then ω is wrong if the rotations obey the law, else the angles are."""
-        rows, rival = self.rows, choice.winner or choice.now
-        assert rows.angles is not None
+    def is_dense(self, omega: Array, factor: float, misfit: float) -> bool:
+        """Whether turns between rows are what they seem: if ω as read says no, then a unit must be exact, or ω the exact one."""
+        angle, factor = self.step * size(omega), abs(factor)
+        if angle < COARSE or (factor == 1 and angle < fk.ANOTHER_TURN):
+            return True
+        is_named = findings.name_of(factor, fk.SPEEDS | fk.CLOCKS) is not None
+        if self.exact is None:
+            return is_named and misfit < WORTH and angle * factor < COARSE
+        # the exact motion turns as fast, but for what else is wrong
+        return is_named and abs(factor * size(omega) / (size(self.exact(self.rows.t)[2]) or math.inf) - 1) < ALIKE["ms"]
+
+    def is_angles(self, omega: Array, choice: Choice, floor: float) -> bool:
+        """Whether ω is the rate of the angles, and that more clearly than anything else."""
+        assert self.rows.angles is not None
+        rival = (choice.winner or choice.now).score(floor)
+        models = fk.angle_rates(self.rows.t, self.rows.angles, omega)
+        return any(model.misfit < GOOD and model.score(floor) + math.log(CLEARLY) < rival for model in models)
+
+    def angles(self, rate: Array, choice: Choice) -> Array | None:
+        """Say that ω is the rate of the angles: ω is wrong if the rotations obey the law, else the angles are."""
+        rows, inner = self.rows, slice(2, -2)
         assert rows.R is not None
-        best = min(fk.angle_rates(rows.t, rows.angles, omega), key=lambda model: model.score(floor), default=rival)
-        if best.misfit > GOOD or best.score(floor) + math.log(CLEARLY) > rival.score(floor):
-            return None
-        inner = slice(2, -2)
         rest, terms = balance(rows.t[inner], self.W @ rows.R[inner] @ self.B, rate @ self.B, self.body)
         is_integrated = rest > GOOD * terms
-        self.tell(findings.of_angles(is_integrated), choice.now.misfit, best.misfit)
-        return rate[:0] if is_integrated else rate
+        self.tell(findings.of_angles(is_integrated), choice.now.misfit, rest / terms)
+        return None if is_integrated else rate
 
     def is_product(self, spin: fk.Spin, omega: Array) -> bool:
         """Whether ω in the body is right, but the rotations turn as if it were in the world: a product on the wrong side."""
         rows = self.rows
         assert rows.R is not None
-        if spin.reading or (rows.frame, spin.frame) != (fk.BODY, fk.WORLD) or not np.allclose(spin.M, ONE):
+        factor = findings.factor_of(spin.M)
+        if spin.reading or (rows.frame, spin.frame) != (fk.BODY, fk.WORLD) or not np.allclose(spin.M, factor * ONE):
             return False
+        omega = omega * factor
         other = np.einsum("kji,kj->ki", rows.R, omega)
         if self.exact is not None:
             first = slice(0, STARTING)
@@ -350,51 +409,69 @@ class Diagnosis:
             self.tell(findings.of_spin(choice.winner.value, self.rows.frame), choice.now.misfit, choice.winner.misfit)
         return choice.winner is not None
 
+    def cap(self, omega: Array) -> bool:
+        """Whether |ω| falls to a cap."""
+        speeds = fk.cap(omega)
+        if speeds is not None:
+            self.tell(findings.of_cap(*speeds), 1 - speeds[1] / speeds[0], 0.0)
+        return speeds is not None
+
     def law(self, t: Array, R: Array, spin: Array, noise: float) -> None:
-        """Moments, torques, gravity, and a cap on |ω|; noise : of the spin in the body, relative."""
-        if len(spin) < FEWEST or len(spin) != len(t):
+        """Moments, torques, gravity; noise : of the spin in the body, relative."""
+        if len(spin) < fl.FEWEST or len(spin) != len(t):
             return
-        if (cap := fk.cap(spin if self.rows.omega is None else self.rows.omega)) is not None:
-            self.tell(findings.of_cap(*cap), 1 - cap[1] / cap[0], 0.0)
+        if any(finding.cause == "cap" for finding in self.found) or (self.rows.omega is None and self.cap(spin)):
             return
         omega = spin @ self.B
         windows = fl.Windows(t, self.W @ R @ self.B, omega, self.body)
         floor = CLEARLY * windows.blur + noise * size(omega @ windows.I) / windows.scale
-        choice = choose(fl.laws(windows), floor)
-        if choice.winner is not None and choice.now.misfit > WORTH:
+        # a law that holds so well needs no cause, and one that explains the rows so well no better one
+        choice = choose(fl.laws(windows), max(floor, WORTH / 10))
+        if choice.winner is None or choice.now.misfit < WORTH:
+            return
+        # a poor step of a program that turns far in it changes the law, too
+        if self.step * size(omega) < LAWFUL or choice.gain > math.log(FAR):
             self.tell(findings.of_law(choice.winner.value, self.body), choice.now.misfit, choice.winner.misfit)
 
     def positions(self, x: Array) -> None:
         """Positions against those by the exact motion or by the rotations; of a flight without a start, the parabola."""
         rows, body, y = self.rows, self.body, x @ self.W.T
         R = None if rows.R is None else self.W @ rows.R @ self.B
+        if self.exact is not None:
+            right, E, _ = self.exact(rows.t)
+            start = self.exact(np.zeros(1))[0][0]
+            R = E if R is None else R
         if body.fixed and R is not None:
             right = R @ body.com
-        elif self.exact is not None:
-            right = self.exact(rows.t)[0]
-        else:
+            start = right[0] if self.exact is None else start
+        elif self.exact is None:
             if not body.fixed:
                 self.flight(y)
             return
         floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
-        choice = choose(ff.places(rows.t, y, R, right, not body.fixed), floor)
+        models = ff.places(rows.t, y, R, right, start, not body.fixed)
+        if any(
+            each.cause in ("body-axes", "moments", "gravity") for each in self.found
+        ):  # of another body, or of another fall
+            models = (model for model in models if model.value[0] not in ("point", "gravity"))
+        choice = choose(models, floor)
         if choice.winner is not None:
             word, value = choice.winner.value
             self.tell(findings.of_place(word, value, body), choice.now.misfit, choice.winner.misfit)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
-        g, off = ff.parabola(self.rows.t, x)
-        was = self.body.gravity
-        strength, length = float(np.linalg.norm(was)), float(np.linalg.norm(g))
-        error = float(np.linalg.norm(g - was)) / (strength or 1.0)
-        if strength and off < WORTH and error > max(NEAR, CLEARLY * EACH * off):
+        flight, was = ff.parabola(self.rows.t, x), self.body.gravity
+        strength, length = float(np.linalg.norm(was)), float(np.linalg.norm(flight.g))
+        least = max(NEAR * strength, flight.error(self.floor.x))
+        off = float(np.linalg.norm(flight.g - was))
+        if strength and flight.misfit < GOOD and off > least:
             unit = findings.name_of(strength / length, ff.LENGTHS)
-            if unit is not None:
-                self.tell(findings.of_length(unit), error, off)
-                g = g * ff.LENGTHS[unit]
-            if np.linalg.norm(g - was) > NEAR * strength:
-                self.tell(findings.of_gravity(g, self.body), error, off)
+            g = flight.g * ff.LENGTHS[unit] if unit else flight.g
+            if unit:
+                self.tell(findings.of_length(unit), off / strength, flight.misfit)
+            if np.linalg.norm(g - was) > least:
+                self.tell(findings.of_gravity(g, self.body), off / strength, flight.misfit)
 
 
 def balance(t: Array, R: Array, omega: Array, body: RigidBody) -> tuple[float, float]:

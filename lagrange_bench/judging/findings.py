@@ -7,8 +7,10 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import RigidBody
+from lagrange_bench.integrators import CASES, RigidBody
+from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging.fits import (
     NEAR,
@@ -22,7 +24,7 @@ from lagrange_bench.judging.fits import (
     rotvec,
     triple,
 )
-from lagrange_bench.judging.fits_frames import LENGTHS
+from lagrange_bench.judging.fits_frames import LATEST, LENGTHS
 from lagrange_bench.judging.fits_law import Law, moments
 
 CLOCK_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes"}
@@ -50,13 +52,30 @@ class Finding(NamedTuple):
 
 def of_shift(shift: float, first: float, step: float) -> Words:
     """A constant that is added to the times, s; first and step : of the times as they are."""
-    if shift == -first:
+    rows = shift / step
+    if abs(rows) > LATEST + 0.5 or abs(rows - round(rows)) > NEAR:
         text = f"the first row is the start of the case: --t0 0, or subtract {first:.9g} s from the times"
         return Words("time-shift", text, "--t0 0")
-    k = round(shift / step)
+    k = round(rows)
     count, side = "row" if abs(k) == 1 else "rows", "later" if k > 0 else "earlier"
     text = f"the times are shifted: each row holds the state {abs(k)} {count} {side}"
     return Words("rows-late", text, "write the row on the other side of the step")
+
+
+def of_start(R: Array | None, omega: Array | None, x: Array | None) -> Words:
+    """Another start, perhaps of a named case; rows of rotations, ω in the body and positions."""
+    for name, case in CASES.items():
+        rotation = as_rotation(case.rotation).as_matrix()
+        position = rotation @ case.body.com if case.body.fixed else np.asarray(case.position)
+        starts = [(R, rotation), (omega, np.asarray(case.omega_body)), (x, position)]
+        known = [
+            np.abs(rows[0] - start).max() < 1e-6 * max(1.0, np.abs(start).max())
+            for rows, start in starts
+            if rows is not None
+        ]
+        if omega is not None and len(known) > 1 and all(known):
+            return Words("other-start", f"this is the start of the case {name}", f"--case {name}")
+    return Words("other-start", "the rows start elsewhere than the case: --start first-row", "--start first-row")
 
 
 def of_reading(reading: str) -> Iterator[Words]:
@@ -82,19 +101,24 @@ def of_hand(axes: str) -> Words:
     return Words("left-handed", text, f"write {axes} for (x, y, z)")
 
 
+def smallest_turn(a: Array, b: Array) -> Array:
+    """The smallest turn that takes the direction a to b, as --up and --axis do; half a turn is about x, or about y."""
+    if a @ b < NEAR - 1:
+        return np.diag([1.0, -1.0, -1.0] if abs(b[0]) < 0.5 else [-1.0, 1.0, -1.0])
+    return Rotation.align_vectors(b, a)[0].as_matrix()
+
+
 def of_world(W: Array, body: RigidBody) -> Words:
     """Other axes of the world; W takes the world of the rows to that of the case."""
     if not is_axes(W):
         turn = f"turn the world of the rows by the rotation vector ({numbers(rotvec(W[None])[0])}) rad"
         return Words("world-axes", f"the axes of the world are others: {turn}", turn)
-    write = f"write {triple(W)} for (x, y, z)"
     up = W.T @ body.up
-    if np.abs(up).max() < 1 - NEAR or np.allclose(up, body.up):
-        return Words("world-axes", f"the axes of the world have other names: {write}", write)
-    option = f"--up={axis_name(up)}"
-    text = f"the axis {axis_name(up)} points up: {option}"
-    smallest = np.allclose(np.cross(up, body.up) @ W, np.cross(up, body.up))
-    return Words("world-axes", text if smallest else f"{text}; the axes have other names, too: {write}", option)
+    if np.abs(up).max() > 1 - NEAR and np.allclose(smallest_turn(up, body.up), W.round(), atol=NEAR):
+        option = f"--up={axis_name(up)}"
+        return Words("world-axes", f"the axis {axis_name(up)} points up: {option}", option)
+    write = f"write {triple(W)} for (x, y, z)"
+    return Words("world-axes", f"the axes of the world have other names: {write}", write)
 
 
 def of_body(B: Array, body: RigidBody) -> Words:
@@ -102,12 +126,13 @@ def of_body(B: Array, body: RigidBody) -> Words:
     if not is_axes(B):
         turn = f"turn the body of the rows by the rotation vector ({numbers(rotvec(B[None])[0])}) rad"
         return Words("body-axes", f"the axes of the body are others: {turn}", turn)
-    axis = None if body.axis is None else B @ body.axis
-    if axis is None or np.abs(axis).max() < 1 - NEAR:
-        write = f"the axes (x, y, z) of the body are {triple(B.T)} in the rows"
-        return Words("body-axes", f"the axes of the body have other names: {write}", write)
-    option = f"--axis={axis_name(axis)}"
-    return Words("body-axes", f"the axis of symmetry is {axis_name(axis)}: {option}", option)
+    own = np.zeros(3) if body.axis is None else body.axis
+    axis = B @ own
+    if np.abs(axis).max() > 1 - NEAR and np.allclose(smallest_turn(axis, own).T, B.round(), atol=NEAR):
+        option = f"--axis={axis_name(axis)}"
+        return Words("body-axes", f"the axis of symmetry is {axis_name(axis)}: {option}", option)
+    write = f"the axes (x, y, z) of the body are {triple(B.T)} in the rows"
+    return Words("body-axes", f"the axes of the body have other names: {write}", write)
 
 
 def of_spin(spin: fk.Spin, frame: str) -> Iterator[Words]:

@@ -60,6 +60,20 @@ class Frame(NamedTuple):
     rows: int
 
 
+class Flight(NamedTuple):
+    """The acceleration g of a parabola, m/s², and its misfit, relative; rest : its misfit, m; span and number of the rows."""
+
+    g: Array
+    misfit: float
+    rest: float
+    span: float
+    rows: int
+
+    def error(self, floor: float) -> float:
+        """What errors of positions, m, make of g: σ of the coefficient of s² is √180 σ(x)/√N; six of it."""
+        return 6 * 2 * math.sqrt(180 / self.rows) * max(self.rest, floor) / self.span**2
+
+
 def frames(R: Array, exact_R: Array, ways: Mapping[str, Array], floor: float) -> Choice | None:
     """The clearest choice of a `Frame` over prefixes of the rows."""
     best: Choice | None = None
@@ -151,19 +165,18 @@ def clocks(t: Array, parts: Parts, exact: Exact) -> Iterator[Model]:
         yield Model(1.0, distance(parts, exact(t + rows * h)), rows * h)
 
 
-def places(t: Array, x: Array, R: Array | None, right: Array, is_flying: bool) -> Iterator[Model]:
+def places(t: Array, x: Array, R: Array | None, right: Array, start: Array, is_flying: bool) -> Iterator[Model]:
     """Models of the positions x, in axes of the case. The value is a word and what it found.
 
-    right : the exact positions, or those that the rotations give.
+    right : the exact positions, or those that the rotations give; start : the one at t = 0.
     """
     length = size(right) or 1.0
     for model in maps(x, right, LENGTHS.values()):
         yield Model(model.cost, model.misfit, ("axes", model.value))
     shift = (right - x).mean(0)
     yield Model(0.0, size(right - x) / length, ("axes", ONE))
-    is_from_start = not x[0].any() and bool(right[0].any())
-    if is_from_start:
-        yield Model(1.0, size(right - x - right[0]) / length, ("displacement", right[0]))
+    if start.any():
+        yield Model(1.0, size(right - x - start) / length, ("displacement", start))
     yield Model(1.5, size(right - x - shift) / length, ("origin", shift))
     if R is not None:
         off = x - right if is_flying else x
@@ -175,9 +188,11 @@ def places(t: Array, x: Array, R: Array | None, right: Array, is_flying: bool) -
         yield Model(1.0, size(x - right - T * more) / length, ("gravity", more))
 
 
-def parabola(t: Array, x: Array) -> tuple[Array, float]:
-    """The acceleration of the parabola that fits positions best, and the misfit of the parabola, relative."""
-    s = (t - t[0]) / (t[-1] - t[0])
+def parabola(t: Array, x: Array) -> Flight:
+    """The parabola that fits positions best."""
+    span = float(t[-1] - t[0])
+    s = (t - t[0]) / span
     powers = np.stack([s**0, s, s**2], 1)
     c = np.linalg.lstsq(powers, x, rcond=None)[0]
-    return 2 * c[2] / (t[-1] - t[0]) ** 2, size(x - powers @ c) / (size(x - x.mean(0)) or 1.0)
+    rest = size(x - powers @ c)
+    return Flight(2 * c[2] / span**2, rest / (size(x - x.mean(0)) or 1.0), rest, span, len(t))

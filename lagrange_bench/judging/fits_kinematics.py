@@ -20,8 +20,14 @@ from lagrange_bench.judging.fits import Array, Model, maps, rotvec, size
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
 SPEED_NAMES = {"deg/s": "degrees per second", "rpm": "revolutions per minute", "rev/s": "revolutions per second"}
+# unit of time → s: a rate that is off by it is of other times
+CLOCKS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 # a larger turn, rad, may be the other way round
 ANOTHER_TURN = 2.8
+# times what five rows leave: misfits below it are that
+BLURS = 3.0
+# fewer rows show no cap
+FEWEST = 8
 # relative: |ω| falls to a cap by more in its first step
 FALLS = 0.05
 BODY, WORLD, BEFORE = "body", "world", "body of the row before"
@@ -82,7 +88,7 @@ def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array
     """Models of M ω = Θ' over readings of the rotations, frames and times of ω; the value is a `Spin`."""
     k, inner = np.arange(3, len(t) - 3), slice(1, -1)
     for reading, price, A in readings(R, ways):
-        five = rates(t, A)[0]
+        five, blur = rates(t, A)
         step = rotvec(A[:-1].transpose(0, 2, 1) @ A[1:]) / np.diff(t)[:, None]
         series = {  # rates in the body, and the attitudes that take them to the world
             ON_TIME: (five[inner], A[k]),
@@ -98,8 +104,9 @@ def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array
                 targets.append((BEFORE, np.einsum("kji,kj->ki", A[k - 1], in_world), 0.5))
             for other, target, more in targets:
                 cost = price + TIMES[time] + more + (1.0 if other != frame else 0.0)
-                for model in maps(omega[k], target, SPEEDS.values()):
-                    yield Model(cost + model.cost, model.misfit, Spin(reading, other, time, model.value))
+                for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
+                    misfit = max(model.misfit, BLURS * blur)
+                    yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
 
 
 def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
@@ -128,6 +135,8 @@ def turned(t: Array, omega: Array) -> Array:
 def cap(omega: Array) -> tuple[float, float] | None:
     """|ω| before and after a first step in which it falls as in no other, if it stays there; else None."""
     speed = np.linalg.norm(omega, axis=1)
+    if len(speed) < FEWEST:
+        return None
     steps, after = np.abs(np.diff(speed)), speed[1:]
     if speed[0] - speed[1] < max(FALLS * speed[0], 10 * float(np.median(steps))):
         return None

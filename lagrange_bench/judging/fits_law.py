@@ -173,12 +173,13 @@ def plain(name: str, a: float, span: float) -> tuple[float, float, bool]:
 
 
 def plain_gravity(more: Array, g: Array) -> tuple[Array, float, bool]:
-    """What is added to g, cheap if gravity is then along an axis or 0; its cost; whether it is seen."""
+    """What is added to g, cheap if gravity is then along an axis, 0, or weaker or stronger; its cost; whether it is seen."""
     strength = float(np.linalg.norm(g)) or 1.0
     ratio = (g + more) / strength
     is_plain = np.abs(ratio - ratio.round()).max() < VERY and np.abs(ratio.round()).sum() < 2
     new = strength * ratio.round() - g if is_plain else more
-    return new, 1.0 if is_plain else 2.0, bool(np.linalg.norm(new) > NEAR * strength)
+    is_along = np.linalg.norm(np.cross(more, g)) < NEAR * strength * np.linalg.norm(more)
+    return new, 1.0 if is_plain else 1.5 if is_along else 2.0, bool(np.linalg.norm(new) > NEAR * strength)
 
 
 def bodies(windows: Windows) -> Iterator[tuple[float, Law]]:

@@ -53,7 +53,7 @@ def test_the_number_of_the_cause_is_in_its_sentence():
     ):
         rows, exact = program(integrator=integrator, **change)
         for known in (exact, None):
-            *others, finding = found(rows, exact=known)
+            finding, *others = found(rows, exact=known)
             assert words in finding.text, finding.text
             assert [each.cause for each in others] == ["omega-half-step"] * (integrator == "euler")
             assert 0 <= finding.after < 0.1 * finding.before
