@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 
 from lagrange_bench.experiments.drawing import style
@@ -110,7 +109,7 @@ class Comparison:
         ax: Axes | Sequence[Axes] | Callable[[list[str]], Any] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
-        names: str | bool = "right",
+        names: bool = True,
         **look: Any,
     ) -> Any:
         """Draw a column against another, a panel for each top, in your own rcParams.
@@ -129,8 +128,8 @@ class Comparison:
             figure of pyplot.
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
-        names : "right", "legend" or False
-            Where the lines are named: at their ends (inside the panel, if another axis is on the right); in a legend; nowhere.
+        names : bool
+            Whether each panel has a legend.
         **look : dict
             Options of matplotlib's `plot` for all lines, such as `linestyle="--"` on a second axis.
 
@@ -144,8 +143,6 @@ class Comparison:
         ValueError
             No such column, method or top, or nothing to draw; the message says what there is.
         """
-        if names not in ("right", "legend", False):
-            raise ValueError(f"names: 'right', 'legend' or False; got {names!r}")
         x, y = x or self.x, y or self.y
         if x == "h_scaled" and _lack(self.frame, x):
             x = "h"  # rows in the tops' own units
@@ -159,9 +156,7 @@ class Comparison:
             for place, one in enumerate(axes):
                 here = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
                 self._draw(one, here, x, y, look)
-                if names == "right":
-                    style.label_ends([one], rcParams["legend.fontsize"])
-                elif names:
+                if names:
                     one.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
                 if any(twin.get_title() == title for twin in style.twins(one)):

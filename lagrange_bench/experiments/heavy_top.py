@@ -153,8 +153,9 @@ def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
                 if not good.empty:
                     ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
                 style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
-            ax.set(title=f"{case}, t = {CASES[case].until:g} s", xlabel=text, ylabel=f"error of {name}, {unit}")
-    style.label_ends(grid[:, -1])
+            ax.set(title=f"{case}, t = {CASES[case].until:g} s", xlabel=text if case == cases[-1] else "")
+            ax.set_ylabel(f"error of {name}, {unit}")
+    style.legend_below(fig)
     return fig
 
 

@@ -322,7 +322,7 @@ def _draw_work(rows: pd.DataFrame, style, part: str, span: float | None = None):
     for ax, here in zip(axes, runs.values(), strict=True):
         most_accurate = here.method[here.error.idxmin()]
         draw_runs(ax, here.assign(seconds=here.total), [most_accurate, *named(here)], style, ours=OURS)
-    style.label_ends(axes)
+    style.legend_below(fig)
     which = f"in a potential, t = {show(span)}" if span else "with a Hamiltonian that depends on time"
     fig.caption = (
         f"Error at the end against wall time, set-up included, for tops {which}; down and left is better. "

@@ -266,20 +266,20 @@ def _draw_h(rows: pd.DataFrame, style):
     tops = list(STATES["quick"]) if {*STATES["quick"]} <= {*stored} else stored[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     first = rows[(rows.state == tops[0]) & (rows.status == "done")]
-    best = ["rk4", *style.best_of_families(style.nearest(first, "h", 1 / 8).set_index("method").error)]
+    best = ["rk4", "strang", *style.best_of_families(style.nearest(first, "h", 1 / 8).set_index("method").error)]
     for ax, state in zip(axes[0], tops, strict=True):
         style.draw_methods(ax, rows[(rows.state == state) & ~(rows.error <= 0)], "h", "error", best)
         style.ulp_line(ax)
         ax.set(xlabel=style.STEP, ylim=(1e-16, 30), title=style.plain(states.label(state)))
     axes[0, 0].set_ylabel(f"largest error up to t = {SPAN:g}")
-    style.label_ends(axes[0] if fig.stacked is not None else axes[0][-1:])
+    style.legend_below(fig)
     ours = rows[(rows.method == "backlund") & (rows.status == "done")].error
     if ours.max() < ROUND_OFF:
         fig.headline = "Any step: the error of the exact step stays at round-off"
     exact = "; the exact Bäcklund step has none, at any h" if (rows.method == "backlund").any() else ""
     fig.caption = (
         f"Largest error against the exact solution up to t = {SPAN:g}, relative to the scales of J and x, against the "
-        f"step. {style.naming(rows.method, 'named: RK4, and of the families the best at a step of 1/8')}. "
+        f"step. {style.naming(rows.method, 'named: RK4, Strang, and of the families the best at a step of 1/8')}. "
         f"A method of order p has slope p{exact}. A line ends where its method fails. The thin grey line is one ulp."
     )
     return fig
@@ -302,12 +302,18 @@ def _draw_time(rows: pd.DataFrame, style):
     runs = here[here.status == "done"].groupby("method")
     lost = (runs.off.max() < ON_TORUS) & (runs.time.agg(lambda error: error.abs().max()) > SMALL)
     ylabel = "|nutation phase error|"
-    fig, _ = style.by_family(pd.concat(lines), "t", "time", style.TIME, ylabel, (1e-17, 1e4), marker="none")
+    fig, ax = style.figure("page", 3.8)
+    style.draw_methods(
+        ax, pd.concat(lines), "t", "time", ["rk4", "strang", *style.best_of_families(runs.time.last().abs())]
+    )
+    ax.set(xlabel=style.TIME, ylabel=ylabel, ylim=(1e-17, 1e4))
+    style.legend_below(fig)
     if lost.any():
         fig.headline = "To keep every invariant is not enough: the clock drifts"
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
-        "in units of 1/(|J| + √(|α||x|)), largest over blocks of time; pale blue: the exact Bäcklund step. A straight line of "
+        "in units of 1/(|J| + √(|α||x|)), largest over blocks of time. "
+        f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at the end')}. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
         f"precession and the other tops are in the table of frequency shifts. The top is “{top}”."
     )
@@ -319,25 +325,22 @@ def _draw_theory(rows: pd.DataFrame, style):
     if "left" not in rows:
         return None
     here, top = first_top(rows[rows.error > 0])
-
-    def line(ax, method, look):
-        run = here[here.method == method]
-        run = run[run.h == run.h.max()]
-        if run.empty:
-            return
+    here = here[here.h == here.groupby("method").h.transform("max")]
+    fig, ax = style.figure("page", 3.8)
+    for method in style.best_of_families(here.groupby("method").error.last()):
+        run, look = here[here.method == method], style.of(method)
         predicted, measured = np.hypot(run.predicted_time, run.predicted_angle), np.hypot(run.time, run.angle)
-        dots = {"linestyle": "none", "marker": "o", "markersize": 2.6, "label": "_measured"}
-        dotted = {"linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": "none", "label": "_left"}
         ax.loglog(run.t, predicted, **{**look, "linestyle": "-", "marker": "none"})
-        ax.loglog(run.t, measured, **{**look, **dots})
+        ax.loglog(run.t, measured, **{**look, "linestyle": "none", "markersize": 3.5, "label": "_measured"})
+        dotted = {"linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": "none", "label": "_left"}
         ax.loglog(run.t, run.left.cummax(), **{**look, **dotted})
-
-    fig, axes = style.multiples(here.method, line, style.TIME, "phase error", (1e-17, 1e0))
-    style.label_ends(axes)
+    ax.set(xlabel=style.TIME, ylabel="phase error", ylim=(1e-17, 1e0))
+    style.legend_below(fig)
     fig.caption = (
-        f"Phase errors against time, measured (dots) and predicted by backward error analysis (lines under them), on “{top}”, "
-        "each method at the larger of its two steps: √(τ² + θ²), where τ is the nutation's error in units of time and θ the "
-        "precession's in radians. Dotted: what the prediction misses, the largest so far of the whole state."
+        f"Phase errors against time, measured (marks) and predicted by backward error analysis (lines under them), on “{top}”, "
+        "of each family the method with the least error, at the larger of its two steps: √(τ² + θ²), where τ is the "
+        "nutation's error in units of time and θ the precession's in radians. Dotted: what the prediction misses, the largest so "
+        "far of the whole state."
     )
     return fig
 

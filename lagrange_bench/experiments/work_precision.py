@@ -247,7 +247,7 @@ def draw_frontier(rows: pd.DataFrame, style):
         tried = rows[rows.span == span].method.unique()
         for method in (name for name in named if name in tried and name not in set(here.method)):
             style.failed_label(ax, method)
-    style.label_ends(axes)
+    style.legend_below(fig)
     bold = "named: the exact step, methods that no other beats in both time and error, and the cheapest of families"
     winners = [best(good[good.span == spans[-1]], target).method.iloc[:1] for target in TARGETS[:3]]
     if spans[-1] > SHORT and all(winner.eq(OURS).any() for winner in winners):
@@ -316,7 +316,7 @@ def _draw_profile(rows: pd.DataFrame, style):
         ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
     ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
     ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
-    style.label_ends([ax], 7)
+    style.legend_below(fig)
     fig.caption = (
         "How often is a method within a factor τ of the fastest? Left end: how often it wins. Right end: how often it finishes. "
         f"There are {count} races, each for a top, a length of run and an error from 1e-4 to 1e-12, set-up counted. "

@@ -128,28 +128,16 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     _, ax = plt.subplots()
     made().plot(ax=ax)
     assert (len(ax.get_lines()), ax.get_title()) == (4, "generic unit top, fast top")
-    ax = made().plot(tops=["generic"], names="legend")
+    ax = made().plot(tops=["generic"], names=True)
     assert ([text.get_text() for text in ax.get_legend().get_texts()], ax.texts[:]) == (["RK4", "Strang"], [])
 
 
-def test_own_axes_keep_their_fonts_and_names_of_lines_stay_in_sight():
+def test_own_axes_keep_their_fonts():
     with plt.rc_context({"font.size": 15, "legend.fontsize": 13}):
-        figure, (left, _) = plt.subplots(1, 2)
+        _, (left, _) = plt.subplots(1, 2)
         ax = made().plot(tops=["generic"], ax=left)
-    assert (ax.xaxis.label.get_fontsize(), {text.get_fontsize() for text in ax.texts}) == (15, {13})
-    rk4, strang = ax.texts
-    for limits, shown in (((0.1, 0.3), True), ((2, 3), False)):
-        ax.set_xlim(limits)
-        figure.canvas.draw()
-        assert [rk4.get_visible(), strang.get_visible()] == [shown, shown]
-        if shown:
-            boxes = [text.get_window_extent() for text in (rk4, strang)]
-            assert all(ax.bbox.x0 <= box.x0 and box.x1 <= ax.bbox.x1 for box in boxes), "no room beside the panel"
-            assert not boxes[0].overlaps(boxes[1])
-    ax.set(xlim=(0.03, 0.26), ylim=(1e-4, 1))
-    figure.canvas.draw()
-    height = ax.transAxes.inverted().transform(ax.transData.transform((0.26, 0.26)))[1]
-    assert rk4.get_position()[1] == pytest.approx(height, abs=0.02), "where the line leaves the panel"
+    sizes = {text.get_fontsize() for text in ax.get_legend().get_texts()}
+    assert (ax.xaxis.label.get_fontsize(), sizes) == (15, {13})
 
 
 ROWS = [{"error": 1e-3, "off": 1e-4}]

@@ -51,7 +51,7 @@ OWN = "#000000"  # colour of methods that stand out, with these markers and dash
 OWN_MARKERS = "*Phd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
 EXACT_STEPS = ("backlund", "backlund_splitting")
-MOST_NAMED = 6
+MOST_NAMED = 8
 GREY = "#c2c2c2"
 FEW = MANY  # up to so many methods are all named
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
@@ -129,9 +129,9 @@ def thin(method: str) -> dict[str, Any]:
 
 
 def bold(method: str) -> dict[str, Any]:
-    """A method that `label_ends` names: in its own colour, the exact step the widest."""
+    """A method that a legend names: in its own colour and dashes, the exact step the widest."""
     width = 2.4 if method in EXACT_STEPS else 1.6
-    return {**of(method), "linestyle": "-", "linewidth": width, "marker": "none"}
+    return {**of(method), "linewidth": width, "marker": "none"}
 
 
 @lru_cache(maxsize=8)
