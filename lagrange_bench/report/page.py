@@ -33,7 +33,6 @@ from lagrange_bench.support.files import write_file
 
 HERE = Path(__file__).parent
 HEAVY = 400_000  # characters of packed rows beyond which they stay in their journal, for the page's sake
-TITLE = "How well do integrators follow a spinning top?"
 LONG = 14  # rows beyond which a table is folded
 FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table of the environment; then the packages
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
@@ -59,7 +58,6 @@ class Report:
     origin: str  # what it was drawn from
     whole: bool  # the bench's own page: with claims and errata
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
-    title: str = TITLE
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
