@@ -8,7 +8,7 @@
     from lagrange_bench import judge                                # the trajectory of any program, by the exact motion
     from lagrange_bench import assert_drift, assert_order           # for the tests of your own method
     from lagrange_bench import explicit_stepper                     # for a method of your own, on any problem
-    from lagrange_bench import FixedStepper, compiled               # and with a kernel of your own
+    from lagrange_bench import FixedStepper, Kernel, compiled       # and with a kernel of your own
 
 docs/how-it-is-built.md names the rooms of this package.
 """
@@ -36,6 +36,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public: they cannot
     from lagrange_bench.integrators.compiling.compiled import compiled as compiled
     from lagrange_bench.integrators.compiling.loops import MEMORY as MEMORY
     from lagrange_bench.integrators.compiling.loops import FixedStepper as FixedStepper
+    from lagrange_bench.integrators.compiling.loops import Kernel as Kernel
     from lagrange_bench.integrators.methods.explicit import explicit_stepper as explicit_stepper
     from lagrange_bench.judging import judge as judge
     from lagrange_bench.results.store import Store as Store

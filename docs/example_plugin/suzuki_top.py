@@ -54,7 +54,7 @@ def step(s, c, counters):
 def prepare(top, y0, h):
     if abs(h) * top.scales(y0)[0] > 100.0:
         raise StepError("suzuki4", "|h| is over 100 time scales: Cayley's turn loses the digits of |x|", h=h)
-    return FixedStepper("suzuki4", h, np.array((top.alpha, S * h, (1 - 4 * S) * h)), step)
+    return FixedStepper("suzuki4", h, step, np.array((top.alpha, S * h, (1 - 4 * S) * h)))
 
 
 METHOD = Method(

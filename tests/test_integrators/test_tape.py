@@ -4,7 +4,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from lagrange_bench import TOPS, FixedStepper, StepError, compiled, prepare
+from lagrange_bench import TOPS, FixedStepper, Kernel, StepError, compiled, prepare
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import FUNCTIONS, apply, machine_code
@@ -57,7 +57,7 @@ def count(s, c, counters):
 
 
 def counter():
-    return FixedStepper("count", 0.5, np.array([13.0]), count, failures={1: "told to"})
+    return FixedStepper("count", 0.5, Kernel(count, failures={1: "told to"}), np.array([13.0]))
 
 
 START = np.array([0.0, 0, 0, 0, 0, 1])

@@ -44,11 +44,11 @@ def problem(method: Method, word: str | None) -> str | None:
 
 def _interpreted(stepper: Any, y0: Any) -> None:
     """Take one step without the compiler. IndexError: the kernel reads beyond its arrays, which compiled code does not notice."""
-    kernel = getattr(getattr(stepper, "step", None), "py_func", None)
-    if kernel is None:
+    kernel: Any = getattr(stepper, "kernel", None)
+    if not hasattr(getattr(kernel, "step", None), "py_func"):
         return
     try:
-        kernel(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.counters)))
+        kernel.step.py_func(tuple(stepper.enter(y0).tolist()), stepper.constants, np.zeros(len(stepper.counters)))
     except IndexError:
         raise
     except Exception:  # the kernel may call a function that only compiled code can call

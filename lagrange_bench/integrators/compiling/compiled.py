@@ -25,14 +25,16 @@ try:
 except ImportError:
     COMPILED, NumbaError = False, RuntimeError  # type: ignore[misc, assignment]
 if COMPILED:  # read once, since compiled and other functions do not mix
-    from lagrange_bench.integrators.compiling.machine_code import IDENTIFIED, Kernel
+    from lagrange_bench.integrators.compiling.machine_code import IDENTIFIED, CompiledFunction
 
 OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 ROOM = __name__.rsplit(".", 2)[0] + "."  # only of functions in `integrators` is it known what they can call
 
 
 def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> Any:
-    """Compile a function of this package, and save its machine code for later processes. Returns a `machine_code.Kernel`.
+    """Compile a function of this package, and save its machine code for later processes.
+
+    Returns a `machine_code.CompiledFunction`.
 
     A function that closes over kernels of other packages is compiled in every process, because it is not known what they call.
 
@@ -72,7 +74,7 @@ def compiled(function: Callable[..., Any], **more: Any) -> Any:
     callable
         The compiled function.
     """
-    return Kernel(function, targetoptions={**OPTIONS, **more}) if COMPILED else function
+    return CompiledFunction(function, targetoptions={**OPTIONS, **more}) if COMPILED else function
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:

@@ -9,9 +9,10 @@ tops, and `methods.dop853` the loop of kernels that choose their steps.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -108,6 +109,62 @@ class KernelError(ValueError):
         self.reason = reason
 
 
+@dataclass(frozen=True)
+class Kernel:
+    """One step of a compiled method, and what its loop must know.
+
+    Parameters
+    ----------
+    step : callable
+        Compiled, step(s, c, counters) → s, with s a tuple of numbers and c the constants.
+    restore : callable, optional
+        Compiled, restore(s, c) → s: moves a state back onto the invariants. Called before every `block` steps.
+    block : int
+        Steps between two calls of `restore`.
+    failures : dict
+        The reasons for the kernel's failure codes.
+    rhs_per_step : int
+        How many right-hand sides a step evaluates.
+    timed : bool
+        Whether the kernel reads the number of its step from counters[CLOCK]. Then a run must not be continued from a later state.
+    memory : int
+        How many numbers the kernel carries from step to step.
+    """
+
+    step: Callable[..., Any]
+    restore: Callable[..., Any] | None = None
+    block: int = NEVER
+    failures: Mapping[int, str] = field(default_factory=dict)
+    rhs_per_step: int = 0
+    timed: bool = False
+    memory: int = SIZE - MEMORY
+
+
+class StateUnits(Protocol):
+    """The units of a kernel: powers of two times the user's, so that nothing is rounded."""
+
+    def enter(self, y: Array, /) -> Array:
+        """A state in the kernel's units, as a fresh array."""
+        ...
+
+    def leave(self, rows: Array, /) -> Array:
+        """The kernel's rows in the user's units; may change `rows` in place."""
+        ...
+
+
+class OwnUnits:
+    """The user's own units."""
+
+    def enter(self, y: Array, /) -> Array:
+        return np.array(y)
+
+    def leave(self, rows: Array, /) -> Array:
+        return rows
+
+
+OWN_UNITS = OwnUnits()
+
+
 class FixedStepper(Stepper):
     """A `Stepper` around a compiled kernel: one internal step per h.
 
@@ -117,26 +174,14 @@ class FixedStepper(Stepper):
         The name of the method, for messages.
     h : float
         The step, in the units of the top.
+    kernel : Kernel or callable
+        The kernel; a compiled step alone stands for Kernel(step).
     constants : (m,)
         Floats, the `c` of the kernel.
-    step : callable
-        Compiled, step(s, c, counters) → s, with s a tuple of `size` numbers.
-    restore : callable, optional
-        Compiled, restore(s, c) → s: moves a state back onto the invariants. Called before every `block` steps.
-    block : int
-        Steps between two calls of `restore`.
-    enter, leave : callable, optional
-        Functions that change a state into the kernel's units and back, without rounding.
-    rhs_per_step : int
-        How many right-hand sides a step evaluates.
-    failures : dict, optional
-        The reasons for the kernel's failure codes.
+    units : StateUnits
+        Its methods `enter` and `leave` change a state into the kernel's units and back.
     size : int
         The number of components of a state.
-    timed : bool
-        Whether the kernel reads the number of its step from counters[CLOCK]. Then a run must not be continued from a later state.
-    memory : int
-        How many numbers the kernel carries from step to step.
 
     Raises
     ------
@@ -150,40 +195,29 @@ class FixedStepper(Stepper):
         self,
         name: str,
         h: float,
+        kernel: Kernel | Callable[..., Any],
         constants: Array,
-        step: Callable[..., Any],
-        restore: Callable[..., Any] | None = None,
-        block: int = NEVER,
-        *,
-        enter: Callable[[Array], Array] | None = None,
-        leave: Callable[[Array], Array] | None = None,
-        rhs_per_step: int = 0,
-        failures: dict[int, str] | None = None,
+        units: StateUnits = OWN_UNITS,
         size: int = 6,
-        timed: bool = False,
-        memory: int = SIZE - MEMORY,
     ):
         if not isinstance(constants, np.ndarray) or constants.dtype.kind not in "fc":
             raise ValueError(f"constants must be an array of floats, np.array((…), dtype=float); got {constants!r}")
-        self.name, self.h, self.constants, self.block = name, h, constants, block
-        self._enter, self._leave = enter, leave
-        self.rhs_per_step, self.failures = rhs_per_step, failures or {}
-        self.step, self.restore = step, restore
-        self.size = size
-        if timed:  # else the class decides
+        self.kernel = kernel = kernel if isinstance(kernel, Kernel) else Kernel(kernel)
+        self.name, self.h, self.constants, self.units, self.size = name, h, constants, units, size
+        if kernel.timed:  # else the class decides
             self.from_start = True
-        self._run = compiled_loop(step, restore, constants.dtype, size, timed)
-        self.work, self.counters = Work(), np.zeros(max(SIZE, MEMORY + memory))
+        self._run = compiled_loop(kernel.step, kernel.restore, constants.dtype, size, kernel.timed)
+        self.work, self.counters = Work(), np.zeros(max(SIZE, MEMORY + kernel.memory))
 
     # methods and no attributes: only the garbage collector frees a stepper that holds its own methods, which costs as much as a
     # short run
     def enter(self, y: Array) -> Array:
         """A state in the kernel's units, as a fresh array."""
-        return self._enter(y) if self._enter else np.array(y)
+        return self.units.enter(y)
 
     def leave(self, rows: Array) -> Array:
         """The kernel's rows in the user's units; may change `rows` in place."""
-        return self._leave(rows) if self._leave else rows
+        return self.units.leave(rows)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
@@ -194,11 +228,11 @@ class FixedStepper(Stepper):
         self.counters = counters = np.zeros(len(self.counters))  # of the last call, for a method that reads its MEMORY
         for first in range(0, n, INTERRUPTIBLE):
             last, before = min(first + INTERRUPTIBLE, n), (state.copy(), counters.copy())
-            if not self._run(state, first, last, every, self.block, self.constants, counters, out):
+            if not self._run(state, first, last, every, self.kernel.block, self.constants, counters, out):
                 raise self._failure(first, last, *before)
         self.work.steps += n
         self.work.iterations += int(counters[ITERATIONS])
-        self.work.rhs_evals += int(counters[RHS_EVALS]) + n * self.rhs_per_step
+        self.work.rhs_evals += int(counters[RHS_EVALS]) + n * self.kernel.rhs_per_step
         result = self.rows(out, every)
         result[0] = y
         if not finite(result.ravel()):  # a change of units may overflow
@@ -218,11 +252,11 @@ class FixedStepper(Stepper):
         while first < last:
             middle = (first + last) // 2 if last - first > 1 else last
             state, counted = y.copy(), counters.copy()
-            if self._run(state, first, middle, middle, self.block, self.constants, counted, out):
+            if self._run(state, first, middle, middle, self.kernel.block, self.constants, counted, out):
                 y, counters, first = state, counted, middle
                 continue
             if code := int(counted[FAILURE]):
-                reason = self.failures.get(code, f"failure code {code}")
+                reason = self.kernel.failures.get(code, f"failure code {code}")
                 reason += f" (residual {counted[RESIDUAL]:.1e})" if counted[RESIDUAL] else ""
                 return StepError(self.name, reason, h=self.h, step=int(counted[FAILED_AT]))
             if middle == last:
@@ -242,14 +276,15 @@ class ConjugateStepper(FixedStepper):
         self,
         name: str,
         h: float,
-        *args: Any,
+        kernel: Kernel,
+        constants: Array,
+        *,
         map_rows: Callable[..., Any],
         preprocess: tuple[Any, ...],
         postprocess: tuple[Any, ...],
-        **more: Any,
     ) -> None:
         self._map_rows, self._preprocess, self._postprocess = map_rows, preprocess, postprocess
-        super().__init__(name, h, *args, **more)
+        super().__init__(name, h, kernel, constants)
         map_rows(np.empty((0, self.size)), *preprocess, np.zeros(SIZE))  # compile
 
     def enter(self, y: Array) -> Array:
@@ -267,5 +302,5 @@ class ConjugateStepper(FixedStepper):
         self._map_rows(rows, *arguments, counters)
         if counters[FAILURE] or not finite(rows.ravel()):
             left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, self.failures.get(int(counters[FAILURE]), left), h=self.h)
+            raise StepError(self.name, self.kernel.failures.get(int(counters[FAILURE]), left), h=self.h)
         return rows

@@ -43,7 +43,7 @@ def identified(digest: str | None) -> Any:
     return IDENTIFIED[digest]
 
 
-class Kernel(CPUDispatcher):
+class CompiledFunction(CPUDispatcher):
     """A compiled function: Numba's dispatcher with a digest, which identifies it in all processes, or None."""
 
     digest: str | None = None

@@ -44,7 +44,7 @@ from lagrange_bench.integrators.compiling.double_double import (
     small_turn,
     sub,
 )
-from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
+from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -291,7 +291,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) ->
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     onto_torus = real_map.restorer_of(state, units.alpha) if block else None
-    return AdditionStepper(name, h, units, c, step, onto_torus, block or NEVER)
+    return AdditionStepper(name, h, Kernel(step, onto_torus, block or NEVER), c, units)
 
 
 METHOD = Method(

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.lanes import run_lanes
-from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
+from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.closed_body import BodyStepper, with_attitude
 from lagrange_bench.integrators.problem import kinds
@@ -42,7 +42,8 @@ def _stepper(
 ) -> FixedStepper:
     real_map.check_constants(name, c, h)
     back, block = (real_map.restorer_of(state, units.alpha), pin) if pin else (None, NEVER)
-    return real_map.TorusStepper(name, h, units, c, real_map.KERNELS[real_map.form(c)], back, block, turn=turn)
+    kernel = Kernel(real_map.KERNELS[real_map.form(c)], back, block)
+    return real_map.TorusStepper(name, h, kernel, c, units, turn)
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:

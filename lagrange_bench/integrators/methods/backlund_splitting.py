@@ -114,19 +114,15 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         preprocess, postprocess = ends_of(chosen, h, corrected)
         step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
         restore = kernels.restore_casimirs_at_fixed_J3 if conserves_J3 else kernels.restore_casimirs
+        kernel = loops.Kernel(step, restore, kernels.RESTORE_EVERY, kernels.FAILURES, rhs_per_step=n, timed=timed)
         super().__init__(
             NAME,
             h,
+            kernel,
             c,
-            step,
-            restore,
-            kernels.RESTORE_EVERY,
             map_rows=kernels.map_over(V),
             preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
             postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
-            rhs_per_step=n,
-            failures=kernels.FAILURES,
-            timed=timed,
         )
 
     def rows(self, out: Array, every: int) -> Array:

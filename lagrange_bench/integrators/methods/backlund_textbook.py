@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims
 from lagrange_bench.integrators.methods.backlund import PAPER, SOURCE
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -61,6 +61,21 @@ def to_real(s: Array) -> Array:
     return np.stack([v.real for v in half], axis=-1)
 
 
+class ComplexUnits:
+    """The units of a top, and complex states."""
+
+    def __init__(self, units: Units):
+        self.units = units
+
+    def enter(self, y: Array, /) -> Array:
+        with np.errstate(all="ignore"):  # as in `Units`
+            return to_complex(self.units.enter(y))
+
+    def leave(self, rows: Array, /) -> Array:
+        with np.errstate(all="ignore"):
+            return self.units.leave(to_real(rows))
+
+
 def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:
     """The paper's program with λ = i h √C1/2 (or `lam`), and μ fixed at the start. Nothing is pinned."""
     units = Units(top, y0, h)
@@ -74,16 +89,8 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     c = np.array([units.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
     check_constants("backlund_textbook", c, h)
 
-    def enter(y: Array) -> Array:
-        with np.errstate(all="ignore"):  # as in `Units`
-            return to_complex(units.enter(y))
-
-    def leave(s: Array) -> Array:
-        with np.errstate(all="ignore"):
-            return units.leave(to_real(s))
-
     failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
-    return FixedStepper("backlund_textbook", h, c, textbook_step, enter=enter, leave=leave, failures=failures)
+    return FixedStepper("backlund_textbook", h, Kernel(textbook_step, failures=failures), c, ComplexUnits(units))
 
 
 METHOD = replace(

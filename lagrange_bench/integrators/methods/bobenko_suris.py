@@ -70,7 +70,7 @@ def kernel(system: System) -> Any:
 def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any |h| up to LONGEST time scales. An energy of its own is known only in a uniform field."""
     check_span("bobenko_suris", abs(h) / problem.scales(y0)[2], h, LONGEST)
-    return FixedStepper("bobenko_suris", h, np.array((h, problem.start, *problem.numbers)), kernel(problem.system))
+    return FixedStepper("bobenko_suris", h, kernel(problem.system), np.array((h, problem.start, *problem.numbers)))
 
 
 def energy(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

@@ -288,16 +288,9 @@ def stepper(name: str, stages: int, problem: Any, y0: Array, h: float, compensat
     nodes, b, mu, nu, ahead = matrices(stages)
     parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), problem.numbers)
     c = np.concatenate(((bool(compensated), problem.start, h), *parts))
-    return loops.FixedStepper(
-        name,
-        h,
-        c,
-        kernel(stages, system),
-        failures=FAILURES,
-        size=system.size,
-        timed=system.timed,
-        memory=(stages + 1) * system.size,
-    )
+    memory = (stages + 1) * system.size
+    step = loops.Kernel(kernel(stages, system), failures=FAILURES, timed=system.timed, memory=memory)
+    return loops.FixedStepper(name, h, step, c, size=system.size)
 
 
 def method(stages: int) -> Method:

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESIDUAL, RHS_EVALS, FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.gauss import check_span, stepper
@@ -172,7 +172,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     contraction = 0.25 * h * h * abs(top.alpha) * math.hypot(*y0[3:])
     c = np.array((top.alpha, h, contraction >= 0.25))
     kernel = fixed_point_step if contraction < WEAK else newton_step
-    return FixedStepper("implicit_midpoint", h, c, kernel, failures=FAILURES)
+    return FixedStepper("implicit_midpoint", h, Kernel(kernel, failures=FAILURES), c)
 
 
 def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:

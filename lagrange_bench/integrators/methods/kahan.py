@@ -41,7 +41,7 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
-from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.tape import with_slopes
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
@@ -124,7 +124,7 @@ def kernel_in_field(system: System) -> Any:
 def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
     """As `prepare`, for any quadratic potential."""
     c = np.array((h, problem.start, *problem.numbers))
-    return FixedStepper("kahan", h, c, kernel_in_field(problem.system), failures=FAILURES)
+    return FixedStepper("kahan", h, Kernel(kernel_in_field(problem.system), failures=FAILURES), c)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
@@ -132,7 +132,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))
-    return FixedStepper("kahan", h, c, step, enter=units.enter, leave=units.leave, failures=FAILURES)
+    return FixedStepper("kahan", h, Kernel(step, failures=FAILURES), c, units)
 
 
 def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

@@ -29,7 +29,7 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
-from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper
+from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
@@ -242,7 +242,7 @@ def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
     system = problem.system
     c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
     step, size, timed = kernel(system), system.size, system.timed
-    return FixedStepper("rkmk4", h, c, step, rhs_per_step=STAGES, failures=FAILURES, size=size, timed=timed)
+    return FixedStepper("rkmk4", h, Kernel(step, failures=FAILURES, rhs_per_step=STAGES, timed=timed), c, size=size)
 
 
 RKMK4 = Method(

@@ -17,7 +17,7 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
-from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper, Kernel
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem.parts import Part
 
@@ -109,4 +109,4 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
     numbers = [v for part in parts for v in part.flow.constants(*problem.numbers)]
     c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *numbers))
     step = kernel_of_parts(parts)
-    return FixedStepper(name, h, c, step, rhs_per_step=len(stages), size=system.size, timed=system.timed)
+    return FixedStepper(name, h, Kernel(step, rhs_per_step=len(stages), timed=system.timed), c, size=system.size)

@@ -33,7 +33,17 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, MEMORY, RESIDUAL, FixedStepper, finite
+from lagrange_bench.integrators.compiling.loops import (
+    CLOCK,
+    FAILURE,
+    MEMORY,
+    OWN_UNITS,
+    RESIDUAL,
+    FixedStepper,
+    Kernel,
+    StateUnits,
+    finite,
+)
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -162,16 +172,8 @@ def stepper(name: str, problem: Any, h: float, split: Split, step: Callable[...,
     """A stepper of a `step` made by `stepping`. calls : right-hand sides a step."""
     system = problem.system
     size, timed = system.size, system.timed
-    return FixedStepper(
-        name,
-        h,
-        constants_for(split, problem, h),
-        step,
-        rhs_per_step=calls,
-        size=size,
-        timed=timed,
-        memory=size,
-    )
+    kernel = Kernel(step, rhs_per_step=calls, timed=timed, memory=size)
+    return FixedStepper(name, h, kernel, constants_for(split, problem, h), size=size)
 
 
 # ------------------------------------------------------------------------------------ projection
@@ -349,7 +351,7 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     c[ENERGY], c[C1], c[C2] = -energy, -2.0 * half, -product
     first = constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h))
     step = followed_by(VERNER9, top.system, projected)
-    return _on_torus(h, np.array((*first, *c)), step, lacking, units.enter, leave=units.leave)
+    return _on_torus(h, np.array((*first, *c)), step, lacking, units)
 
 
 def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
@@ -363,29 +365,24 @@ def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedSteppe
 
     c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
     step = followed_by(VERNER9, problem.system, finish)
-    return _on_torus(h, np.array((*constants_of(VERNER9, problem, h), *c)), step, lacking, np.array)
+    return _on_torus(h, np.array((*constants_of(VERNER9, problem, h), *c)), step, lacking, OWN_UNITS)
 
 
 def _on_torus(
-    h: float,
-    c: Array,
-    step: Any,
-    lacking: Callable[[Array], tuple[float, ...]],
-    enter: Callable[[Array], Array],
-    **more: Any,
+    h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], units: StateUnits
 ) -> FixedStepper:
     """A stepper that refuses states whose invariants are off by more than round-off."""
     if not finite(c):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 
-    def checked(y: Array) -> Array:
-        state = enter(y)
-        if not all(abs(lack) <= OFF_TORUS for lack in lacking(state)):
-            raise StepError(PROJECTING, "the state is not on the torus this step was prepared for", h=h)
-        return state
+    class ProjectedStepper(FixedStepper):
+        def enter(self, y: Array) -> Array:
+            state = super().enter(y)
+            if not all(abs(lack) <= OFF_TORUS for lack in lacking(state)):
+                raise StepError(PROJECTING, "the state is not on the torus this step was prepared for", h=h)
+            return state
 
-    stages = VERNER9.stages
-    return FixedStepper(PROJECTING, h, c, step, enter=checked, rhs_per_step=stages, failures=FAILURES, **more)
+    return ProjectedStepper(PROJECTING, h, Kernel(step, failures=FAILURES, rhs_per_step=VERNER9.stages), c, units)
 
 
 PROJECTED = replace(

@@ -32,7 +32,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, FixedStepper, finite
+from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.part_splitting import prepare_parts
@@ -177,13 +177,11 @@ def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool =
     return ConjugateStepper(
         name,
         h,
+        Kernel(kernel(system, gradients, carried), failures=FAILURES, rhs_per_step=len(steps)),
         constants,
-        kernel(system, gradients, carried),
         map_rows=map_over(kernel(system, gradients, False)),
         preprocess=(begin,),
         postprocess=(end,),
-        rhs_per_step=len(steps),
-        failures=FAILURES,
     )
 
 

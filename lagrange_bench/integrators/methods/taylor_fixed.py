@@ -19,7 +19,7 @@ from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import stack
-from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper
+from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -208,7 +208,7 @@ def check_order(order: int) -> int:
 def prepare(top: LagrangeTop, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
     """The Taylor polynomial of degree `order`, at most 60, in every step."""
     c = np.concatenate(((h, h * top.alpha, check_order(order)), 1 / np.arange(1.0, order + 1)))
-    return FixedStepper("taylor_fixed", h, c, step, rhs_per_step=order)
+    return FixedStepper("taylor_fixed", h, Kernel(step, rhs_per_step=order), c)
 
 
 def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
@@ -216,7 +216,7 @@ def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> Fixed
     system = top.system
     c = np.array((top.start, h, check_order(order), *top.numbers, *recurrences(system).constants))
     size, timed = system.size, system.timed
-    return FixedStepper("taylor_fixed", h, c, kernel_of(system), rhs_per_step=order, size=size, timed=timed)
+    return FixedStepper("taylor_fixed", h, Kernel(kernel_of(system), rhs_per_step=order, timed=timed), c, size=size)
 
 
 METHOD = Method(

@@ -37,7 +37,7 @@ from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.closed_body import BodyStepper, closed_form
 from lagrange_bench.integrators.methods.lie_group import add as add_vector
@@ -513,14 +513,13 @@ class ThetaStepper(FixedStepper):
     from_start = True
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        self.units = Units(top, y0, h)
-        self.span = self.units.span(NAME, h)
-        c, enter, leave = found_constants(self.units, y0, self.span, h), self.units.enter, self.units.leave
-        super().__init__(NAME, h, c, step, enter=enter, leave=leave, failures=FAILURES)
+        self.top_units = units = Units(top, y0, h)
+        self.span = units.span(NAME, h)
+        super().__init__(NAME, h, Kernel(step, failures=FAILURES), found_constants(units, y0, self.span, h), units)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         y = as_state(y)
-        self.constants = found_constants(self.units, y, self.span, self.h)
+        self.constants = found_constants(self.top_units, y, self.span, self.h)
         return super().record(y, n, every)
 
 

@@ -35,7 +35,7 @@ import numpy as np
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
-from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
@@ -273,7 +273,7 @@ def constants(body: RigidBody, h: float, *options: float) -> Array:
 
 def prepare(name: str, step: Callable[..., Any], body: RigidBody, y0: Array, h: float) -> FixedStepper:
     """Each step is solved to round-off."""
-    return FixedStepper(name, h, constants(body, h), step, failures=FAILURES, size=7)
+    return FixedStepper(name, h, Kernel(step, failures=FAILURES), constants(body, h), size=7)
 
 
 def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
@@ -284,7 +284,7 @@ def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> 
     m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
     gamma = 0.5 + f - m
     c = constants(body, h, m, f, gamma, 0.25 * (gamma + 0.5) ** 2)
-    stepper = FixedStepper("generalized_alpha", h, c, generalized_alpha, failures=FAILURES, size=7, memory=7)
+    stepper = FixedStepper("generalized_alpha", h, Kernel(generalized_alpha, failures=FAILURES, memory=7), c, size=7)
     stepper.from_start = True  # accelerations are carried from step to step
     return stepper
 

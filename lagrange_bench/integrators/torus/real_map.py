@@ -19,7 +19,7 @@ import numpy as np
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, cmul, dd, mul, scale, sub, times, two_sum
 from lagrange_bench.integrators.compiling.intrinsics import load_tuple
-from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, finite
+from lagrange_bench.integrators.compiling.loops import MEMORY, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.units import Units, own_units
@@ -394,9 +394,9 @@ class TorusStepper(FixedStepper):
     turn : (cos, sin) of a turn about e3 that belongs to each step and commutes with the kernel. It is applied to the rows.
     """
 
-    def __init__(self, name: str, h: float, units: Units, *args: Any, turn: Turn = NO_TURN, **kwargs: Any):
-        self.units, self.turn = units, turn
-        super().__init__(name, h, *args, enter=units.enter, leave=units.leave, **kwargs)
+    def __init__(self, name: str, h: float, kernel: Kernel, constants: Array, units: Units, turn: Turn = NO_TURN):
+        super().__init__(name, h, kernel, constants, units)
+        self.turn = turn
 
     def enter(self, y: Array) -> Array:
         state = super().enter(y)
