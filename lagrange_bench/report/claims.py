@@ -117,7 +117,7 @@ class Finding(NamedTuple):
         return f"{self.bound.sign} {show(self.bound.limit)}"
 
 
-class Verdict(NamedTuple):
+class ClaimVerdict(NamedTuple):
     """What the checks of a claim found."""
 
     findings: tuple[Finding, ...]
@@ -154,7 +154,7 @@ class Range(NamedTuple):
     most: str
 
 
-class Answer(NamedTuple):
+class ShortAnswer(NamedTuple):
     """A question that a claim answers, in the README and at the top of the page.
 
     text : {name.worst}, {name.least} and {name.most} stand for numbers of the bound whose `what` is the name, or of the one
@@ -164,7 +164,7 @@ class Answer(NamedTuple):
     question: str
     text: str
 
-    def filled(self, verdict: Verdict) -> str | None:
+    def filled(self, verdict: ClaimVerdict) -> str | None:
         """The answer with what was measured; None if some of it was not."""
         numbers = {}
         for finding in verdict.findings:
@@ -187,7 +187,7 @@ class Claim:
     text: str
     experiment: str
     bounds: tuple[Bound, ...]
-    answers: tuple[Answer, ...] = ()  # of the README
+    answers: tuple[ShortAnswer, ...] = ()  # of the README
 
     @property
     def profile(self) -> str:
@@ -197,12 +197,12 @@ class Claim:
         return next((p for p, rows in planned if not any(b.missing(rows) for b in self.bounds)), PROFILES[-1])
 
 
-def judge(claim: Claim, rows: pd.DataFrame) -> Verdict:
+def judge(claim: Claim, rows: pd.DataFrame) -> ClaimVerdict:
     """The verdict on a claim."""
     if rows.empty:
-        return Verdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
+        return ClaimVerdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
     rows = with_failures(rows, declared(claim.experiment, "MEASURED", {}))
-    return Verdict(tuple(_judge(bound, rows) for bound in claim.bounds))
+    return ClaimVerdict(tuple(_judge(bound, rows) for bound in claim.bounds))
 
 
 def _judge(bound: Bound, rows: pd.DataFrame) -> Finding:

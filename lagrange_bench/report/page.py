@@ -45,9 +45,9 @@ MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 @dataclass
 class Judged:
     claim: claims.Claim
-    verdict: claims.Verdict
+    verdict: claims.ClaimVerdict
     command: str
-    beside: claims.Verdict | None = None  # by the results that these are held against
+    beside: claims.ClaimVerdict | None = None  # by the results that these are held against
 
 
 @dataclass
@@ -157,7 +157,7 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Jud
     return judged
 
 
-def _published(folder: Path | None) -> tuple[list[claims.Verdict], str]:
+def _published(folder: Path | None) -> tuple[list[claims.ClaimVerdict], str]:
     """The verdict of other results on each claim; then, in words, which results these are and how the claims fare by them."""
     if folder is None:
         return [], ""

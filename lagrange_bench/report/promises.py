@@ -17,7 +17,7 @@ from lagrange_bench.experiments.work_precision import APART, TARGETS, best, usef
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
-from lagrange_bench.report.claims import Answer, Bound, Claim, Measure, NoData, Reading, Refuted, select, values
+from lagrange_bench.report.claims import Bound, Claim, Measure, NoData, Reading, Refuted, ShortAnswer, select, values
 from lagrange_bench.results.store import Store, find_results
 
 EXACT = ("backlund", "closed-form")  # families that are exact in time
@@ -232,7 +232,7 @@ MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read"
 
 def _claim(entry: dict[str, Any]) -> Claim:
     bounds = tuple(_bound(entry["experiment"], bound) for bound in entry.pop("bound"))
-    answers = tuple(Answer(**answer) for answer in entry.pop("answer", ()))
+    answers = tuple(ShortAnswer(**answer) for answer in entry.pop("answer", ()))
     return Claim(**entry, bounds=bounds, answers=answers)
 
 

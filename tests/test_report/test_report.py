@@ -23,7 +23,7 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import lists, page, promises, sections
-from lagrange_bench.report.claims import Answer, Bound, Claim
+from lagrange_bench.report.claims import Bound, Claim, ShortAnswer
 from lagrange_bench.results import sources, store
 from lagrange_bench.results.choice import Choice
 from lagrange_bench.support.files import write_file
@@ -71,7 +71,7 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 
 def claim(name, text, limit, column="drift", experiment="toy.good", **where):
-    bounds, answers = (Bound((column,), "≤", limit, where=where),), (Answer(f"{text} In short?", "{claim.worst}"),)
+    bounds, answers = (Bound((column,), "≤", limit, where=where),), (ShortAnswer(f"{text} In short?", "{claim.worst}"),)
     return Claim(name, "cost", text, experiment, bounds, answers)
 
 
