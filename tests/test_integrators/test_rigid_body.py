@@ -325,6 +325,33 @@ def test_euler_angles_of_a_body():
     assert run.euler_angles()[0] == pytest.approx((theta, phi, psi), abs=1e-12)
 
 
+@pytest.mark.interpreted
+def test_the_vectors_of_a_run_are_those_of_its_rotations():
+    """Of a body with products of inertia: by differences of the rotations in time, and by the matrix about the fixed point."""
+    inertia, com, mass, h = (
+        np.array(((0.4, 0.05, 0.02), (0.05, 0.5, -0.03), (0.02, -0.03, 0.3))),
+        (0.1, -0.2, 0.3),
+        1.5,
+        1e-4,
+    )
+    body = RigidBody(mass, com, inertia)
+    start = Rotation.from_rotvec((0.3, -0.5, 0.8))
+    omega = np.array((1.0, -2.0, 0.5))
+    run = integrate(body, body.state(rotation=start, omega_world=omega), h=h, steps=2, every=1, method="taylor_fixed")
+    R = run.rotation.as_matrix()
+    assert R[0] == pytest.approx(start.as_matrix(), abs=1e-14)
+    assert run.omega_world[0] == pytest.approx(omega, abs=1e-14)
+    spin = (R[2] - R[0]) / (2 * h) @ R[1].T
+    assert run.omega_world[1] == pytest.approx((spin[2, 1], spin[0, 2], spin[1, 0]), abs=1e-6)
+    assert run.omega_body[1] == pytest.approx(R[1].T @ run.omega_world[1], abs=1e-13)
+    assert run.position[1] == pytest.approx(R[1] @ com, abs=1e-14)
+    assert run.velocity[1] == pytest.approx((run.position[2] - run.position[0]) / (2 * h), abs=1e-6)
+    about_point = inertia + mass * (np.dot(com, com) * np.eye(3) - np.outer(com, com))
+    assert run.momentum[1] == pytest.approx(R[1] @ about_point @ run.omega_body[1], abs=1e-13)
+    height = mass * 9.81 * run.position[1, 2]
+    assert run.energy[1] == pytest.approx(run.omega_body[1] @ about_point @ run.omega_body[1] / 2 + height, abs=1e-12)
+
+
 def test_a_start_in_seven_digits_is_scaled():
     body = RigidBody(1.0, (0, 0, 0), (10, 20, 26))
     with pytest.warns(RuntimeWarning, match="a unit quaternion.*it is scaled"):
