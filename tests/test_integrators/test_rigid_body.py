@@ -359,6 +359,8 @@ def test_a_start_in_seven_digits_is_scaled():
     q = integrate(body, y, t=[1.0], method="taylor").rotation.as_quat(scalar_first=True)[0]
     right = (0.0231498857582341178, -0.0206230232136558365, -0.151089199205758732, -0.988033819049870517)
     assert min(np.max(np.abs(q - right)), np.max(np.abs(q + right))) < 1e-13
+    with pytest.raises(ValueError, match="an orthogonal matrix with determinant 1"):
+        body.state(rotation=-np.eye(3), omega_body=(1, 15, 1))
     with pytest.raises(ValueError, match="must be a unit quaternion"):
         body.state(rotation=(0.7072, 0, 0.7071, 0), omega_body=(1, 15, 1))
 
