@@ -4,7 +4,6 @@ Text in SVG files is text, so a reader can search and copy it. Without DejaVu Sa
 widths. PDF and PNG files contain the font.
 """
 
-import math
 import textwrap
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,9 +17,6 @@ import matplotlib.figure
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, NullLocator
-
-from lagrange_bench.experiments.drawing.tables import show
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
 TALLEST = 9.2  # inches: the height of a journal page
@@ -29,8 +25,6 @@ _FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=No
 HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
 ARCHIVED: ContextVar[bool] = ContextVar("methods of the archive are drawn, too", default=False)
 _LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
-DECADES = 4  # an axis of more decades has no ticks between the powers of ten
-LESS = 0.6  # an axis of fewer decades has no room for numbers at 1, 2 and 5
 INK, FAINT = "#222222", "#6b6b6b"
 TITLE = "title: "  # begins the gid of a line; the rest is the name that an SVG shows where one points at the line
 
@@ -84,24 +78,6 @@ class Figure(matplotlib.figure.Figure):
         """Save in this style, whatever the user's matplotlibrc says."""
         with apply():
             super().savefig(*args, **settings)
-
-    def draw(self, renderer: Any) -> None:
-        for ax in self.axes:
-            _choose_ticks(ax)
-        super().draw(renderer)
-
-
-def _choose_ticks(ax: Axes) -> None:
-    """On logarithmic axes: no ticks between the powers of ten of many decades, and labels of x that do not touch on few."""
-    for axis, scale, limits in ((ax.xaxis, ax.get_xscale(), ax.get_xlim()), (ax.yaxis, ax.get_yscale(), ax.get_ylim())):
-        if scale != "log":
-            continue
-        low, high = sorted(np.log10(limits))
-        if high - low > DECADES:
-            axis.set_minor_locator(NullLocator())
-        powers = math.floor(high) - math.ceil(low) + 1
-        if axis is ax.xaxis and powers < 2 and type(axis.get_major_locator()) is LogLocator:
-            few_decades(axis, high - low)
 
 
 @contextmanager
@@ -219,7 +195,6 @@ def finish(fig: matplotlib.figure.Figure) -> None:
     """Make a figure ready to be saved. Panels on top of each other get the labels that they shared side by side."""
     for ax in fig.axes:
         set_limits(ax, _LIMITS.get())
-        _choose_ticks(ax)  # or matplotlib makes thousands, and throws them away
     if fig.get_figwidth() == WIDTHS["column"]:
         for ax in fig.axes:
             place = ax.get_subplotspec()
@@ -254,11 +229,3 @@ def finish(fig: matplotlib.figure.Figure) -> None:
 def title(text: str) -> str:
     """The gid of a line: an SVG shows this text where one points at the line."""
     return TITLE + printable(text).replace(r"\$", "$")
-
-
-def few_decades(axis: Any, decades: float = 1.0) -> None:
-    """Plain numbers on a logarithmic axis of a decade or two: at 1, 2 and 5, or at 1 and 3 if it has more than one decade."""
-    digits = (1, 3) if decades > 1 else (1, 2, 5)
-    axis.set_major_locator(LogLocator(subs=digits) if decades > LESS else MaxNLocator(2, steps=(1, 2, 5, 10)))
-    axis.set_major_formatter(lambda value, _: show(float(value)))
-    axis.set_minor_formatter(NullFormatter())
