@@ -269,7 +269,7 @@ class Method:
             return None
         if self.needs != "uniform":
             return f"{self.name} needs {needed(self.needs)}, which {problem.description} is not"
-        reason = f"its record needs {NEEDS['uniform']} (“Any problem” in docs/adding-a-method.md)"
+        reason = f"its record needs {NEEDS['uniform']} (“Which problems it takes” in docs/adding-a-method.md)"
         advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and problem.is_top else ""
         return f"{self.name} does not take {problem.description}: {reason}{advice}"
 

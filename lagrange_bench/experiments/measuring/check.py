@@ -301,7 +301,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
             verdict = replace(verdict, passed=None, bound="", how=f"{NOT_CLAIMED}; {verdict.how}")
         elif bound < largest.size <= ROUND_OFF * n * EPS:
             how = f"{verdict.how}; that is {largest.size / (n * EPS):.1g} ulp a step, which may be no fault of the formula: "
-            how += "see “A rounding that always goes the same way” in docs/adding-a-method.md"
+            how += "see “A rounding that always goes the same way” in docs/adding-a-kernel.md"
             verdict = replace(verdict, how=how)
         yield verdict
     if stopped:  # a fault only at the smallest step: an explicit method may be unstable at others
