@@ -413,6 +413,8 @@ def run(rng: Any, mistakes: Iterable[str], with_case: bool, reach: float = 1.0) 
         for name in mistakes & set(MADE):
             program = MADE[name](program, rng, dt)
         columns = written(rng, program, t, mistakes)
+        if not np.isfinite(columns.R).all():
+            continue  # it blew up
         right = columns
         for name in [name for name in WRITTEN if name in mistakes]:
             columns = WRITTEN[name](columns, rng)

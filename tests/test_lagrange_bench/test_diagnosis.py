@@ -113,9 +113,10 @@ def test_frames_are_named_by_the_exact_motion():
     case = CASES["slow"]
     rows, exact = program(case)
     S, up = np.array([[1.0, 0, 0], [0, 0, 1], [0, 1, 0]]), Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
-    axis = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix()
+    axis, half = Rotation.from_rotvec([0, 0, np.pi / 2]).as_matrix(), np.array([[0, 1.0, 0], [1, 0, 0], [0, 0, -1]])
     for change, cause, words in (
         ({"x": rows.x @ up, "R": up.T @ rows.R}, "world-axes", "the axis y points up: --up=y."),
+        ({"x": rows.x @ half, "R": half @ rows.R}, "world-axes", "other names: write (y, x, -z) for (x, y, z)."),
         ({"R": rows.R @ axis, "omega": rows.omega @ axis}, "body-axes", "the axis of symmetry is"),
         (
             {"x": rows.x @ S, "R": S @ rows.R @ S, "omega": -rows.omega @ S},
