@@ -64,6 +64,7 @@ stress: .venv/ready
 test-plain: export NPY_DISABLE_CPU_FEATURES = X86_V3 X86_V4
 test-plain: export OPENBLAS_CORETYPE = Prescott
 test-plain: export NUMBA_CPU_NAME = generic
+test-plain: export GLIBC_TUNABLES = glibc.cpu.hwcaps=-AVX2,-FMA
 test-plain: test
 
 test-oldest: BIN = .venv-oldest/bin
