@@ -1,8 +1,5 @@
-"""Experiments. Each module asks one question about the methods and measures rows; `…_figures` beside it draws them."""
+"""Experiments. Each module asks one question about the methods: it lists cells, measures rows, and draws them."""
 
-EXPERIMENTS = (
-    "drift", "phase", "cost", "work_precision", "perturbed",
-    "ensemble", "engines", "heavy_top", "paper",
-)  # fmt: skip
+EXPERIMENTS = ("drift", "phase", "cost", "work_precision", "perturbed", "ensemble", "engines", "heavy_top", "paper")
 
 PROFILES = ("quick", "full")
