@@ -27,7 +27,7 @@ from lagrange_bench.integrators.interface import Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.trajectory import Trajectory
-from lagrange_bench.integrators.truth import truths
+from lagrange_bench.integrators.truth import rotations, truths
 from lagrange_bench.integrators.truth.rigid_body import rigid_motion
 from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
@@ -141,29 +141,18 @@ class Case:
 
 def matrix(q: Sequence[Any]) -> list[list[Fraction]]:
     """The rotation matrix of a quaternion of any length, scalar first, without rounding."""
-    w, x, y, z = (Fraction(v) for v in q)
-    n = w * w + x * x + y * y + z * z
-    return [
-        [(w * w + x * x - y * y - z * z) / n, 2 * (x * y - w * z) / n, 2 * (x * z + w * y) / n],
-        [2 * (x * y + w * z) / n, (w * w - x * x + y * y - z * z) / n, 2 * (y * z - w * x) / n],
-        [2 * (x * z - w * y) / n, 2 * (y * z + w * x) / n, (w * w - x * x - y * y + z * z) / n],
-    ]
+    return rotations.matrix([Fraction(v) for v in q])
 
 
 def quaternion(R: list[list[Fraction]]) -> list[Fraction]:
-    """The unit quaternion of a matrix, scalar first and ≥ 0: row k of 4 q qᵀ over 4 |q_k|, with q_k the largest component."""
-    (a, b, c), (d, e, f), (g, h, i) = R
-    # rows of 4 q qᵀ
-    rows = [
-        [1 + a + e + i, h - f, c - g, d - b],
-        [h - f, 1 + a - e - i, b + d, c + g],
-        [c - g, b + d, 1 - a + e - i, f + h],
-        [d - b, c + g, f + h, 1 - a - e + i],
-    ]
-    k = max(range(4), key=lambda n: rows[n][n])
+    """The unit quaternion of a matrix, scalar first and ≥ 0."""
+    q = rotations.quaternion(R, root)
+    return [-v for v in q] if q[0] < 0 else q
+
+
+def root(v: Fraction) -> Fraction:
     with localcontext(prec=MOST_DIGITS + 20):
-        length = Fraction((4 * decimal(rows[k][k])).sqrt()) / 2  # 2 |q_k|
-    return [v / (2 * length) * (-1 if rows[k][0] < 0 else 1) for v in rows[k]]
+        return Fraction(decimal(v).sqrt())
 
 
 def decimal(v: Fraction) -> Decimal:

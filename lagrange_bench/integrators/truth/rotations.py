@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -43,8 +43,8 @@ def matrix(q: Sequence[Any]) -> list[list[Any]]:
     ]
 
 
-def quaternion(R: Sequence[Sequence[arb]]) -> list[arb]:
-    """One of the two unit quaternions of a matrix: from the row of 4 q qᵀ with the largest diagonal."""
+def quaternion(R: Sequence[Sequence[Any]], root: Callable[[Any], Any] = arb.sqrt) -> list[Any]:
+    """One of the two unit quaternions of a matrix: from the row of 4 q qᵀ with the largest diagonal. root : the square root."""
     (a, b, c), (d, e, f), (g, h, i) = R
     rows = [
         [1 + a + e + i, h - f, c - g, d - b],
@@ -53,7 +53,8 @@ def quaternion(R: Sequence[Sequence[arb]]) -> list[arb]:
         [d - b, c + g, f + h, 1 - a - e + i],
     ]
     k = max(range(4), key=lambda n: float(rows[n][n]))
-    return [v / (2 * rows[k][k].sqrt()) for v in rows[k]]
+    size = 2 * root(rows[k][k])
+    return [v / size for v in rows[k]]
 
 
 def unit_turn(turns: Array) -> Any:
