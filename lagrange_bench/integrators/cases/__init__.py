@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import check_count, check_times
-from lagrange_bench.integrators.interface import Work
+from lagrange_bench.integrators.interface import StepError, Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.trajectory import Trajectory
@@ -96,7 +96,10 @@ class Case:
         solution only: states are NaN from where a chaotic motion is lost, and 1000 turns take some seconds.
         """
         times, (state, flight) = check_times(t), self.body.split_state(self.state)
-        y = truths.solution(self.body, state, times, longest=math.inf)
+        try:
+            y = truths.solution(self.body, state, times, longest=math.inf)
+        except ValueError as error:  # a time beyond doubles
+            raise StepError(truths.name(self.body), str(error)) from None
         y = y if flight is None else np.hstack((y, self.body.flight_at(flight, times)))
         return Trajectory(self.body, truths.name(self.body), times, y, Work())
 
