@@ -1,20 +1,22 @@
-"""Judge the trajectory of any program by the exact motion of a rigid body.
+"""Judge the trajectory of any program by the exact motion of a rigid body, and say what is wrong with it.
 
 For those who have a multibody program, a physics engine or a simulator, in any language. Read the trajectory of a rigid body that
 the program wrote: heavy or free, symmetric or not, with a fixed point or flying. Print its errors: position, direction of the
 axis, rotation, spin about the axis, length, orthogonality, angular velocity, energy and angular momentum, as far as the file has
-them (docs/heavy-top.md explains each). Say whether the start is right, and which convention the file perhaps has in place of the
-one that was assumed. docs/tutorials/is-my-multibody-code-right.md has scripts for MuJoCo, Drake, Unity and others.
+them (docs/heavy-top.md explains each). Say whether the start is right. Name what is wrong, if it is clear: a convention, a unit,
+a clock, moments, gravity, damping, a cap, a missing torque; with the misfit before and after, and the option that mends it.
+docs/tutorials/is-my-multibody-code-right.md mends a run, docs/engine-defaults.md lists what engines do by default.
 
-Columns are found by what their names mean, not by a list: topic.pose.orientation.x, quat_x and qx are the same. Capitals, points,
-slashes, underscores and brackets do not matter. A name may begin with another one, such as the name of the body.
+Columns are found by what their names mean: topic.pose.orientation.x, quat_x and qx are the same. docs/names.md has the table of
+words, components and units. A name may begin with another one, such as the name of the body.
   t | time | timestamp | …       s; header.stamp.sec and .nanosec are added
   px | position.x | top.x …      m, position of the centre of mass; ux uy uz: its displacement
   qw | rotation.w | quat_w …     quaternion, body to world; q0 … q3, q[0] … in the order of --quat; q1 … q4: scalar last
   r11 … r33 | m00 … m22 | …      matrix, body to world, row by row
   rx ry rz | mrp1 … | axis_x …   rotation vector, modified Rodrigues parameters, axis and angle
   roll pitch yaw                 about the fixed axes x, y, z in this order; all other angles need --angles
-  wx | angvel.x | gyro_x …       rad/s, in the frame of --omega
+  wx | angvel.x | gyro_x …       rad/s, in the frame of --omega; Lx Ly Lz in its place: angular momentum
+  x1 y1 z1 x2 …                  m, points of the body whose places the TOML file gives; XYZ files
   qpos, qvel                     of a free or a ball joint of MuJoCo
 Units are converted if they are in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names. In a text file
 the names are in the last line above the numbers that has as many words as a row has numbers. Commas, semicolons, tabs, bars or
@@ -23,10 +25,10 @@ are read. If a column may mean two things, the file is refused, or a note says w
 decides. If your body has another axis of symmetry, or another axis of your world points up, add --axis z, --up y, or --up=-y. The
 smallest turn leads from there to the frames of the case; if that is half a turn, it is about x.
 
-Sums of steps are rounded. So times that are very near to decimals of nine digits are taken as these (nearer than 1e-10 of the
-last time, with fewer than 100 rows 5e-13). q and -q are the same rotation. If a file has quaternions and matrices, or positions
-and displacements, the larger error counts. Angles beside these are not read without --angles. A NaN in a row makes the error
-NaN, and so does a matrix that is no rotation.
+Sums of steps are rounded: times near to decimals of nine digits (1e-10 of the last time) are taken for these if that makes errors
+smaller. q and -q are the same rotation. If a file has quaternions and matrices, or positions and displacements, the larger error
+counts. Angles beside these are not read without --angles. A NaN in a row makes the error NaN, and so does a matrix that is no
+rotation. Ten million rows need some 2 GB of memory.
 
 Without a start, --body compares the energy and all else that the motion conserves with the first row, and judges whether ω fits
 the rotations (kinematics, of fourth order in the distance of the rows). With --bounds, a file also fails if a number in it is not
@@ -39,6 +41,7 @@ examples:
   lagrange-bench judge a.csv --case bruels --where body=top --units omega=deg/s --angles ZXZ
   lagrange-bench judge run.csv --body mine.toml                          any run of any length: drifts, and how they grow
   lagrange-bench judge run.csv --case mine.toml --start first-row        the motion starts as the file does
+  lagrange-bench judge phone.csv --case mine.toml --start fit --from 0.3 --until 1     measured data
   lagrange-bench judge run.csv --case bruels --bounds position=1e-6,rotation=1e-5
 
 exit codes: 0 done · 1 a bound is violated, or the run ends early · 2 a file that cannot be judged
@@ -170,7 +173,7 @@ def _described(judged: Any, units: dict[str, str]) -> list[str]:
     if floors:
         below = ", ".join(f"{floor:.1e} {units[name]} ({name})" for name, floor in floors.items())
         lines.append(f"The digits in the file say nothing of errors below {below}.")
-    return [*lines, *judged.notes, *(f"Perhaps {hint}" for hint in judged.hints), *judged.summary()]
+    return [*lines, *judged.notes, *judged.reasons(), *judged.summary()]
 
 
 def _start(start: dict[str, Any], units: dict[str, str]) -> str:

@@ -42,7 +42,7 @@ JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
 COUNTS = {("step",), ("steps",), ("timestep",), ("time", "step"), ("frame",), ("iteration",)}  # of rows, not of bodies
 WHOLE = 1e-3  # quaternions are as near to length 1
-# times with so many digits, before a point and in all, are more than a double holds
+# a time with many digits before a point and in all
 STAMP = re.compile(r"[-+]?(?=[\d.]{16})\d{9,}(\.\d+)?")
 
 
@@ -142,9 +142,8 @@ def read(
     for i in labels:
         if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
             raise ValueError(several(header, table, i))
-    stamps = (
-        [i for i in chosen["time"].places if all(STAMP.fullmatch(row[i]) for row in sample)] if "time" in chosen else []
-    )
+    clocks = chosen["time"].places if "time" in chosen else []
+    stamps = [i for i in clocks if _is_stamp([row[i] for row in sample])]
     counts = [counted] if how.step is not None and counted is not None else []
     columns = table.load(sorted({*factors, *counts} - set(stamps)), [*rows, *stamps])
     keep = np.full(len(next(iter(columns.values()))), True)
@@ -157,9 +156,8 @@ def read(
         if kind != "time":
             found.arrays[kind] = np.column_stack([_scaled(columns[i], factors[i]) for i in group.places])
     if "time" in chosen:
-        clocks = [(columns[i], factors[i]) for i in chosen["time"].places]
-        t, found.elapsed = _times(clocks, set(stamps) >= {*chosen["time"].places})
-        i = chosen["time"].places[0]
+        t, found.elapsed = _times([(columns[i], factors[i]) for i in clocks], bool(stamps))
+        i = clocks[0]
         found.floor["time"] = _time_floor([row[i] for row in sample], factors[i], found.elapsed if stamps else t)
     else:
         assert how.step is not None
@@ -462,6 +460,12 @@ def _time_floor(words: list[str], factor: float, t: Array) -> float:
     steps, ulp, span = np.diff(t), float(np.spacing(np.abs(t).max())), float(np.ptp(t))
     rounded = np.ptp(steps) > max(1e-3 * digit, 4 * ulp) and 1e3 * digit < span
     return max(digit * rounded, ulp / 2 * (ulp > 1e-10 * span))
+
+
+def _is_stamp(words: Sequence[str]) -> bool:
+    """Whether these times have more digits than a double holds, as nanoseconds since 1970 have."""
+    known = all(STAMP.fullmatch(word) for word in words)
+    return known and any(Decimal(word) != Decimal(f"{float(word):.17g}") for word in words)
 
 
 def _scaled(values: Array, factor: float) -> Array:

@@ -1,24 +1,19 @@
-"""The frames, orders and units in which a trajectory of a rigid body is written, and its errors under them."""
+"""The frames and orders in which a trajectory of a rigid body is written, and its errors in them."""
 
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
-from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import Case, RigidBody
+from lagrange_bench.integrators import Case, RigidBody, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
-from lagrange_bench.judging.consistency import Rows, into_body, tensor
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
@@ -30,23 +25,23 @@ AXES = {sign + name: unit for name, e in zip("xyz", np.eye(3), strict=True) for 
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 # quantity → the groups of columns that it is judged by
 GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
-FALLS = 10  # another gravity must fit a flight so many times better
-OFF = 1e-3  # the largest |RᵀR − 1| of a rotation; more if the file has few digits
+# another gravity must fit a flight so many times better
+FALLS = 10
+# the largest |RᵀR − 1| of a rotation; more if the file has few digits
+OFF = 1e-3
+# rad: a larger turn between two rows may be the other way round
+ANOTHER_TURN = 2.8
 
 
 @dataclass(frozen=True)
 class Convention:
-    """How rotations, angular velocities and frames are written, see `judge`. The fields from `transposed` on are for hints."""
+    """How rotations, angular velocities and frames are written, see `judge`. angles : their axes, as SciPy names them."""
 
     quat: str = "wxyz"
     omega_frame: str = "body"
     up: str | None = None
     axis: str | None = None
     angles: str = "xyz"
-    transposed: bool = False
-    degrees: bool = False
-    displaced: bool = False
-    mirror: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": (*AXES, None), "axis": (*AXES, None)}
@@ -67,7 +62,10 @@ class Frames:
 
     def __init__(self, body: RigidBody, convention: Convention, digit: float = 0.0, case: Case | None = None):
         self.rigid_body, self.axis, self.digit, self.case, self.known_until = body, body.axis, digit, case, math.inf
-        self._convert(convention)
+        if convention.axis is not None and self.axis is None:
+            raise ValueError("--axis is of no use, for the body has no axis of symmetry")
+        self.convention, self.to_world = convention, _turn(convention.up, body.up)
+        self.from_body = np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T
         self.length = float(np.linalg.norm(body.com)) if body.fixed else 0.0
         if case is None:
             self.sizes = {"position": self.length or 1.0}
@@ -83,42 +81,6 @@ class Frames:
         self.sizes = {"position": size, "rotation": 1.0, "omega": float(np.linalg.norm(omega, axis=1).max())}
         self._refer(R[0], omega[0])
 
-    def _convert(self, convention: Convention) -> None:
-        if convention.axis is not None and self.axis is None:
-            raise ValueError("--axis is of no use, for the body has no axis of symmetry")
-        mirror = np.eye(3) if convention.mirror is None else np.array([AXES[name] for name in convention.mirror])
-        self.convention, self.hand = convention, round(float(np.linalg.det(mirror)))
-        self.to_world = _turn(convention.up, self.rigid_body.up) @ mirror
-        self.from_body = mirror.T @ (np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T)
-
-    def changed(self, **changes: Any) -> Frames:
-        """A copy in another convention."""
-        other = copy(self)
-        other._convert(replace(self.convention, **changes))
-        return other
-
-    @cached_property
-    def others(self) -> dict[str, Frames]:
-        """A mistake in words → the frames of the body that a user with this mistake has simulated."""
-        body = self.rigid_body
-        changes: dict[str, dict[str, Any]] = {}
-        if np.any(body.gravity) and (np.any(body.weight) or not body.fixed):
-            changes["gravity is reversed: it points up."] = {"gravity": -body.gravity}
-        if self.length:
-            steiner = tensor(body) - body.inertia_com
-            about = "were taken for those about the"
-            for one, two, sign in (("fixed point", "centre of mass", 1), ("centre of mass", "fixed point", -1)):
-                words = f"the moments of inertia about the {one} {about} {two}."
-                changes[words] = {"inertia_com": body.inertia_com + sign * steiner}
-        others = {}
-        for words, change in changes.items():
-            other = copy(self)
-            with warnings.catch_warnings(), suppress(ValueError):
-                warnings.simplefilter("ignore", RuntimeWarning)  # of moments that no body has
-                other.case = replace(self.case, body=RigidBody(**{**body.facts, **change}), exact={})  # type: ignore[type-var]
-                others[words] = other
-        return others
-
     def _refer(self, R: Array, omega: Array) -> None:
         """Compute the constants of the motion from one attitude and the angular velocity in the body."""
         self.spin_rate = math.nan if self.axis is None else float(omega @ self.axis)
@@ -132,18 +94,17 @@ class Frames:
         if omega is not None and len(good := np.flatnonzero(np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1))):
             self._refer(R[good[0]], omega[good[0]])
         self.start = R[0] @ self.rigid_body.com if self.rigid_body.fixed else np.zeros(3)
-        for x in [] if self.rigid_body.fixed else self._positions(trajectory):
-            some = np.isfinite(x).all(1)
-            t, span = trajectory["time"][some], np.ptp(trajectory["time"]) or 1.0
-            terms = np.column_stack((np.ones_like(t), t / span))
-            fall = x[some] - t**2 / 2 * self.rigid_body.gravity
-            place, way = np.linalg.lstsq(terms, fall, rcond=None)[0]
+        for x in [] if self.rigid_body.fixed else self.positions(trajectory):
+            good = np.isfinite(x).all(1)
+            t, span = trajectory["time"][good], np.ptp(trajectory["time"]) or 1.0
+            terms, fall = np.column_stack((np.ones_like(t), t / span)), x[good] - t**2 / 2 * self.rigid_body.gravity
+            launch = np.linalg.lstsq(terms, fall, rcond=None)[0]
             with_g = np.column_stack((terms, (t / span) ** 2))
             free = np.linalg.lstsq(with_g, fall, rcond=None)[0]
             # of another gravity, the errors grow like t²; the best launch for the right one would hide that
-            if FALLS * np.abs(fall - with_g @ free).max() < np.abs(fall - terms @ [place, way]).max():
-                place, way = free[:2]
-            self.launch = place, way / span
+            if FALLS * np.abs(fall - with_g @ free).max(initial=0.0) < np.abs(fall - terms @ launch).max(initial=0.0):
+                launch = free[:2]
+            self.launch = launch[0], launch[1] / span
 
     def flight(self, t: Array) -> Array:
         """The parabola x₀ + v t + g t²/2, (N, 3), at times (N, 1)."""
@@ -154,7 +115,11 @@ class Frames:
         assert self.case is not None
         times = np.asarray(t, dtype=float)
         known = np.abs(times) <= self.known_until
-        motion = self.case.solution(times[known])
+        try:
+            motion = self.case.solution(times[known])
+        except (ValueError, StepError):
+            clock = "perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
+            raise ValueError(f"no exact motion is known at t = {np.abs(times).max():.6g} s; {clock}") from None
         found = np.isfinite(motion.y).all(axis=1)
         known[known], motion = found, replace(motion, y=motion.y[found], t=motion.t[found])
         R = motion.rotation.as_matrix()
@@ -163,27 +128,14 @@ class Frames:
         x[known], R[known], omega[known] = parts
         return x, R, omega
 
-    def with_omega(self, trajectory: dict[str, Array]) -> dict[str, Array]:
-        """The trajectory with ω = I⁻¹ L in place of an angular momentum L, in the frame of L."""
-        if "momentum" not in trajectory or "omega" in trajectory:
-            return trajectory
-        others = {name: values for name, values in trajectory.items() if name != "momentum"}
-        L, I = self.omega({**others, "omega": trajectory["momentum"]}), tensor(self.rigid_body)
-        if self.convention.omega_frame == "body":
-            return {**others, "omega": np.linalg.solve(I, L.T).T @ self.from_body.T}
-        R = self.matrices(trajectory)
-        if R is None:
-            raise ValueError(
-                "an angular momentum in the world tells ω only with the rotations; in the body: --omega body"
-            )
-        in_body = np.linalg.solve(I, into_body(R, L).T).T
-        return {**others, "omega": (R @ in_body[..., None])[..., 0] @ self.to_world}
+    # ------------------------------------------------------------------------------- what the rows say, in the axes of the case
 
-    def _positions(self, trajectory: Mapping[str, Array]) -> Iterator[Array]:
+    def positions(self, trajectory: Mapping[str, Array]) -> Iterator[Array]:
+        """The positions (n, 3) of each group of columns that holds them."""
         for group in ("position", "displacement"):
             if group in trajectory:
                 x = trajectory[group] @ self.to_world.T
-                yield x + self.start if self.convention.displaced or group == "displacement" else x
+                yield x + self.start if group == "displacement" else x
 
     def attitudes(self, trajectory: Mapping[str, Array]) -> list[tuple[Array, dict[str, Array]]]:
         """`attitude` of each group of columns that holds attitudes."""
@@ -193,18 +145,85 @@ class Frames:
         """The attitudes (n, 3, 3) of the first group of columns that holds attitudes; None without one."""
         return next((self.attitude(name, trajectory[name])[0] for name in ATTITUDES if name in trajectory), None)
 
+    def ways(self, trajectory: Mapping[str, Array], wxyz: str = "") -> dict[str, Array]:
+        """Other ways to read the first group of attitudes: the option → matrices (n, 3, 3).
+
+        wxyz : the option for the other order of quaternions, where their names tell an order.
+        """
+        group = next((name for name in ATTITUDES if name in trajectory), "")
+        how, degrees = self.convention, "--units angle=deg"
+        values = trajectory[group] if group else np.empty((0, 3))
+        readings: dict[str, Rotation] = {}
+        if group == "quaternion":
+            other = "xyzw" if how.quat == "wxyz" else "wxyz"
+            readings[wxyz or f"--quat {other}"] = Rotation.from_quat(_unit(values), scalar_first=other == "wxyz")
+        elif group == "angles":
+            values, other = np.nan_to_num(values), how.angles.swapcase()
+            readings[degrees] = Rotation.from_euler(how.angles, np.deg2rad(values))
+            readings[f"--angles {other}"] = Rotation.from_euler(other, values)
+            readings[f"--angles {other} {degrees}"] = Rotation.from_euler(other, np.deg2rad(values))
+        elif group == "rotation vector":
+            values = np.nan_to_num(values)
+            readings[degrees] = Rotation.from_rotvec(np.deg2rad(values))
+            for axes in ("XYZ", "xyz"):
+                option = f"--columns angle1=…,angle2=…,angle3=… --angles {axes}"
+                readings[option] = Rotation.from_euler(axes, values)
+                readings[f"{option} {degrees}"] = Rotation.from_euler(axes, np.deg2rad(values))
+        return {option: self.to_world @ turns.as_matrix() @ self.from_body for option, turns in readings.items()}
+
     def motion(self, trajectory: Mapping[str, Array]) -> tuple[Array, Array | None]:
         """Attitudes, or the identity if there are none; and ω in the body, or None if it cannot be known."""
-        R, body = self.matrices(trajectory), self.convention.omega_frame == "body"
+        R, is_body = self.matrices(trajectory), self.convention.omega_frame == "body"
         omega = self.omega(trajectory) if "omega" in trajectory else None
-        if omega is not None and not body:
+        if omega is not None and not is_body:
             omega = None if R is None else into_body(R, omega)
         return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)) if R is None else R, omega
 
     def omega(self, trajectory: Mapping[str, Array]) -> Array:
         """The angular velocity in its own frame, with the axes of the case."""
         turn = self.from_body if self.convention.omega_frame == "body" else self.to_world.T
-        return self.hand * trajectory["omega"] @ turn
+        return trajectory["omega"] @ turn
+
+    def with_omega(self, trajectory: dict[str, Array]) -> dict[str, Array]:
+        """The trajectory with ω = I⁻¹ L in place of an angular momentum L, in the frame of L."""
+        if "momentum" not in trajectory or "omega" in trajectory:
+            return trajectory
+        others = {name: values for name, values in trajectory.items() if name != "momentum"}
+        L, I = self.omega({"omega": trajectory["momentum"]}), tensor(self.rigid_body)
+        if self.convention.omega_frame == "body":
+            return {**others, "omega": np.linalg.solve(I, L.T).T @ self.from_body.T}
+        R = self.matrices(trajectory)
+        if R is None:
+            raise ValueError("an angular momentum in the world tells ω only with rotations; in the body: --omega body")
+        in_body = np.linalg.solve(I, into_body(R, L).T).T
+        return {**others, "omega": (R @ in_body[..., None])[..., 0] @ self.to_world}
+
+    def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
+        """Matrices from the body to the world of the case; and how far they are from orthogonal, or quaternions from length 1.
+
+        A matrix that is no rotation becomes NaN: it mirrors, or is off by more than `OFF` and than the digits of the file.
+        """
+        how, defect = self.convention, {}
+        if group == "matrix":
+            R = values.reshape(-1, 3, 3)
+            off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
+            defect["orthogonality"] = off
+            rotation = (off <= max(OFF, 4 * self.digit)) & (np.linalg.det(R) > 0)
+            R = np.where(rotation[:, None, None], R, np.nan)
+        elif group == "quaternion":
+            length = np.linalg.norm(values, axis=1)
+            defect["orthogonality"] = np.abs(length - 1)
+            R = Rotation.from_quat(_unit(values), scalar_first=how.quat == "wxyz").as_matrix()
+            R[~(np.isfinite(length) & (length > 0))] = np.nan
+        else:
+            known = np.nan_to_num(values)
+            R = (
+                Rotation.from_rotvec(known) if group == "rotation vector" else Rotation.from_euler(how.angles, known)
+            ).as_matrix()
+            R[~np.isfinite(values).all(1)] = np.nan
+        return self.to_world @ R @ self.from_body, defect
+
+    # ------------------------------------------------------------------------------------------------------------ errors
 
     def errors(self, trajectory: Mapping[str, Array], exact: Exact | None) -> dict[str, Array]:
         """The error of each quantity in each row, (n,); where several groups hold one quantity, the larger error counts.
@@ -219,7 +238,7 @@ class Frames:
         attitudes = self.attitudes(trajectory)
         for R, defect in attitudes:
             add(**({} if exact is None else self._turned(exact[1].transpose(0, 2, 1) @ R)), **defect)
-        for x in self._positions(trajectory):
+        for x in self.positions(trajectory):
             length = np.linalg.norm(x, axis=1)
             if exact is not None:
                 add(position=np.linalg.norm(x - exact[0], axis=1))
@@ -232,67 +251,34 @@ class Frames:
             if self.length and self.axis is not None and not attitudes and exact is not None:
                 add(axis=_angle(x / length[:, None], exact[0]))
         if "omega" in trajectory:
-            body, omega = self.convention.omega_frame == "body", self.omega(trajectory)
+            is_body, omega = self.convention.omega_frame == "body", self.omega(trajectory)
             if exact is not None:
-                right = exact[2] if body else (exact[1] @ exact[2][..., None])[..., 0]
+                right = exact[2] if is_body else (exact[1] @ exact[2][..., None])[..., 0]
                 add(omega=np.linalg.norm(omega - right, axis=1))
-            if body and self.axis is not None:
+            if is_body and self.axis is not None:
                 add(spin_rate=np.abs(omega @ self.axis - self.spin_rate))
             for R, _ in attitudes:
-                in_body = omega if body else into_body(R, omega)
+                in_body = omega if is_body else into_body(R, omega)
                 if self.axis is not None:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.rigid_body.energy_of(R, in_body) - self.energy))
                 off = self.rigid_body.momentum_of(R, in_body) - self.momentum
                 without_torque = self.rigid_body.is_free  # else only the part about the vertical is conserved
                 add(momentum=np.linalg.norm(off, axis=1) if without_torque else np.abs(off @ self.rigid_body.up))
-            if body and not attitudes and kinds.free_body(self.rigid_body):
+            if is_body and not attitudes and kinds.free_body(self.rigid_body):
                 length = np.linalg.norm(self.rigid_body.momentum_of(np.eye(3), omega), axis=1)
                 add(energy=np.abs(self.rigid_body.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
             if exact is None and attitudes:
-                rows = Rows(trajectory["time"][:, 0], attitudes[0][0], omega, self.convention.omega_frame)
-                if (kinematics := rows.errors()) is not None:
-                    add(kinematics=kinematics)
+                off = kinematics(trajectory["time"], attitudes[0][0], omega, self.convention.omega_frame)
+                if off is not None:
+                    add(kinematics=off)
         return {name: largest[name] for name in UNITS if name in largest}
-
-    def rows(self, trajectory: Mapping[str, Array]) -> Rows | None:
-        """Attitudes and angular velocities, to be compared with each other; None without attitudes."""
-        R, omega = self.matrices(trajectory), self.omega(trajectory) if "omega" in trajectory else None
-        return None if R is None else Rows(trajectory["time"][:, 0], R, omega, self.convention.omega_frame)
 
     def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
         """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
         known = floors or {}
         return all(error <= least * self.sizes[name] + 2 * known.get(name, 0.0) for name, error in first.items())
-
-    def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
-        """Matrices from the body to the world of the case; and how far they are from orthogonal, or quaternions from length 1.
-
-        A matrix that is no rotation becomes NaN: it mirrors, or is off by more than `OFF` and than the digits of the file.
-        """
-        how, defect = self.convention, {}
-        if group == "matrix":
-            R = values.reshape(-1, 3, 3)
-            off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
-            defect["orthogonality"] = off
-            rotation = (off <= max(OFF, 4 * self.digit)) & (np.linalg.det(R) > 0)
-            R = np.where(rotation[:, None, None], R, np.nan)
-        else:
-            bad = ~np.isfinite(values).all(1)
-            if group == "quaternion":
-                defect["orthogonality"] = np.abs(np.linalg.norm(values, axis=1) - 1)
-                bad |= ~(np.linalg.norm(values, axis=1) > 0)
-            values = np.where(bad[:, None], 1.0, np.deg2rad(values) if how.degrees else values)
-            if group == "quaternion":
-                turns = Rotation.from_quat(values, scalar_first=how.quat == "wxyz")
-            elif group == "rotation vector":
-                turns = Rotation.from_rotvec(values)
-            else:
-                turns = Rotation.from_euler(how.angles, values)
-            R = turns.as_matrix()
-            R[bad] = np.nan
-        return self.to_world @ (R.transpose(0, 2, 1) if how.transposed else R) @ self.from_body, defect
 
     def _turned(self, E: Array) -> dict[str, Array]:
         """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and the tilt of the axis.
@@ -311,6 +297,56 @@ class Frames:
         both, w, v = np.abs(vector @ self.axis), 1 + trace, 1 + 2 * along @ self.axis - trace
         spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
         return {"axis": _angle(along, self.axis), "rotation": rotation, "spin": spin}
+
+
+def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
+    """|Θ/dt − ω| from the row before to each row, rad/s, (N,): 0 in the first, and where a turn may be the other way round.
+
+    None where that may be most turns. Θ leads from one attitude to the next. The mean of ω is of fourth order in dt by Magnus:
+
+        ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    """
+    errors, turn = np.zeros(len(t)), turns(R)
+    good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
+    clear = (np.linalg.norm(turn, axis=1) < ANOTHER_TURN) & good[1:] & good[:-1]
+    if len(t) < 2 or 2 * np.count_nonzero(clear) < np.count_nonzero(good[1:] & good[:-1]) or not clear.any():
+        return None
+    if frame == "world":
+        turn = np.einsum("nij,nj->ni", R[:-1], turn)
+    dt, first, second = np.diff(t, axis=0), omega[:-1], omega[1:]
+    change = np.diff(np.gradient(omega, t[:, 0], axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
+    twist = np.cross(first, second) * (1 if frame == "body" else -1)
+    mean = (first + second) / 2 + dt / 12 * (twist - change)
+    errors[1:] = np.where(clear, np.linalg.norm(turn / dt - mean, axis=1), 0.0)
+    return errors
+
+
+def turns(R: Array) -> Array:
+    """The rotation vectors from each attitude to the next, in the body, (N − 1, 3); NaN beside a row with a NaN."""
+    steps = R[:-1].transpose(0, 2, 1) @ R[1:]
+    good = np.isfinite(steps).all((1, 2))
+    vectors = (
+        Rotation.from_matrix(np.where(good[:, None, None], steps, np.eye(3))).as_rotvec() if len(steps) else steps[:, 0]
+    )
+    vectors[~good] = np.nan
+    return vectors
+
+
+def into_body(R: Array, v: Array) -> Array:
+    """Vectors of the world (N, 3) in the frame of the body, by attitudes (N, 3, 3)."""
+    return (v[:, None, :] @ R)[:, 0]  # type: ignore[no-any-return]
+
+
+def tensor(body: RigidBody) -> Array:
+    """The moments of inertia (3, 3) in the body's frame: about the fixed point, of a flying body about the centre of mass."""
+    return body.momentum_of(np.eye(3), np.eye(3))
+
+
+def _unit(values: Any) -> Array:
+    """Quaternions of length 1; 1 in place of those that have no direction."""
+    length = np.linalg.norm(values, axis=1, keepdims=True)
+    good = np.isfinite(length) & (length > 0)
+    return np.where(good, values / np.where(good, length, 1.0), 0.5)
 
 
 def _turn(name: str | None, to: Array) -> Array:

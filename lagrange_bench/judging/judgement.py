@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lagrange_bench.judging.findings import Finding
 from lagrange_bench.judging.frames import UNITS
 from lagrange_bench.support.growth import growth_exponent
 
@@ -34,8 +35,10 @@ class Judgement:
 
     span : s, first and last time. start : time and errors of the first row, and whether it is the start of the case, in doubles
     (`right`) and in single precision (`single`), or None if its time is not 0; empty if no start is known. floor : errors
-    below it are lost in the printed digits. hints : conventions that the rows perhaps have. curves : times and errors (2, M) to
-    draw. columns : how the columns of a file were read. turns : of the motion. sizes : some errors are compared with them.
+    below it are lost in the printed digits. findings : what is wrong. remark : the errors if rows are read as these
+    say, or what was looked at in vain.
+    curves : times and errors (2, M) to draw. columns : how the columns of a file were read. turns : of the motion. sizes :
+    some errors are compared with them.
     """
 
     case: str
@@ -44,7 +47,8 @@ class Judgement:
     errors: dict[str, Error]
     start: dict[str, Any]
     floor: dict[str, float] = field(default_factory=dict)
-    hints: list[str] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    remark: str = ""
     notes: list[str] = field(default_factory=list)
     curves: dict[str, Array] = field(default_factory=dict, repr=False)
     turns: float = 0.0
@@ -148,14 +152,31 @@ class Judgement:
 
     def __repr__(self) -> str:
         errors = ", ".join(f"{name} {error.max:.1e}" for name, error in self.errors.items())
-        hint = f"; perhaps {self.hints[0]}" if self.hints else ""
-        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {errors}{hint}>"
+        why = f"; perhaps {self.findings[0].text}" if self.findings else ""
+        return f"<{self.case}, {self.rows} rows to t = {self.span[1]:.6g}: {errors}{why}>"
 
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
         errors = {name: {**error._asdict(), "growth": self.growth(name)} for name, error in self.errors.items()}
         facts = {"rows": self.rows, "step": self.step, **errors}
-        return {**facts, "start": self.start, "floor": self.floor, "hints": self.hints, "notes": self.notes}
+        findings = [finding._asdict() for finding in self.findings]
+        return {
+            **facts,
+            "start": self.start,
+            "floor": self.floor,
+            "findings": findings,
+            "remark": self.remark,
+            "notes": self.notes,
+        }
+
+    def reasons(self) -> list[str]:
+        """A line for each finding: the cause, the misfit before and after it is mended, and what mends it."""
+        lines = []
+        for finding in self.findings:
+            misfit = f" Misfit {finding.before:.2g} → {finding.after:.1g}." if math.isfinite(finding.before) else ""
+            mend = "" if finding.option in finding.text else f" To mend it: {finding.option}."
+            lines.append(f"Perhaps {finding.text}{misfit}{mend}")
+        return [*lines, self.remark] if self.remark else lines
 
 
 def _in_unit(name: str, error: float, digits: str) -> str:
@@ -181,7 +202,7 @@ class Orders(NamedTuple):
             f"order of {name}, from the largest step to the smallest: {', '.join(words)}"
             for name, words in known.items()
         ]
-        if known and math.isfinite(self.until):
+        if math.isfinite(self.until) and any(map(math.isfinite, itertools.chain(*self.values.values()))):
             lines.append(f"These are the orders until t = {self.until:.4g} s, while all files are within {NEAR} rad.")
         return lines
 
@@ -224,3 +245,19 @@ def _order(
     if small < ROUNDING * size and order < 0.5:
         return math.nan, "none, at round-off"
     return order, f"{order:.2f}"
+
+
+def spin_notes(t: Array, rate: Array) -> list[str]:
+    """A note if the angular velocity about the axis of symmetry falls; in the exact motion it is constant."""
+    good = np.isfinite(rate)
+    t, rate = t[good], np.abs(rate[good])
+    if len(t) < 3 or not np.all(rate > 0):
+        return []
+    if rate[1] < 0.9 * rate[0] and np.all(np.abs(rate[1:] / rate[1] - 1) < 0.5):
+        rates = f"from {rate[0]:.4g} to {rate[1]:.4g} rad/s"
+        return [f"The spin falls {rates} in the first step: a cap on angular velocities?"]
+    fall = np.log(rate / rate[0])
+    slope = float(fall @ (t - t[0]) / ((t - t[0]) @ (t - t[0])))
+    if fall[-1] < -0.01 and np.max(np.abs(fall - slope * (t - t[0]))) < 0.1 * abs(fall[-1]):
+        return [f"The spin falls like exp(−{-slope:.3g} t): damping?"]
+    return []

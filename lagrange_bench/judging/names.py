@@ -133,6 +133,62 @@ def unit_of(text: str) -> Unit | None:
     return None
 
 
+def page() -> str:
+    """The text of docs/names.md."""
+    told = {
+        "": "not judged",
+        "never": "not judged, whatever else the name says",
+        "point": "position, if no other word is known",
+    }
+    meanings = [
+        f"| {' '.join(text.split())} | {told.get(quantity, quantity)} |" for quantity, text in QUANTITIES.items()
+    ]
+    frames = [f"| {', '.join(words)} | ω in the {frame} |" for frame, words in FRAMES.items()]
+    units = [
+        f"| {', '.join(names.split())} | {factor:.10g} {kind} |"
+        for kind, rows in _WORDS.items()
+        for names, factor in rows.items()
+    ]
+    shapes = [
+        f"| {kind or 'no known word'} | {shape} | {'; '.join(orders)} |"
+        for kind, forms in SHAPES.items()
+        for shape, orders in forms
+    ]
+    return f"""# Words that `judge` knows
+
+`lagrange-bench judge` splits a name into words: at capitals, points, slashes, underscores, brackets and blanks.
+`angularVelocity.x` is angular, velocity, x. It looks up each word, and two or three words that stand together. The longest that
+is known tells the quantity; of two as long, the first. So `linear_velocity` is a velocity, and `root_pos_w` a position. The last
+letter or number tells the component: `qw`, `pos_x`, `r11`, `q[0]`. This page is printed by `lagrange_bench.judging.names.page()`.
+
+(ang angular) (vel velocity) stands for ang vel, ang velocity, angular vel and angular velocity.
+
+| words | quantity |
+|---|---|
+{chr(10).join(meanings)}
+
+Behind the quantity some words tell the frame, unless you say `--omega`:
+
+| words | frame |
+|---|---|
+{chr(10).join(frames)}
+
+Components that make a quantity complete, in this order:
+
+| word | is read as | components |
+|---|---|---|
+{chr(10).join(shapes)}
+
+Units stand in brackets, at the end of a name, or in a row below the names:
+
+| words | unit |
+|---|---|
+{chr(10).join(units)}
+
+Two of these make a speed: deg/s, rad/ms, mm/s. Whatever is not here, `--columns` and `--units` say.
+"""
+
+
 class Name(NamedTuple):
     """A name in its parts: what it belongs to, which component it is (x, w, roll, 0, 11, t, …; empty if none), its unit."""
 

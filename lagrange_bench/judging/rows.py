@@ -28,7 +28,7 @@ RULE = re.compile(r"[-=+|:;,\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
 MISSING = {"", "na", "n/a", "#n/a", "null", "none", "<na>", "nan", "nan(ind)", "missing", "nat"}  # behind a sign, too
 ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
-VECTOR = re.compile(r"(?<![\w\])])[(\[{]+([-+.,;\s\ddDeEnaif]+)[)\]}]+")  # numbers in brackets: a cell, or a row
+VECTOR = re.compile(r"(?<![\w\])])[(\[{]{1,4}([-+.,;\s\ddDeEnaif]+)[)\]}]+")  # numbers in brackets: a cell, or a row
 BETWEEN = re.compile(r"\s*[;,]\s+|\s+|;|,(?=[-+]?\d*\.)")  # the numbers of a vector; 0,5 may be one of them
 JOIN = "\1"
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
@@ -211,7 +211,7 @@ class Text:
 
     def table(self, indices: Sequence[int]) -> Table:
         first = next(line.strip() for line in self.lines if line.strip())
-        if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[.*\]\]$", first):
+        if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[\[|\[\[.*\]\]$", first):
             return self._json(first)
         if first.isdecimal() and len(self.lines) > 2 and ATOM.fullmatch(self.lines[2]):
             return self._atoms(int(first))

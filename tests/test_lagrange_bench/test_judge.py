@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench import judge, judging
+from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidBody, integrate
-from lagrange_bench.judging import find
+from lagrange_bench.judging import errors, find
 from lagrange_bench.judging import rows as reading_rows
 
 BRUELS = CASES["bruels"]
@@ -51,7 +51,7 @@ def test_the_exact_motion_is_right_in_every_convention(name, tmp_path, answer):
     judged = {quantity: found[quantity]["max"] for quantity in limits if quantity in found}
     assert {"position", "rotation"} & set(judged)
     assert all(judged[quantity] < limits[quantity] for quantity in judged), judged
-    assert (found["rows"], found["start"]["right"], found["hints"], found["notes"]) == (401, True, [], [])
+    assert (found["rows"], found["start"]["right"], found["findings"], found["notes"]) == (401, True, [], [])
 
 
 def test_the_error_that_was_put_in_is_found():
@@ -224,12 +224,12 @@ def test_what_needs_neighbours_does_not_depend_on_the_parts(monkeypatch):
     bad[50, 0] *= -1
     whole = judge(t, rotation=attitude, omega=omega, body=body)
     for size in (1, 2, 16, 50, 100):
-        monkeypatch.setattr(judging, "BLOCK", size)
+        monkeypatch.setattr(errors, "BLOCK", size)
         part = judge(t, rotation=attitude, omega=omega, body=body)
         assert (*part.kinematics, part.turns) == pytest.approx((*whole.kinematics, whole.turns), rel=1e-12)
         mirrored = judge(t, rotation=bad, case="bruels")
         assert "1 of 101 rows" in mirrored.notes[1]
-        assert not any("determinant" in hint for hint in mirrored.hints)
+        assert not any("determinant" in hint.text for hint in mirrored.findings)
     assert judge(t, rotation=attitude, body=body).turns == pytest.approx(whole.turns, rel=1e-3)
 
 
@@ -328,8 +328,8 @@ def test_a_body_without_a_start_is_judged_by_itself(given, hint):
     """By what its motion keeps, and by q' = q ω/2; `first-row` adds the exact motion."""
     rows = {"rotation": BOX.rotation, "omega": BOX.omega_body, **given}
     judged = judge(rows.pop("t", BOX.t), **rows, body="box")
-    assert hint in (judged.hints or [""])[0]
-    assert len(judged.hints) == bool(hint)
+    assert hint in ([finding.text for finding in judged.findings] or [""])[0]
+    assert len(judged.findings) == bool(hint)
     assert (judged.start, "rotation" in judged.errors) == ({}, False)
     if not hint:
         assert (judged.kinematics.max < 1e-5, judged.energy.max < 1e-15, judged.momentum.max < 1e-15) == (True,) * 3
@@ -381,6 +381,139 @@ def test_what_starts_and_bodies_need(tmp_path, run):
         judge([0], omega=[[1, 2, 3]])
     with pytest.raises(ValueError, match="start must be one of case, first-row, fit"):
         judge([0], omega=[[1, 2, 3]], case="box", start="last-row")
+
+
+def test_a_start_is_found_by_the_rows(tmp_path, answer):
+    """ω alone of a free body; a fit of noisy rows, which the first row misses; rotations alone."""
+    free, t = CASES["brick"], np.arange(200) / 50
+    right = free.solution(t)
+    alone = judge(t + 3, omega=right.omega_body, case="brick", start="first-row")
+    assert (alone.omega.max < 1e-12, list(alone.errors)) == (True, ["omega", "energy", "momentum"])
+    noise = np.random.default_rng(1).normal(size=(3, 200, 3))
+    noisy = {
+        "rotation": right.rotation * Rotation.from_rotvec(1e-3 * noise[0]),
+        "omega": right.omega_body + 1e-2 * noise[1],
+    }
+    first, fit = (judge(t, **noisy, case="brick", start=start) for start in ("first-row", "fit"))
+    assert fit.rotation.max < 0.02 < 0.05 < first.rotation.max
+    assert "so that it fits the first 50 rows best; these are off by 0.0" in fit.notes[0]
+    assert fit.notes[0].endswith("from row to row: noise.")
+    smooth = judge(t, rotation=right.rotation, case="brick", start="fit")
+    assert (smooth.rotation.max < 1e-9, "noise" in smooth.notes[0]) == (True, False)
+    with pytest.raises(ValueError, match="the first row needs a rotation and an angular velocity"):
+        judge(t, omega=right.omega_body, case="bruels", start="first-row")
+    file = write(tmp_path / "run.csv", "t wx wy wz", t, right.omega_body + np.where(t < 1, 5.0, 0)[:, None])
+    words = ("--case", "brick", "--start", "first-row", "--from", "1", "--until", "3")
+    (found,) = answer("judge", file, *words)["files"]
+    assert (found["rows"], found["omega"]["max"] < 1e-12) == (101, True)
+
+
+def test_a_momentum_is_an_angular_velocity(tmp_path, answer):
+    """In the world, in the body, or times 2 q as in molecular dynamics."""
+    box, t = CASES["box"], np.arange(50) / 20
+    motion = box.solution(t)
+    q, L = motion.rotation.as_quat(scalar_first=True), motion.momentum
+    in_body = motion.rotation.inv().apply(L)
+    w, v = q[:, :1], q[:, 1:]
+    p = 2 * np.hstack([-np.sum(v * in_body, 1, keepdims=True), w * in_body + np.cross(v, in_body)])
+    for names, values, words in (
+        ("Lx Ly Lz", L, ()),
+        ("L_body_x L_body_y L_body_z", in_body, ()),
+        ("Lx Ly Lz", in_body, ("--omega", "body")),
+        ("angmom[0] angmom[1] angmom[2] angmom[3]", p, ()),
+    ):
+        file = write(tmp_path / "run.csv", f"t qw qx qy qz {names}", t, q, values)
+        (found,) = answer("judge", file, "--case", "box", *words)["files"]
+        assert (found["omega"]["max"] < 1e-13, found["findings"]) == (True, []), names
+    file = write(tmp_path / "lengths.csv", "t qw qx qy qz", t, q)
+    (found,) = answer("judge", file, "--body", "box")["files"]
+    assert "There is neither a rotation nor ω" not in found["notes"]
+    lever = write(tmp_path / "lever.csv", "t x y z", T, X)
+    (found,) = answer("judge", lever, "--body", "bruels")["files"]
+    assert found["notes"] == ["There is neither a rotation nor ω: nothing but lengths is judged."]
+
+
+def test_a_path_and_masked_arrays_are_judged(tmp_path):
+    file = write(tmp_path / "run.csv", "t qx qy qz qw wx wy wz", T, R.as_quat(), np.rad2deg(OMEGA))
+    judged = judge(file, case="bruels", units={"omega": "deg/s"}, until=1.0)
+    assert (judged.rotation.max < 1e-12, judged.omega.max < 1e-10, judged.span[1]) == (True, True, 1.0)
+    assert judge(str(file), case="bruels").findings[0].option == "--units omega=deg/s"
+    for wrong, says in (
+        ({"t": file, "position": X}, "has its own positions"),
+        ({"t": T, "omega": OMEGA, "t0": 0.0}, "t0 is for"),
+    ):
+        with pytest.raises(ValueError, match=says):
+            judge(**wrong, case="bruels")
+    masked = np.ma.masked_array(OMEGA, mask=(T == 1)[:, None] * np.ones(3, bool))
+    assert np.isnan(judge(T, omega=masked, case="bruels").omega.max)
+    tiny = Q * np.where(T == 1, 1e-320, 1)[:, None]
+    assert "1 of 401 rows have" in judge(T, rotation=tiny, case="bruels").notes[0]
+
+
+def test_orders_say_why_there_is_none(tmp_path, run):
+    """At round-off, and where errors are as large as they can be; while rotations are near, energies have orders, too."""
+    body, y0 = CASES["box"].body, CASES["box"].state
+    files = [integrate(body, y0, 5 / n, n, "rk4", every=1).save(tmp_path / f"{n}.csv") for n in (2000, 4000)]
+    assert "order of omega, from the largest step to the smallest: 4.0" in run("judge", *files, "--case", "box")[1]
+    exact = CASES["box"].solution(np.linspace(0, 5, 401)).rotation
+    for name, sizes, says in (
+        ("round-off", (1e-14, 1e-14), "order of rotation, from the largest step to the smallest: none, at round-off"),
+        ("half-way", (0.2, 0.1), "to the smallest: 1.00\nThese are the orders until t = 2.5"),
+        ("lost", (3.1, 3.1), "none, the errors are as large as they can be"),
+    ):
+        files = []
+        for k, error in enumerate(sizes):
+            late = np.where(np.arange(401) > 200, 3.0, error) * (np.arange(401) > (0 if name != "lost" else -1))
+            rows = (exact * Rotation.from_rotvec(np.outer(late, [1, 0, 0]))).as_quat(scalar_first=True)
+            files.append(write(tmp_path / f"{name}{k}.csv", "t qw qx qy qz", np.linspace(0, 5, 401), rows))
+        out = run("judge", *files, "--case", "box", "--steps", "0.01,0.005")[1]
+        assert says in out, out
+    assert "The rotation is lost after 0 s: it is off by up to half a turn." in out
+    assert "These are the orders" not in out
+
+
+def test_a_fall_in_another_direction_grows_like_t_squared():
+    flying, t = CASES["flying_box"], np.linspace(0, 5, 251)
+    turned = flying.solution(t).position @ INTO
+    judged = judge(t, turned, body="flying_box")
+    assert judged.grows("position") == "t^2"
+    assert "--up=y" in judged.findings[0].option
+    assert "position off by" in judged.summary()[0]
+
+
+OWN = """
+mass = 2
+com = [0, 0, 0.5]
+inertia = [0.9, 0.8, 0.1]
+angles = [0.3, "0.9", 0]
+axes = "ZXZ"
+omega_body = [0, 1, 2]
+title = "a\\rb"
+"""
+
+
+def test_a_case_of_ones_own_may_give_moments_about_the_pivot_and_angles(tmp_path):
+    file = tmp_path / "own.toml"
+    file.write_text(OWN.replace("\\\\", "\\"))
+    case = find(file)
+    assert np.diag(case.body.inertia_com) == pytest.approx([0.4, 0.3, 0.1])
+    assert case.body.inertia == pytest.approx([0.9, 0.8, 0.1])
+    assert Rotation.from_matrix(case.rotation).as_euler("ZXZ") == pytest.approx([0.3, 0.9, 0])
+    assert case.title == "a b"
+    (row,) = case.digits(["0"], 15)
+    assert [float(v) for v in row[1:4]] == pytest.approx(case.solution([0.0]).position[0], abs=1e-14)
+    for old, new, says in (
+        ("mass = 2", "mass = true", "mass must be a number; got True"),
+        ("mass = 2", "mass = 2\nuntil = -1", "until must be positive"),
+        ("mass = 2", "mass = 2\nevery = 0", "every must be positive"),
+        ("mass = 2", "mass = 2\ninertia_com = [1, 1, 1]", "give inertia or inertia_com, not both"),
+        ('axes = "ZXZ"', "", "angles need their axes"),
+        ("mass = 2", "mass = 2\npoints = [[1, 0, 0]]", "points must be three or more places"),
+        ('angles = [0.3, "0.9", 0]\naxes = "ZXZ"', "quaternion = [0, 0, 0, 0]", "quaternion must not be zero"),
+    ):
+        file.write_text(OWN.replace(old, new))
+        with pytest.raises(ValueError, match=says):
+            find(file)
 
 
 def test_a_start_is_judged_by_the_digits_of_its_own_row(tmp_path, answer):

@@ -4,6 +4,7 @@ import gzip
 import json
 import re
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
+from lagrange_bench.judging import names
 from lagrange_bench.judging.columns import Options, read
 from lagrange_bench.judging.names import unit_of
 
@@ -100,13 +102,20 @@ two bodies aside | t top.~xyz base.~xyz | t x - | where=body:top
 columns given | a b c d | t x | columns=t:a,x:1,y:c,z:d
 columns given beside others | t position.~xyz a b c | t - x | columns=x:a,y:b,z:c
 a late clock | t x y z | late x | t0=0
+OpenFOAM | t centreOfRotation[*]~012 centreOfMass[*]~012 rotation[*]~012 omega[*]~012 | t - x rxyz w | angles=xyz
+gyro of a phone | t g~xyz q~wxyz | t w wxyz |
+angles of a molecule | t theta phi chi | t dtheta | angles=ZXZ units=angles:deg
+a unit of 1 | t_{s} q*_{1}~wxyz *_{m}~xyz | t wxyz x |
+rows of a step | Step ~x,y,z | ks x | step=0.1
+a time stamp | header.stamp.secs header.stamp.nsecs ~x,y,z | sec nanosec x | t0=0
 no names | | t x | columns=t:0,x:1,y:2,z:3
 """
 NUMBERS = {"t": T, "k": K, "ns": K * 1e8, "sec": 1700000000 + K // 10, "nanosec": K % 10 * 1e8, "late": 1700 + T}
 NUMBERS |= {"x": X, "mm": 1e3 * X, "-": X - W, "w": W, "dw": W * DEG, "rpm": W * 30 / np.pi, "m": M, "v": V}
 NUMBERS |= {"wxyz": Q, "xyzw": R.as_quat(), "mrp": R.as_mrp(), "rxyz": R.as_euler("xyz"), "dangle": R.magnitude() * DEG}
+NUMBERS |= {"dtheta": R.as_euler("ZXZ", degrees=True)[:, [1, 0, 2]], "ks": 20 * K}
 NUMBERS |= {f"d{axes}": R.as_euler(axes, degrees=True) for axes in ("xyz", "YXZ", "ZYX", "ZXZ")}
-VECTOR = dict.fromkeys(("v", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
+VECTOR = dict.fromkeys(("dtheta", "v", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
 GROUP = {**VECTOR, "x": "position", "mm": "position", "w": "omega", "dw": "omega", "rpm": "omega", "m": "matrix"}
 GROUP |= {"wxyz": "quaternion", "xyzw": "quaternion"}
 
@@ -166,6 +175,7 @@ WAYS = {  # how text is written → the bytes of the file
     "a row of units": lambda: table("t,x,y,z\n[s],[m],[m],[m]", T, X),
     "durations": lambda: lines("Time,x,y,z", "{} sec,{},{},{}"),
     "clocks": lambda: lines("Time,x,y,z", "00:00:0{:.1f},{},{},{}"),
+    "numbers of NumPy": lambda: lines("t,x,y,z", "np.float64({}),{},{},np.float64({})"),
     "a text column": lambda: lines("t,state,x,y,z", "{},run,{},{},{}"),
     "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
     "JSON in a long line": lambda: json.dumps({"t": T.tolist(), "pos": X.tolist(), "rest": [[0.5] * 6000] * 12}),
@@ -235,6 +245,8 @@ REFUSED = {  # what is in a file → what the line says
     "FEA1\0": "write a text file with one row a line, .npz, .parquet or .mat",
     "SQLite format 3\0": "write its topic as .csv",
     '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
+    "[" * 100_000: "this is no JSON with a row a line, or an array for each name: it is nested too deep",
+    '{"t": [0, 1], "z": null}': "nothing to judge but times",
     "time,x,y,z\n2024-01-01T00:00,0,1,0\n": "'2024-01-01T00:00' is no number; without times in seconds, say --step",
 }
 
@@ -298,6 +310,68 @@ def test_digits_of_times_and_positions(tmp_path):
     # x moves by 0.1 a row: the digits of y and z tell how all are printed
     file.write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
     assert read(file).floor["position"] == pytest.approx(5e-10)
+
+
+def test_stamps_with_more_digits_than_a_double_keep_them(tmp_path):
+    file, stamps = tmp_path / "run.csv", [1603259701123456789 + 100_000_001 * k for k in range(12)]
+    file.write_text("t,x,y,z\n" + "".join(f"{stamp},{x},{y},{z}\n" for stamp, (x, y, z) in zip(stamps, X, strict=True)))
+    found = read(file, Options(units={"t": "ns"}, t0=0.0))
+    assert found.arrays["time"][:, 0] == pytest.approx(0.100000001 * K, abs=1e-15)
+    assert (found.floor["time"], found.elapsed[-1]) == (0, pytest.approx(1.100000011, abs=1e-15))
+
+
+def test_rows_of_a_window_and_of_lost_steps(tmp_path):
+    file = tmp_path / "run.csv"
+    file.write_text(table("t,x,y,z", T, X), encoding="utf-8")
+    found = read(file, Options(since=0.3, until=0.7))
+    assert (found.arrays["time"][[0, -1], 0] == pytest.approx([0.3, 0.7]), found.elapsed[0]) == (True, 0)
+    assert found.notes == ["7 rows are outside the window, and left out."]
+    with pytest.raises(ValueError, match=r"no row is in the window: the times go from 0 to 1\.1 s"):
+        read(file, Options(since=5.0))
+    file.write_text(table("timestep,x,y,z", 20 * np.delete(K, 5), np.delete(X, 5, 0)), encoding="utf-8")
+    assert read(file, Options(step=0.1)).arrays["time"][:, 0] == pytest.approx(np.delete(T, 5))
+    with pytest.raises(ValueError, match="the column timestep counts steps; say the time between two rows: --step"):
+        read(file)
+
+
+def test_points_of_a_body_are_a_rotation(tmp_path):
+    """In columns and in an XYZ file; the unit of the latter is told, and how rigid the points are."""
+    points = np.array([[1, 0, 0], [-1, 0, 0.5], [0, 0.6, 0.1], [0, -0.6, -0.1]])
+    places = np.stack([R.apply(point) + X for point in points], 1)
+    file = tmp_path / "run.csv"
+    header = "t," + ",".join(f"{axis}{k}" for k in range(1, 5) for axis in "xyz")
+    file.write_text(table(header, T, places.reshape(12, 12)), encoding="utf-8")
+    found = read(file, points=points)
+    assert found.arrays["matrix"] == pytest.approx(M, abs=1e-12)
+    assert found.arrays["position"] == pytest.approx(X, abs=1e-12)
+    assert "Rotations are those of 4 points; their distances are off by up to" in found.notes[0]
+    with pytest.raises(ValueError, match="of points of one body, give their places in it: points ="):
+        read(file)
+    frames = [
+        f"4\nstep 3, t= {t:.1f}\n" + "".join("H {} {} {}\n".format(*x) for x in 1e10 * frame)
+        for t, frame in zip(T, places, strict=True)
+    ]
+    file = tmp_path / "run.xyz"
+    file.write_text("".join(frames))
+    assert "times as far apart as in the body: --units position=å?" in read(file, points=points).notes[0]
+    assert read(file, Options(units={"position": "å"}), points).arrays["matrix"] == pytest.approx(M, abs=1e-12)
+    file.write_text("".join(frames)[:-90])
+    with pytest.raises(ValueError, match="no XYZ file with 4 atoms in each frame"):
+        read(file, points=points)
+
+
+def test_the_page_of_words_is_the_table():
+    """Written by `names.page()`; each word of the table is found, and no word stands in two rows."""
+    assert (Path(__file__).parents[2] / "docs/names.md").read_text(encoding="utf-8") == names.page()
+    phrases = [phrase for kind, text in names.QUANTITIES.items() if kind != "time" for phrase in names._phrases(text)]
+    assert len(phrases) == len(set(phrases))
+    for name, kind in (("root_pos_w", "position"), ("linear velocity", "velocity"), ("ang_vel_body", "omega")):
+        assert names.kind_of(name.replace(" ", "_").split("_")) == kind
+    assert [names.frame_of(name.split("_")) for name in ("omega_world", "base_w", "ang_vel_b")] == [
+        "world",
+        None,
+        "body",
+    ]
 
 
 def test_angles_are_rotation_vectors_too(tmp_path):
