@@ -223,7 +223,7 @@ def elsewhere(program: Program, rng: Any) -> Program:
 MADE: dict[str, Callable[[Program, Any, float], Program]] = {
     "gyroscopic torque left out": lambda p, rng, dt: p._replace(torque=0.0),
     "damping": lambda p, rng, dt: p._replace(damping=float(rng.uniform(0.1, 1.0)) / (50 * dt)),
-    "cap on |ω|": lambda p, rng, dt: p._replace(cap=float(np.linalg.norm(p.case.omega_body) * rng.uniform(0.2, 0.8))),
+    "cap on ω": lambda p, rng, dt: p._replace(cap=float(np.linalg.norm(p.case.omega_body) * rng.uniform(0.2, 0.8))),
     "rotation multiplied on the other side": lambda p, rng, dt: p._replace(multiplies_in_world=True),
     "explicit step": lambda p, rng, dt: p._replace(is_explicit=True),
     "moments of other axes": lambda p, rng, dt: renamed(p, rng),
@@ -333,7 +333,7 @@ CAUSES: dict[str, tuple[str, str | None]] = {
     "displacement for position": ("displacement", None),
     "gyroscopic torque left out": ("gyroscopic-torque", "gyroscopic-torque"),
     "damping": ("damping", "damping"),
-    "cap on |ω|": ("cap", "cap"),
+    "cap on ω": ("cap", "cap"),
     "moments of other axes": ("body-axes moments", "body-axes moments"),
     "other moments": ("moments", "moments"),
     "products of inertia left out": ("moments", "moments"),
@@ -350,7 +350,7 @@ EXACT = {
     "times from another zero",
     "rows of another step",
 }
-POOR = {"cap on |ω|", "rotation multiplied on the other side", "explicit step"}
+POOR = {"cap on ω", "rotation multiplied on the other side", "explicit step"}
 ANGLES = {"rates of angles for ω", "ω integrated as angles", "degrees, or moving axes"}
 HEAVY = {"left-handed world", "unit of length", "origin", "displacement for position", "other gravity"}
 
