@@ -373,7 +373,10 @@ class Diagnosis:
         assert rows.R is not None
         rest, terms = balance(rows.t[inner], self.W @ rows.R[inner] @ self.B, rate @ self.B, self.body)
         is_integrated = rest > GOOD * terms
-        self.tell(findings.of_angles(is_integrated), choice.now.misfit, rest / terms)
+        assert rows.angles is not None
+        assert rows.omega is not None
+        after = min(model.misfit for model in fk.angle_rates(rows.t, rows.angles, rows.omega))
+        self.tell(findings.of_angles(is_integrated), choice.now.misfit, after)
         return None if is_integrated else rate
 
     def is_product(self, spin: fk.Spin, omega: Array) -> bool:
