@@ -237,7 +237,8 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise
-    if type(built).record is FixedStepper.record and type(built).advance is Stepper.advance:
+    kind = type(built)
+    if isinstance(built, FixedStepper) and kind.record is FixedStepper.record and kind.advance is Stepper.advance:
         stepper: Stepper = built  # of our loop
     else:
         stepper = checked_stepper(method.name, built, len(y0))

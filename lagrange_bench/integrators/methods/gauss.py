@@ -178,8 +178,11 @@ def kernel(stages: int, system: System) -> Any:
         return size
 
     @jit
-    def linearise(c, counters, Y, D, pivots):
-        """Factor D = ν − h b f'(Y). Returns the sign of its determinant."""
+    def linearise(c, counters, Y, D, pivots, weights):
+        """Factor D = ν − h b f'(Y), each row over the binade of its vector, so that units do not choose the pivots.
+
+        Returns the sign of its determinant.
+        """
         slopes = stack(SLOPES_SIZE)
         for i in range(S):
             t = time(c, counters, c[NODES + i])
@@ -192,6 +195,8 @@ def kernel(stages: int, system: System) -> Any:
                     D[row + n * i + k] = -c[WEIGHTS + i] * slopes[n * k + a]
                 for j in range(S):
                     D[row + n * j + a] += c[NU + S * j + i]
+                for k in range(m):
+                    D[row + k] *= weights[a]
         factor(m, D, pivots)
         sign = 1.0
         for k in range(m):
@@ -202,7 +207,8 @@ def kernel(stages: int, system: System) -> Any:
     @jit
     def solve(s, c, low, K, counters):
         """Compute K of the step. Returns the number of iterations, or 0 if there were too many."""
-        Y, R, D, r, pivots, per_size = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m), stack(n)
+        Y, R, D, r, pivots = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m)
+        per_size, weights = stack(n), stack(n)
         now = (time(c, counters, 0.0),) + s  # noqa: RUF005
         found = sizes(now, numbers(c, NUMBERS))
         for a in range(n):
@@ -210,6 +216,7 @@ def kernel(stages: int, system: System) -> Any:
             per_size[a] = 1.0 / total if total > 0.0 else 0.0  # what has no size does not move
             if not total < math.inf:
                 per_size[a] = math.nan
+            weights[a] = math.ldexp(1.0, -math.frexp(total)[1]) if 0.0 < total < math.inf else 1.0
         last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
             size = residual(s, c, counters, low, K, Y, R, per_size)
@@ -222,10 +229,11 @@ def kernel(stages: int, system: System) -> Any:
                     counters[loops.FAILURE] = FOLDED
                 return k + 1
             if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
-                sign, factored = linearise(c, counters, Y, D, pivots), True
+                sign, factored = linearise(c, counters, Y, D, pivots, weights), True
             if factored:
-                for i in range(m):
-                    r[i] = R[i]
+                for i in range(S):
+                    for a in range(n):
+                        r[n * i + a] = R[n * i + a] * weights[a]
                 substitute(m, D, pivots, r)
                 for i in range(S):
                     for a in range(n):
