@@ -25,7 +25,7 @@ from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import metrics, states, timing
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.integrators import prepare
-from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper
+from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
 from lagrange_bench.integrators.interface import INVARIANTS, Array
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
@@ -52,8 +52,8 @@ def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedSt
         units = Units(top, y0, h)
         state = units.enter(y0)
         c, turn = real_map.exact_constants(units.alpha, tuple(state), units.time(h))
-        back, block = (real_map.restore_invariants, pin) if pin else (None, NEVER)
-        return FormStepper("form", h, units, c, kernel, back, block, turn=turn)
+        step = Kernel(kernel, real_map.restore_invariants, pin) if pin else Kernel(kernel)
+        return FormStepper("form", h, step, c, units, turn)
 
     return build
 

@@ -106,7 +106,7 @@ def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
         (folder / "evilpkg" / f"{name}.py").write_text(MODULE)
     cell, row = (
         {"part": "time", "state": "generic", "h": 0.1, "steps": 10},
-        {"t": 1.0, **dict.fromkeys(INVARIANTS, 1e-9)},
+        dict.fromkeys(INVARIANTS, 1e-9),
     )
     start = {"alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "parameters": "0.1"}
     in_field = {**cell, **start, "potential": "evilpkg.method:POTENTIAL", "method": "strang"}
@@ -119,11 +119,12 @@ def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
     ):
         (folder / results).mkdir(exist_ok=True)
         version = load("drift").VERSION if experiment == "drift" else 1
-        Store(results).append(make_record(experiment, version, 0, fields, rows=[measured]))
+        rows = [{**measured, "t": t} for t in (1.0, 2.0, 4.0, 8.0)]  # enough for a line, which its label names
+        Store(results).append(make_record(experiment, version, 0, fields, rows=rows))
     for words, code, said in (
         ("report --results results --output plain", 1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
         ("figure evilpkg.exp_squares --results results", 2, "unknown"),
-        ("compare results other --times", 1, "unknown experiment 'evilpkg.exp'"),
+        ("compare results other", 1, "unknown experiment 'evilpkg.exp'"),
         ("verify results --quiet --longest 10", 2, "unknown experiment 'unittest.__main__'"),
         ("verify own --quiet", 2, "not computed: cells of evilpkg.method:POTENTIAL: not available here"),
     ):

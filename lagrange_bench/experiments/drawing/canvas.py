@@ -4,6 +4,7 @@ Text in SVG files is text, so a reader can search and copy it. Without DejaVu Sa
 widths. PDF and PNG files contain the font.
 """
 
+import math
 import textwrap
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,6 +18,7 @@ import matplotlib.figure
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.ticker import LogLocator, NullFormatter
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
 TALLEST = 9.2  # inches: the height of a journal page
@@ -189,6 +191,17 @@ def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]])
             given = ", ".join("None" if end is None else f"{end:g}" for end in ends)
             raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {given}")
         ax.set(**{name: ends})
+
+
+def label_decades(ax: Any) -> None:
+    """Label a logarithmic x axis at whole decades, and at 3 if it shows fewer than two: more would cover each other."""
+    if ax.get_xscale() != "log":
+        return
+    low, high = ax.get_xlim()
+    if math.floor(math.log10(high)) > math.ceil(math.log10(low)):
+        ax.xaxis.set_minor_formatter(NullFormatter())
+    else:
+        ax.xaxis.set_minor_locator(LogLocator(subs=(3.0,)))
 
 
 def finish(fig: matplotlib.figure.Figure) -> None:

@@ -71,6 +71,9 @@ def drawn(**functions: Callable[..., Any]) -> Made:
 
         rows = style.shown(rows)
         figures = {name: function(rows, style) for name, function in functions.items()}
+        for figure in figures.values():
+            for ax in figure.axes if figure is not None else ():
+                style.label_decades(ax)
         return {name: figure for name, figure in figures.items() if figure is not None}
 
     return draw
