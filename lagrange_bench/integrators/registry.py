@@ -135,7 +135,9 @@ class Registry(Mapping[str, Any]):
             known = f"All: lagrange-bench {self.word}s" if close.endswith("?") else f"Known: {names}"
             raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
-        if not isinstance(entry, EntryPoint):
+        if not hasattr(
+            entry, "load"
+        ):  # no isinstance: importlib_metadata, once imported, finds entry points of its own type
             return entry
         if entry not in self._loaded:
             with no_exit():

@@ -16,7 +16,6 @@ from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import MOST, RATES, Floor, Rows, diagnose
 from lagrange_bench.judging.errors import by_the_better_clock
 from lagrange_bench.judging.findings import Finding
-from lagrange_bench.judging.fits import size
 from lagrange_bench.judging.fits_law import Windows
 from lagrange_bench.judging.frames import ATTITUDES, UNITS, Convention, Frames, kinematics, tensor
 from lagrange_bench.judging.names import unit_of
@@ -32,6 +31,8 @@ CLEARLY = 10
 READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
 # a law that is off by more of its size does not hold
 HOLDS = 0.05
+# and rows whose law is off so many times more than in most are told
+APART = 100.0
 # causes that --up and --axis change
 AXES = ("world-axes", "body-axes", "left-handed")
 OF_UNITS = {"t": ("time",), "position": ("position",), "omega": ("omega",), "angle": ("angles", "rotation vector")}
@@ -156,10 +157,16 @@ def looked_at(frames: Frames, rows: Mapping[str, Array]) -> str:
     if off is None or not speed or speed * float(np.median(np.diff(t[:, 0]))) > 1:
         return ""
     windows = Windows(t[:, 0], R, omega, frames.rigid_body)
-    law = size(windows.X @ windows.claimed) / windows.scale
+    misfits = np.linalg.norm(windows.X @ windows.claimed, axis=1) / windows.scale
+    law = float(np.median(misfits))
     holds = f"the law of motion {'holds to' if law < HOLDS else 'is off by'} {law:.0e}"
     agree = f"ω and the rotations agree to {float(np.median(off)) / speed:.0e}, {holds}"
-    return f"No cause is found: {agree}."
+    broken = misfits > max(HOLDS, APART * law)
+    if not broken.any():
+        return f"No cause is found: {agree}."
+    when = float(t[int(np.argmax(broken)) + windows.w, 0])
+    where = f"near t = {when:.4g} s it is off by {misfits.max():.0e}: look there for a cap on ω, a contact or a reset"
+    return f"No cause is found: {agree} in most rows; {where}."
 
 
 def so_read(frames: Frames, rows: dict[str, Array], before: Mapping[str, Array], findings: Sequence[Finding]) -> str:

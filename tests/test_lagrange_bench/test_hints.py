@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from test_judge import BOX, INTO, OMEGA, M, Q, R, T, X, write
 
-from lagrange_bench import judge
+from lagrange_bench import integrate, judge
 from lagrange_bench.integrators import CASES, RigidBody
 
 
@@ -236,3 +236,18 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
     assert told(judged) == [], "a clock that no unit names"
     k = CASES["kovalevskaya"].solution(np.linspace(0, 10, 9))
     assert any("No closed form" in note for note in judge(1e6 * k.t, rotation=k.rotation, case="kovalevskaya").notes)
+
+
+def test_rows_in_which_the_law_breaks_are_told_though_it_holds_in_most():
+    """A contact: after 3 of 4 s the body turns half as fast again; the windows that cross it are few."""
+    body = RigidBody(mass=1, com=(0, 0, 0), inertia_com=(1, 2, 3), gravity=(0, 0, 0))
+    t = np.arange(401) / 100
+    free = integrate(body, body.state(rotation=np.eye(3), omega_body=(0.3, 2.0, 0.5)), t=t[:301])
+    after = body.state(rotation=free.rotation[-1], omega_body=1.5 * free.omega_body[-1])
+    hit = integrate(body, after, t=t[1:101])
+    rotation = Rotation.concatenate([free.rotation, hit.rotation])
+    omega = np.concatenate([free.omega_body, hit.omega_body])
+    assert "in most rows; near t = 3" in judge(t, rotation=rotation, omega=omega, body=body).remark
+    right = judge(t[:301], rotation=free.rotation, omega=free.omega_body, body=body)
+    assert right.remark.startswith("No cause is found")
+    assert "most rows" not in right.remark
