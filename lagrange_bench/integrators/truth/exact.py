@@ -4,7 +4,7 @@ It is a closed form, for every alpha, k, |x| > 0, initial state and time: doubli
 `truth.curve`. No method of the bench is used. The initial doubles are taken as they are; |x| is not normalised.
 
 States with `digits`, and doubles at up to 30 times, are *proven*: each is rounded from a ball that contains the true motion. At
-more times doubles come from a table of proven states (`truth.table`), and are *tested* to 4e-16 of the scales, at t = 1e6 as at
+more times doubles come from a table of proven states (`truth.table`), and are *tested* to 5e-16 of the scales, at t = 1e6 as at
 t = 1. For this, whole periods are first subtracted from t, without rounding.
 """
 
@@ -58,7 +58,7 @@ def solution(top: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDAr
     Returns
     -------
     (n, 6) for n times, (6,) for one. With `digits`: mpmath.mpf in an object array, proven to 10^-digits of the scales. Without:
-    doubles, for up to 30 times proven to 1e-17 of the scales and rounded once; else tested to 4e-16 of the scales at every t. The
+    doubles, for up to 30 times proven to 1e-17 of the scales and rounded once; else tested to 5e-16 of the scales at every t. The
     scales are `top.scales`, for J at least √|k| |x|.
 
     Raises
