@@ -7,7 +7,6 @@ import shutil
 import signal
 import sys
 import tempfile
-from concurrent.futures import Future
 from pathlib import Path
 
 import pytest
@@ -121,10 +120,15 @@ def in_process(monkeypatch):
     from lagrange_bench.runner import workers
 
     class Here(workers.Local):
+        def __exit__(self, *_):
+            pass
+
         def submit(self, task):
-            future = Future()
-            future.set_result(workers.compute(task.experiment, task.cell, None, task.sources))
-            return future
+            self._busy[task.position] = task
+
+        def finished(self):
+            _, task = self._busy.popitem()
+            return [(task, workers.compute(task.experiment, task.cell, None, task.sources))]
 
     monkeypatch.setattr(workers, "Local", Here)
     monkeypatch.setenv("OMP_NUM_THREADS", "1")

@@ -8,8 +8,11 @@ asks for the cells writes the store.
 import importlib.util
 import logging
 import multiprocessing
+import queue
+import sys
 import threading
-from concurrent.futures import CancelledError, Future
+from concurrent.futures import CancelledError
+from contextlib import suppress
 from functools import cache
 from typing import Any, Self
 
@@ -20,6 +23,7 @@ from lagrange_bench.support import interrupts
 from lagrange_bench.support.words import scheduler
 
 CONNECT = 30.0  # s to wait for the scheduler
+PATIENCE = 30.0  # s without a finished cell before asking whether a worker is connected
 AHEAD = 500  # cells handed over at a time, for Dask to spread
 
 
@@ -32,9 +36,10 @@ class Cluster:
 
     def __init__(self, address: str, limit: float):
         self._address, self._limit = scheduler(address), limit
-        self.ahead = AHEAD
         self._client: Any = None
         self._own: Any = None  # the scheduler and the workers that local:N starts
+        self._out: dict[Any, Task] = {}  # the tasks that are being computed, by future
+        self._done: queue.SimpleQueue[Any] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
         distributed = _distributed()
@@ -64,11 +69,30 @@ class Cluster:
                 if part is not None:
                     part.close()
 
-    def submit(self, task: Task) -> Future[Any]:
-        words = (task.experiment, task.cell, task.sources, self._limit)
-        return self._client.get_executor(pure=False).submit(compute, *words)  # type: ignore[no-any-return]
+    @property
+    def room(self) -> bool:
+        return len(self._out) < AHEAD
 
-    def outcome(self, future: Future[Any]) -> Outcome:
+    def submit(self, task: Task) -> None:
+        future = self._client.submit(compute, task.experiment, task.cell, task.sources, self._limit, pure=False)
+        self._out[future] = task
+        future.add_done_callback(self._done.put)
+
+    def finished(self) -> list[tuple[Task, Outcome]]:
+        done = [self._next()]
+        while not self._done.empty():  # also cells that were finished while the last ones were stored
+            done.append(self._done.get())
+        return [(self._out.pop(future), self._outcome(future)) for future in done]
+
+    def _next(self) -> Any:
+        while True:
+            with suppress(queue.Empty):
+                return self._done.get(timeout=PATIENCE)
+            with suppress(OSError):  # the scheduler went away: then all tasks are cancelled, and `_outcome` says so
+                if not self._client.nthreads():
+                    print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
+
+    def _outcome(self, future: Any) -> Outcome:
         distributed = _distributed()
         try:
             facts, outcome = future.result()
@@ -119,9 +143,8 @@ def compute(
     A worker may join late and may miss the experiment. That must stop the run, and not make the cell a failed one.
     """
     facts, executor = look(experiment), _executor(threading.get_ident(), limit)
-    outcome = executor.outcome(executor.submit(Task(experiment, 0, 0, cell, expected)))
-    if outcome["status"] == "failed" and "sources" not in outcome:  # its process died; the next one is half started
-        executor.end()
+    executor.submit(Task(experiment, 0, 0, cell, expected))
+    ((_, outcome),) = executor.finished()
     return facts, {**outcome, "provenance": provenance.provenance()}
 
 

@@ -15,16 +15,13 @@ import threading
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
+from multiprocessing import connection
 from pathlib import Path
-from time import perf_counter
+from time import monotonic, perf_counter
 from typing import Any, Protocol, Self
-
-from pebble import ProcessExpired, ProcessPool
 
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.results import sources
@@ -36,7 +33,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
-LONGEST_WAIT = 1e6  # s; the watch of `faulthandler` counts in 32 bits
+LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 GRACE = 30.0  # s after the limit; then a worker whose parent did not end it ends itself
 MEMORY = "LAGRANGE_BENCH_MEMORY"  # in the environment: GB for one worker
 DEFAULT_MEMORY = 4.0  # GB; a worker that has compiled every method takes 0.6
@@ -56,13 +53,14 @@ Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
-    """Something that computes several tasks at a time."""
+    """Something that computes several tasks at a time. `submit` does not wait; `finished` waits for some outcomes."""
 
-    ahead: int  # how many tasks it takes before the first is done
+    @property
+    def room(self) -> bool: ...  # whether it takes another task now
 
-    def submit(self, task: Task) -> Future[Any]: ...
+    def submit(self, task: Task) -> None: ...
 
-    def outcome(self, future: Future[Any]) -> Outcome: ...  # of a future that is done
+    def finished(self) -> list[tuple[Task, Outcome]]: ...
 
 
 def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
@@ -85,17 +83,18 @@ def _stream(
     tasks: Iterator[Task], executor: Executor, begin: Callable[[str], None]
 ) -> Iterator[list[tuple[Task, Outcome]]]:
     """Outcomes as they come. The next tasks are submitted first, so that no process waits for the store."""
-    out, outcomes = dict[Future[Any], Task](), list[tuple[Task, Outcome]]()
+    out, outcomes = 0, list[tuple[Task, Outcome]]()
     while True:
-        while len(out) < executor.ahead and (task := next(tasks, None)):
-            out[executor.submit(task)] = task
+        while executor.room and (task := next(tasks, None)):
+            executor.submit(task)
             begin(task.experiment)
+            out += 1
         if outcomes:
             yield outcomes
         if not out:
             return
-        done, _ = wait(out, return_when=FIRST_COMPLETED)
-        outcomes = [(out.pop(future), executor.outcome(future)) for future in done]
+        outcomes = executor.finished()
+        out -= len(outcomes)
 
 
 def failed_by(outcome: Outcome, reason: str) -> bool:
@@ -110,65 +109,112 @@ class Local:
     """
 
     def __init__(self, jobs: int, limit: float):
-        self.ahead, self._limit = jobs, limit
-        self._pool: ProcessPool | None = None
-        self._environment: dict[str, str | None] = {}
+        self._jobs, self._limit = jobs, limit
+        self._idle: list[_Worker] = []
+        self._busy: dict[_Worker, Task] = {}
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         with interrupts.interrupt_held_back():
-            self.end()
+            for worker in (*self._idle, *self._busy):
+                worker.end()  # it is killed, for a plug-in's thread could keep it alive
 
-    def submit(self, task: Task) -> Future[Any]:
-        words = (task.experiment, task.cell, self._limit, task.sources)
+    @property
+    def room(self) -> bool:
+        return len(self._busy) < self._jobs
+
+    def submit(self, task: Task) -> None:
         with interrupts.interrupt_held_back():  # so no process is started and then forgotten
-            if self._pool is None or not self._pool.active:  # a process that died between two cells breaks the pool
-                self.end()
-                self._begin()
-            assert self._pool is not None
-            return self._pool.schedule(compute, words, timeout=min(self._limit, LONGEST_WAIT))
+            worker = self._idle.pop() if self._idle else _Worker()
+            self._busy[worker] = task
+        worker.start(task, self._limit)
 
-    def outcome(self, future: Future[Any]) -> Outcome:
+    def finished(self) -> list[tuple[Task, Outcome]]:
+        outcomes: list[tuple[Task, Outcome]] = []
+        while not outcomes:
+            left = min(worker.deadline for worker in self._busy) - monotonic()
+            connection.wait([worker.pipe for worker in self._busy], min(max(left, 0), LONGEST_WAIT))
+            for worker in list(self._busy):
+                if (outcome := worker.outcome()) is not None:
+                    outcomes.append((self._busy.pop(worker), outcome))
+                    self._idle += [] if worker.pipe.closed else [worker]
+        return outcomes
+
+
+class _Worker:
+    """One process, and the cell that it computes."""
+
+    def __init__(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, its = context.Pipe()
+        self.process = context.Process(target=_serve, args=(its,))
+        with _STARTING, _one_thread_each():
+            self.process.start()
+        its.close()
+
+    def start(self, task: Task, limit: float) -> None:
+        self.limit, self.begin = limit, monotonic()
+        self.deadline = self.begin + limit
+        with suppress(OSError):  # the process died after its last cell: `outcome` says so
+            self.pipe.send((task.experiment, task.cell, limit, task.sources))
+
+    def outcome(self) -> Outcome | None:
+        """The outcome of the cell, also if its process died or hangs; None if it is still being computed."""
+        error = None
         try:
-            return future.result()  # type: ignore[no-any-return]
-        except TimeoutError:
+            if self.pipe.poll():
+                return self.pipe.recv()  # type: ignore[no-any-return]
+        except (EOFError, OSError):
+            error = DIED, self._reason()
+        if monotonic() >= self.deadline and error is None:
             more = "so its process was ended; --time-limit SECONDS allows more"
-            return failure("TimeLimit", f"not done after {self._limit:g} s, {more}", "", self._limit)
-        except ProcessExpired as error:
-            code = error.exitcode
-            how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended itself with exit code {code}"
-            return failure(DIED, f"the worker process {how}", "", 0.0)
-        except BrokenProcessPool:
-            return failure(DIED, "the worker process ended before it had the cell", "", 0.0)
+            error = "TimeLimit", f"not done after {self.limit:g} s, {more}"
+        if error is None:
+            return None
+        self.end()
+        return failure(*error, "", monotonic() - self.begin)
 
-    def _begin(self) -> None:
-        """Start the pool. Its processes, now and later, inherit an environment that gives each one thread."""
-        self._environment = {name: os.environ.get(name) for name in THREADS}
-        os.environ.update(dict.fromkeys(THREADS, "1"))
-        self._pool = ProcessPool(self.ahead, initializer=_prepare, context=multiprocessing.get_context("spawn"))
+    def _reason(self) -> str:
+        self.process.join(1)
+        code = self.process.exitcode
+        if code is None or code >= 0:
+            return f"the worker process ended itself with exit code {code}"
+        return f"the worker process was killed by {signal.Signals(-code).name}"
 
     def end(self) -> None:
-        """Kill all processes, even those in compiled code. The next task starts new ones."""
-        if self._pool is not None:
-            self._pool.stop()
-            self._pool.join()
-            self._pool = None
-        for name, value in self._environment.items():
-            os.environ.pop(name)
-            os.environ.update({} if value is None else {name: value})
-        self._environment = {}
+        """Kill the process, even if it is in compiled code."""
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
 
 
-def _prepare() -> None:
-    """Prepare a worker process."""
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # ends it at once, in compiled code, too
+_STARTING = threading.Lock()  # one process is started at a time, since all share one environment
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    before = {name: os.environ[name] for name in THREADS if name in os.environ}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name in THREADS:
+            del os.environ[name]
+        os.environ.update(before)
+
+
+def _serve(pipe: Any) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _limit_memory()
     announce.quiet = True  # the parent shows the progress
     gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
     os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    with suppress(EOFError, OSError):  # the parent is gone
+        while True:
+            pipe.send(compute(*pipe.recv()))
 
 
 def _end_with_parent() -> None:

@@ -103,7 +103,7 @@ def test_workers_with_other_versions_are_refused():
 
     message = r"mpmath is 0\.1, here .*; install the same versions there and restart the workers"
     with pytest.raises(cluster.ClusterError, match=message):
-        cluster.Cluster("local:1", None).outcome(Future())
+        cluster.Cluster("local:1", None)._outcome(Future())
 
 
 def test_a_cluster_that_is_not_there(monkeypatch):
