@@ -39,7 +39,6 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import provenance
     from lagrange_bench.results.store import REFERENCE, find_results
     from lagrange_bench.runner import progress
-    from lagrange_bench.support import machine
 
     results = find_results(options.results)
     beside = options.beside and find_results(options.beside)
@@ -48,10 +47,14 @@ def run(options: argparse.Namespace) -> Answer:
     choice = choice_of(options, results)
     page.linked_files(output)  # no page of somebody else's: this is known before the drawing
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
-        report = page.assemble(results, machine.usable_cores(), drawn, options.module, choice, beside)
+        report = page.assemble(results, choice, beside, drawn)
         path = page.write(report, output).resolve()
     notes = [f"{s.experiment}: no rows of {', '.join(s.without_rows)}" for s in report.sections if s.without_rows]
     notes += [report.old] if report.old else []
+    if report.unloaded:
+        notes += [
+            f"not loaded: {', '.join(report.unloaded)}; with --methods and their names the page says what they claim"
+        ]
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{path.stat().st_size / 1e6:.1f} MB" + (f", claims: {page.fare(report.claims)}" if report.claims else "")
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]

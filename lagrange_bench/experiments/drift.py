@@ -317,7 +317,8 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
         has = {OWN + quantity for quantity in record.claims.conserves_own} if record else set()
         columns = [*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())]
         for name, most, growth in _growth(group, columns):
-            claimed = record is not None and (name.startswith(OWN) or name in record.conserves_on(LagrangeTop()))
+            # of a method that is not loaded nobody knows what it claims
+            claimed = np.nan if record is None else name.startswith(OWN) or name in record.conserves_on(LagrangeTop())
             table.append(
                 {
                     "method": method,

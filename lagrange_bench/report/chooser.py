@@ -112,7 +112,8 @@ def line(code: str, run: pd.Series, unit: float) -> str:
     options = {name: run.get(name) for name in (*ACCURACY_OPTIONS[1:], *SCHEME_OPTIONS) if pd.notna(run.get(name))}
     words = [f"h={run.span * unit / steps:.6g}", f"steps={steps}", f'method="{run.method}"']
     words += [f"{name}={_literal(value)}" for name, value in options.items()]
-    return f'integrate("{code}", {", ".join(words)})'
+    end = "" if unit == 1.0 else f"  # to t = {run.span * unit:.4g}, which is {tables.show(run.span)} units"
+    return f'integrate("{code}", {", ".join(words)}){end}'
 
 
 def _literal(value: Any) -> str:

@@ -19,8 +19,7 @@ Written = tuple[dict[Path, str], list[str], list[str]]
 
 def names(results: Path, choice: Choice) -> list[str]:
     """The names of all figures that can be drawn, in the order of the page."""
-    store = Store(results, choice)
-    return [name for experiment in _stored(results)[0] for name, _ in _drawn(_section(experiment, store))]
+    return [name for experiment in _stored(results)[0] for name, _ in _drawn(_section(experiment, results, choice))]
 
 
 def export(name: str, results: Path, path: Path, kind: str, width: str | None, choice: Choice = ALL) -> Written:
@@ -33,22 +32,18 @@ def export(name: str, results: Path, path: Path, kind: str, width: str | None, c
     ValueError : no such figure can be drawn from `results`; the message says which can.
     """
     stored, problems = _stored(results)
-    known: list[str] = []
     for experiment in sorted(stored, key=len, reverse=True):
         if not f"{name}_".startswith(f"{experiment}_"):
             continue
-        section = _section(experiment, Store(results, choice))
+        section = _section(experiment, results, choice)
+        problems += section.notes[:1]
         if choice and section.rows.empty:
             raise ValueError(_no_rows(experiment, choice))
-        problems += section.notes[:1]
         drawn = dict(_drawn(section, width))
         if name in drawn:
-            written = {path: replace_file(path, figures.FORMATS[kind](drawn[name]))}
-            return written, _methods_without_rows(section), [*_remarks(section), *_without(name, section)]
-        if choice and name in dict(_drawn(_section(experiment, Store(results)))):
-            raise ValueError(f"{name}: no rows of {_words(choice)}")
-        known += drawn
-    if known := known or names(results, choice):  # to draw all takes long
+            done = replace_file(path, figures.FORMATS[kind](drawn[name]))
+            return {path: done}, _methods_without_rows(section), _remarks(section)
+    if known := names(results, choice):
         raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"
     raise ValueError(f"{name!r} cannot be drawn from {results}: {why}")
@@ -61,11 +56,11 @@ def export_all(
     kinds, widths = [kind] if kind else figures.FORMATS, [width] if width else style.WIDTHS
     (stored, problems), written, remarks = _stored(results), dict[Path, str](), list[str]()
     for i, experiment in enumerate(stored):
-        section = _section(experiment, Store(results, choice))
+        drawn(i, len(stored))
+        section = _section(experiment, results, choice)
         problems += _methods_without_rows(section)
         remarks += _remarks(section)
-        for k, width in enumerate(widths):
-            drawn(i * len(widths) + k, len(stored) * len(widths))
+        for width in widths:
             for name, figure in _drawn(section, width):
                 for kind in kinds:
                     path = folder / f"{name}-{width}.{kind}"
@@ -85,11 +80,11 @@ def _stored(results: Path) -> tuple[list[str], list[str]]:
     return known, unknown
 
 
-def _section(experiment: str, store: Store) -> sections.Section:
+def _section(experiment: str, results: Path, choice: Choice) -> sections.Section:
     """What is stored of an experiment, not drawn yet."""
     section = sections.Section(experiment)
-    sections.read(section, store, load_stored(experiment))
-    section.origin = replace(origin.find(store.folder, [section.profiles]), choice=store.choice)
+    sections.read(section, Store(results, choice), load_stored(experiment))
+    section.origin = replace(origin.find(results, [section.profiles]), choice=choice)
     return section
 
 
@@ -118,18 +113,6 @@ def _methods_without_rows(section: sections.Section) -> list[str]:
     return [_no_rows(section.experiment, chosen)] if section.without_rows else []
 
 
-def _without(name: str, section: sections.Section) -> list[str]:
-    """The chosen tops that a figure does not show, because its part of the experiment has no rows of them."""
-    rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
-    rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
-    stored = {*rows.get("state", ()), *rows.get("top", ())}
-    missing = [top for top in section.origin.choice.tops if top not in stored]
-    return [f"{name}: no rows of {', '.join(missing)}"] if missing else []
-
-
 def _no_rows(experiment: str, choice: Choice) -> str:
-    return f"{experiment} has no rows of {_words(choice)}: lagrange-bench run {experiment}{choice.words}"
-
-
-def _words(choice: Choice) -> str:
-    return ", ".join((*choice.methods, *choice.tops))
+    missing = ", ".join((*choice.methods, *choice.tops))
+    return f"{experiment} has no rows of {missing}: lagrange-bench run {experiment}{choice.words}"

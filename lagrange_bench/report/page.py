@@ -11,7 +11,6 @@ import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,9 +21,10 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
+from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import chooser, claims, lists, live, origin, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, compute_all, described, draw, packed
+from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, described, draw, packed
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -61,41 +61,41 @@ class Report:
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
     beside: str = ""  # what its claims are held against
+    unloaded: tuple[str, ...] = ()  # methods of the user's own that have rows, and whose records are not loaded
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
     engines: pd.DataFrame = field(default_factory=pd.DataFrame)  # of physics, and multibody programs
+    engines_in_short: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 # ---------------------------------------------------------------- what others call
 
 
 def in_brief(judged: list[Judged]) -> list[tuple[str, str, Judged]]:
-    """Questions that claims answer, as far as these are measured: question, answer, the claim."""
-    pairs = ((answer, each) for each in judged for answer in each.claim.answers)
+    """Questions that claims answer, if all runs of the claim are stored: question, answer, the claim."""
+    decided = (each for each in judged if each.verdict.word in (claims.CONFIRMED, claims.REFUTED))
+    pairs = ((answer, each) for each in decided for answer in each.claim.answers)
     return [(a.question, text, each) for a, each in pairs if (text := a.filled(each.verdict))]
 
 
 def assemble(
-    results: Path,
-    processes: int = 1,
-    drawn: Drawn = lambda done, total: None,
-    modules: Sequence[str] = (),
-    choice: Choice = ALL,
-    beside: Path | None = None,
+    results: Path, choice: Choice = ALL, beside: Path | None = None, drawn: Drawn = lambda done, total: None
 ) -> Report:
     """Everything the page shows, from the stored lines in `results`; never raises for a part that cannot be drawn.
 
-    modules : those of the user's own that were imported for it; processes of the drawing import them, too.
     choice : of methods and tops. The user's own experiments come first. Where there is nothing else, or a choice was made,
     the page has no claims, and what has no rows is left out.
-    beside : other results, whose verdict stands beside that on each claim.
+    beside : other results; their verdict on each claim is shown, too. drawn : called with how many parts are drawn, of how many.
     """
     stored = Store(results, choice)
     user_experiments = [name for name in stored.experiments() if name not in EXPERIMENTS]
     names = [*user_experiments, *EXPERIMENTS]
-    jobs: list[Callable[[], Any]] = [partial(_published, None if choice else beside)]
-    jobs += [partial(draw, name, stored) for name in names]
-    (published, beside_words), *sections = compute_all(jobs, stored, processes, drawn, modules)
+    published, beside_words = _published(None if choice else beside)
+    sections = []
+    for done, name in enumerate(names):
+        drawn(done, len(names))
+        sections.append(draw(name, stored))
+    drawn(len(names), len(names))
     whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not user_experiments)
     if not whole:
         sections = [s for s in sections if len(s.rows) or s.experiment in user_experiments or s.errors]
@@ -108,6 +108,8 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old=old)
     rows = {section.experiment: section.rows for section in sections}
+    methods = dict.fromkeys(name for frame in rows.values() for name in frame.get("method", pd.Series()).dropna())
+    report.unloaded = tuple(name for name in methods if ":" in name and name not in METHODS)
     for section in sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
     if whole:
@@ -127,6 +129,8 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
         _make(report, "errata", _errata)
     _make(report, "answers", lambda: chooser.answers(rows))
     _make(report, "engines", lambda: lists.programs(rows.get("engines", pd.DataFrame())))
+    if len(report.engines):
+        _make(report, "engines_in_short", lambda: lists.programs_in_short(rows["engines"]))
 
 
 def _make(report: Report, name: str, make: Callable[[], Any]) -> None:
@@ -243,9 +247,11 @@ def html(report: Report) -> str:
     parts = {name: Markup((HERE / f"page.{name}").read_text(encoding="utf-8")) for name in ("css", "js")}
     parts["css"] += Markup((live.HERE / "live.css").read_text(encoding="utf-8"))
     pairs = opened(report.sections)
+    brief = in_brief(report.claims)
     return template.render(
         report=report,
-        in_brief=in_brief(report.claims),
+        in_brief=brief,
+        unanswered=sum(len(judged.claim.answers) for judged in report.claims) - len(brief),
         open_pairs=pairs,
         open_figures=[figure for _, figure in pairs],
         picture=Markup(figures.inline((HERE / "exact-step.svg").read_text(encoding="utf-8"), "exact-step", PICTURE)),

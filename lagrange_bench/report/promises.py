@@ -112,7 +112,7 @@ def taken_by_theory(rows: pd.DataFrame) -> Reading:
 def kept_as_claimed(rows: pd.DataFrame) -> Reading:
     """Growth exponents of what methods claim to conserve."""
     verdicts = all_methods(table(rows, "drift", "verdicts"))
-    asked = verdicts[verdicts.claimed]
+    asked = verdicts[verdicts.claimed.eq(True)]
     if (asked.verdict == "failed").any():
         bad = asked[asked.verdict == "failed"].iloc[0]
         raise Refuted(f"{bad.method}: {bad.invariant} is not finite")
@@ -244,7 +244,7 @@ def _bound(experiment: str, entry: dict[str, Any]) -> Bound:
 
 
 def _measure(experiment: str, entry: dict[str, Any], where: dict[str, Any]) -> tuple[str, ...] | Measure:
-    """What a bound compares; `claims.toml` says how that is written. No lambda: verdicts are sent between processes."""
+    """What a bound compares; `claims.toml` says how that is written."""
     if "read" in entry:
         return partial(globals()[entry["read"]], **entry.get("with", {}))  # a function above
     if "above" in entry:

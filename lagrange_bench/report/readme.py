@@ -81,7 +81,7 @@ def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
     orbit = exact.solution(named.top, named.state, np.linspace(0, steps * h, 3000))[:, 3:5].T
     truth = exact.solution(named.top, named.state, h * np.arange(steps + 1))[:, 3:5].T
     with style.apply():
-        figure, panels = style.figure("page", 3.7, ncols=2, sharey=True)
+        figure, panels = style.figure("page", 2.7, ncols=2, sharey=True)
         colors = style.of(ours)["color"], "#D55E00"
         for ax, method, many, color in zip(panels, (ours, other), (1, 4), colors, strict=True):
             run = integrate(named.top, named.state, h=h / many, steps=many * steps, every=many, method=method)
@@ -94,7 +94,7 @@ def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
             ax.spines[:].set_visible(False)
         panels[0].set_title("The exact step is in every ring", color=colors[0])
         panels[1].set_title("Strang’s splitting, four steps for each, is not", color=colors[1])
-        legend = "The axis of a top, from above.\nRings: where it is.\nDots: where the method has it."
+        legend = "The axis of a top,\nfrom above.\nRings: where it is.\nDots: where the\nmethod has it."
         middle = {"ha": "center", "va": "center", "transform": panels[0].transAxes, "linespacing": 1.6}
         panels[0].text(0.5, 0.5, legend, **middle)
     return figure

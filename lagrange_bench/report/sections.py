@@ -5,17 +5,13 @@ import gzip
 import os
 import re
 import shlex
-import signal
 import sys
 from collections import Counter
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import partial
-from multiprocessing import active_children, get_context
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pandas as pd
 from markupsafe import Markup
@@ -24,18 +20,15 @@ from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
-from lagrange_bench.integrators.own_modules import import_modules
 from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import NAMES, Store, StoreError
 from lagrange_bench.support.files import write_file
-from lagrange_bench.support.interrupts import interrupt_held_back
 
 DECLINED = "StepError"  # what a method raises that declines a step
-WORTH = 2  # journals to draw for which a process of its own is started: the imports of one take as long
-OPENED = ("phase_h", "work_precision_time", "phase_time", "engines_steps")  # figures that are not folded, in this order
+OPENED = ("phase_h", "work_precision_time", "phase_time")  # figures that are not folded, in this order
 Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
 
 
@@ -137,45 +130,6 @@ class Section:
     def file(self, name: str) -> str:
         """Name of the file, without suffix, of a figure or table."""
         return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
-
-
-def compute_all(
-    jobs: Sequence[Callable[[], Any]], store: Store, processes: int, done: Drawn, modules: Sequence[str]
-) -> list[Any]:
-    """What each job returns, computed in up to `processes` processes: laying figures out takes longer than all else.
-
-    Modules are looked for where this process looks. Ctrl-C ends the processes at once.
-    """
-    done(0, len(jobs))
-    processes = min(processes, len(store.experiments()) // WORTH)
-    if processes < 2:
-        made = []
-        for job in jobs:
-            made.append(job())
-            done(len(made), len(jobs))
-        return made
-    others = set(active_children())
-    start = partial(_start, list(sys.path), modules, store.choice)
-    with ProcessPoolExecutor(processes, get_context("spawn"), initializer=start) as pool:
-        try:
-            with interrupt_held_back():  # the processes are started in here
-                futures = [pool.submit(job) for job in jobs]
-            for count, future in enumerate(as_completed(futures), 1):
-                future.result()
-                done(count, len(jobs))
-        except BaseException:
-            for process in set(active_children()) - others:
-                process.kill()
-            raise
-    return [future.result() for future in futures]
-
-
-def _start(path: list[str], modules: Sequence[str], choice: Choice) -> None:
-    """In a fresh process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
-    sys.path[:] = path
-    import_modules(modules)
-    choice.include()
 
 
 def draw(experiment: str, store: Store) -> Section:

@@ -9,10 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import TOPS, StepError, integrate
+from lagrange_bench.integrators import TOPS, RigidBody, StepError, integrate
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.potentials import TIDE
+from lagrange_bench.integrators.truth import exact
 
 pytest.importorskip("selenium")
 
@@ -112,6 +114,32 @@ def test_the_browser_computes_what_python_computes(browser, method, runs, name, 
     assert compared > len(runs) // 2
 
 
+def test_the_tumbling_body_is_exact_and_turns_over_only_with_gyroscopic_torque(browser):
+    script = (
+        "const [rule, h, steps] = arguments; let y = Tumble.START;"
+        "for (let i = 0; i < steps; i++) y = rule ? Tumble.RULES[rule](y, h) : Tumble.truth(y, h); return y"
+    )
+    inertia, start, rules = browser.execute_script("return [Tumble.I, Tumble.START, Object.keys(Tumble.RULES)]")
+    body = RigidBody(1.0, (0, 0, 0), inertia, gravity=(0, 0, 0))
+    y0 = body.state(omega_body=start[:3], rotation=start[3:])
+    rotation = body.rotations(exact.enclosure(body, y0, 6.0).midpoints.astype(float)).as_matrix()
+
+    def off(rule, h):
+        here = browser.execute_script(script, rule, h, round(6.0 / h))
+        return np.max(np.abs(Rotation.from_quat(here[3:], scalar_first=True).as_matrix() - rotation))
+
+    assert off(None, 0.1) < 1e-8
+    assert off("RK4", 0.01) < 1e-4
+    assert off("three rotations (Strang)", 0.01) < 0.01
+    assert [name for name in rules if off(name, 0.01) > 0.3] == ["no gyroscopic torque, a default of games"]
+    told = css(browser, "#tumble .told").text
+    browser.execute_script("document.querySelector('#tumble [name=rule]').value = 'RK4'")
+    browser.execute_script(
+        "document.querySelector('#tumble [name=rule]').dispatchEvent(new Event('change', {bubbles: true}))"
+    )
+    assert css(browser, "#tumble .told").text != told
+
+
 def test_whatever_is_typed_in_is_drawn_or_refused(browser):
     section = css(browser, "#live")
     for top in ("generic", "weightless", "hanging", "homoclinic", "regular"):
@@ -135,7 +163,7 @@ def test_the_page_requests_nothing_and_the_chooser_leads_to_a_figure(browser, bu
     answer, field = css(browser, "#choose .answer"), css(browser, "#choose select")
     before = answer.text
     browser.execute_script(
-        "arguments[0].selectedIndex = 1; arguments[0].form.dispatchEvent(new Event('change'))", field
+        "arguments[0].selectedIndex = 1; arguments[0].form.dispatchEvent(new Event('change', {bubbles: true}))", field
     )
     assert 'integrate("generic", h=' in before != answer.text
     link = answer.find_element(By.TAG_NAME, "a")

@@ -216,7 +216,17 @@ def test_the_page_of_an_experiment_of_ones_own_shows_nothing_else(results, monke
     monkeypatch.setattr(page, "EXPERIMENTS", ("drift", "phase"))
     monkeypatch.setattr(page.errata, "measure", lambda: pytest.fail("evaluated for nothing"))
     ids = re.findall('<(?:section|details) id="([^"]+)"', markup(page.html(page.assemble(results))))
-    assert ids == ["answer", "evidence", "toy.broken", "toy.good", "reference", "failures", "environment"]
+    assert ids == [
+        "answer",
+        "figures",
+        "evidence",
+        "toy.broken",
+        "toy.good",
+        "reference",
+        "units",
+        "failures",
+        "environment",
+    ]
 
 
 def test_a_page_of_some_methods(results, undrawn):

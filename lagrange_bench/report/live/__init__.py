@@ -1,7 +1,7 @@
 """The live top: the part of the page that computes in the reader's browser.
 
 `top.js` is the mathematics (the exact Bäcklund map, three rivals, and all in a weak tide), `picture.js` draws on
-canvases, `view.js` has the controls. Nothing is fetched.
+canvases, `view.js` has the controls; `tumble.js` is the tumbling body, whole. Nothing is fetched.
 """
 
 import json
@@ -23,10 +23,18 @@ METHODS = {
 }
 FREE = {"name": "free", "label": "Bäcklund, λ of your own", "color": "#5A5A5A", "offered": True}
 
+DISTURBED = {
+    "name": "sleeping_disturbed",
+    "label": "sleeping, unstable, tilted by 10⁻³",
+    "note": "falls from the upright, and comes back to it",
+    "y": (0.0, 0.0, 1.0, 1e-3, 0.0, 1.0),
+}
+
 
 def script() -> Markup:
     """What the section needs: the tops and colours as data, the mathematics, the pictures, the controls."""
     tops = [{"name": t.name, "label": t.label, "note": t.note, "alpha": t.alpha, "y": t.y0} for t in TOPS.values()]
+    tops.append({**next(top for top in tops if top["name"] == "sleeping_unstable"), **DISTURBED})
     data = {
         "tops": tops,
         "methods": [
@@ -35,7 +43,7 @@ def script() -> Markup:
             *(_look(other) for other in METHODS.values() if other and other not in METHODS),
         ],
     }
-    scripts = [(HERE / name).read_text(encoding="utf-8") for name in ("top.js", "picture.js", "view.js")]
+    scripts = [(HERE / name).read_text(encoding="utf-8") for name in ("top.js", "picture.js", "view.js", "tumble.js")]
     parts = [f"const LIVE = {json.dumps(data, ensure_ascii=False)};", *scripts]
     return Markup("\n".join(parts).replace("</", "<\\/"))
 

@@ -103,6 +103,27 @@ const Picture = (() => {
     pen.stroke();
   }
 
+  // T-handles, each at the end of the trail of its states: the path of the tip of its stem, then the handle. Seen from the side
+  // and a little from above; `line` is the colour of the vertical.
+  function handles(canvas, bodies, line) {
+    const { pen, width, height } = blank(canvas), scale = 0.4 * Math.min(width, height), [c, s] = [Math.cos(0.3), Math.sin(0.3)];
+    const seen = ([x, y, z]) => [width / 2 + scale * (0.8 * y - 0.6 * x), height / 2 - scale * (c * z - s * (0.8 * x + 0.6 * y))];
+    const stroke = (points, colour, thick, opacity = 1) => {
+      Object.assign(pen, { strokeStyle: colour, lineWidth: thick, globalAlpha: opacity, lineCap: "round", lineJoin: "round" });
+      pen.beginPath();
+      for (const p of points) pen.lineTo(...seen(p));
+      pen.stroke();
+      pen.globalAlpha = 1;
+    };
+    stroke([[0, 0, -1.1], [0, 0, 1.1]], line, 1);
+    for (const { colour, trail } of bodies) {
+      stroke(trail.map((state) => Tumble.inSpace(state.slice(3), [0, 0.9, 0])), colour, 1.2, 0.5);
+      const at = (p) => Tumble.inSpace(trail[trail.length - 1].slice(3), p);
+      stroke([at([-0.6, 0, 0]), at([0.6, 0, 0])], colour, 9, 0.85);
+      stroke([at([0, 0, 0]), at([0, 0.9, 0])], colour, 6, 0.85);
+    }
+  }
+
   // An empty canvas as fine as the screen; lengths are those of the page
   function blank(canvas) {
     const width = canvas.clientWidth, height = canvas.clientHeight, fine = devicePixelRatio || 1;
@@ -181,5 +202,5 @@ const Picture = (() => {
     }
   }
 
-  return { sphere, chart, power };
+  return { sphere, chart, handles, power };
 })();

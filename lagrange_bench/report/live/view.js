@@ -171,6 +171,7 @@
       row.firstChild.style.borderLeft = `5px solid ${visible(color)}`;
       return row;
     }));
+    if (!Number.isFinite(Top.nutationPeriod(alpha, y))) said.push("On a separatrix round-off grows exponentially, of the truth, too.");
     told.replaceChildren(...(said.length ? ["The axis is off by", ...said] : runs.length ? [] : ["Choose a method."]).map((text) => Object.assign(document.createElement("span"), { textContent: text })));
     const { lambda, turns } = Top.exactStep(alpha, y, h), shown = (c) => String(Number(c.toPrecision(6))).replace("-", "−");
     note.textContent = k ? `Tide: V = k x₁²/2 with k = ${show(k)}. There is no exact step; J3 is not conserved. The truth is a Taylor series.` : `Exact step: λ(h) = ${shown(lambda[0])} + ${shown(lambda[1])} i${turns ? `, after ${turns} whole nutation${turns > 1 ? "s" : ""} as turns about the vertical` : ""}.`;
@@ -202,7 +203,7 @@
       slider.value = number("steps") + Math.max(1, Math.round(Number(slider.max) / 200));
       if (number("steps") >= Number(slider.max)) stop();
       redraw();
-    }, calm ? 1000 : 80);
+    }, (calm ? 1000 : 80) / number("speed"));
   }
 
   function reach(most) {
@@ -246,10 +247,12 @@
   });
   fingers(globe, { drag: turn, pinch: grow });
 
-  section.addEventListener("input", (event) => {
-    if (event.target.name === "top") set(LIVE.tops.find((t) => t.name === event.target.value));
-    redraw();
-  });
+  for (const kind of ["input", "change"]) {
+    section.addEventListener(kind, (event) => {
+      if (event.target.name === "top") set(LIVE.tops.find((t) => t.name === event.target.value));
+      redraw();
+    });
+  }
   section.addEventListener("click", (event) => {
     if (event.target.name === "play") play();
     if (event.target.name === "preset") preset(event.target.value);
