@@ -16,15 +16,15 @@ After an edit of the bench, the run says how many stored cells are of other sour
 lagrange-bench verify --old a sample of them. The bench knows them by a digest (a hash) that is stored with each cell: of the
 experiment, and of all that measures and integrates. New results are added to the file of the experiment, and the old ones stay
 in it. Methods and potentials in files of your own need no --again: after an edit a plain run computes their cells. If a file is
-edited while the run goes on, or if a worker has another version of it, the results are not stored; they are counted as set aside.
+edited while the run goes on, the cells of a process that had read it before fail; the same command computes them again.
 
 Timing cells, which measure times, run on this machine, one at a time, after all others, whatever --jobs and --scheduler say.
 --no-timings leaves them out. For --scheduler, install the extra in the clone: pip install '.[cluster]' (docs/cluster.md).
 
 An experiment of your own is named by its module: lagrange-bench run my_package.my_experiment
 
-exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise or
-was set aside · 2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
+exit codes: 0 done; a method that refuses a step (StepError) is a result, reported and drawn · 1 a cell failed otherwise ·
+2 bad input, or results cannot be written · 130 interrupted; what was finished is stored
 """
 
 import argparse

@@ -2,25 +2,29 @@
 
 For those who doubt stored results. Compute a sample of their cells, the smallest pieces that were measured, again on this
 machine, and compare. Counts, and the invariants of compiled methods, must be the same to the bit. Numbers that depend on a
-library or on the exact solution must agree within round-off. Times are not compared.
+library or on the exact solution must agree within round-off. Times are not compared, but with --times five ratios of times are
+measured, those of claims about speed, each printed with its bound.
 
 examples:
-  lagrange-bench verify                              sixty cells of the published results
+  lagrange-bench verify                          sixty cells of the published results: about a minute
+  lagrange-bench verify --times                  is it as fast as claimed? a minute; leave the machine alone meanwhile
   lagrange-bench verify --sample 10000 --longest 60 --seed 1      all of them: a quarter of an hour
   lagrange-bench verify quick --sample 20 --json
   lagrange-bench verify full --old --sample 10000   did your edit change any row?
 
 The sample has cells from every part and method of every experiment, taken in turn.
 
-exit codes: 0 the same · 1 changed · 2 no such results, no cell can be computed again, or an experiment has a newer VERSION
+exit codes: 0 the same · 1 changed, or a ratio beyond its bound · 2 no such results, no cell can be computed again, or an
+experiment has a newer VERSION
 """
 
 import argparse
 from collections import Counter
+from pathlib import Path
 
 from lagrange_bench.commands.arguments import add_module, positive, results_folder, seconds, whole
 from lagrange_bench.commands.compare import changed_columns
-from lagrange_bench.support.output import Answer
+from lagrange_bench.support.output import Answer, table
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -28,7 +32,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
     where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
     where.add_argument("--results", type=results_folder, metavar="DIR", help="the same; other commands have it, too")
-    text = "how many cells (default: 60, about a minute on two cores)"
+    command.add_argument("--times", action="store_true", help="measure ratios of times instead, here and now")
+    text = "how many cells (default: 60, which take a minute or a little more on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
     command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
     text = "only cells that were computed with other or unknown source code"
@@ -43,6 +48,8 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 
+    if options.times:
+        return _times(options.folder or options.results)
     folder, show = options.folder or options.results, not options.quiet
     result = verify.verify(folder, options.sample, options.seed, options.longest, options.jobs, show, options.old)
     lines: list[str] = []
@@ -55,3 +62,15 @@ def run(options: argparse.Namespace) -> Answer:
     words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
     sum_up = "; ".join([sum_up, *words])
     return Answer("\n".join([*lines, *result.notes, sum_up]), vars(result), 1 if result.changed else 0)
+
+
+def _times(folder: Path | None) -> Answer:
+    from lagrange_bench.runner.times import ratios
+
+    if folder is not None:
+        raise ValueError("--times measures here and now: it takes no folder of results")
+    found = list(ratios())
+    words = {True: "as claimed", False: "not as claimed"}
+    rows = [(ratio.text, f"{ratio.value:.3g}", ratio.required, words[ratio.passed]) for ratio in found]
+    lines = table([("ratio of times", "measured", "bound", "verdict"), *rows])
+    return Answer("\n".join(lines), [ratio._asdict() for ratio in found], 0 if all(r.passed for r in found) else 1)

@@ -16,6 +16,7 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import declared, installed
 from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, PACKAGE, SourceDigest, Sources, files_of
 
+COMPUTING = (PACKAGE / "integrators", PACKAGE / "experiments" / "measuring")  # folders
 SAME, OTHER, UNKNOWN, OUTDATED = "same", "other", "unknown", "outdated"
 WORDS = {
     OUTDATED: "with another VERSION of the experiment than this",
@@ -42,6 +43,11 @@ class CellSources(NamedTuple):
         return self.all is not None and self.all.edited
 
 
+def of_bench() -> str:
+    """The digest of what computes all cells, as this process read it."""
+    return IMPORTED_SOURCES.code(*COMPUTING).digest
+
+
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> CellSources:
     """The source code that computes a cell.
 
@@ -56,7 +62,7 @@ def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTE
 
 def _of_names(sources: Sources, experiment: str, method: str | None, potential: str | None) -> CellSources:
     try:
-        bench = [PACKAGE / "integrators", PACKAGE / "experiments" / "measuring", *_files_of_experiment(experiment)]
+        bench = [*COMPUTING, *_files_of_experiment(experiment)]
         sources.code(*bench)  # is read before any of it is imported
         own = _own_files(method, potential)
         return CellSources(sources.code(*bench, *own), sources.code(*own) if own else None)
@@ -70,8 +76,7 @@ def _own_files(method: str | None, potential: str | None) -> list[Path]:
 
     named = ((method, METHODS), (potential, POTENTIALS))
     modules = {registry.module(name) for name, registry in named if name is not None and name not in registry.built_in}
-    own = sorted(module for module in modules if not module.startswith(f"{BENCH}."))
-    return [path for module in own for path in files_of(module)]
+    return [path for module in sorted(modules) if not module.startswith(f"{BENCH}.") for path in files_of(module)]
 
 
 def _files_of_experiment(name: str) -> list[Path]:

@@ -20,11 +20,9 @@ from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_
 from lagrange_bench.runner import cluster, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from lagrange_bench.support import interrupts, machine
-from lagrange_bench.support.source_digest import Sources
 
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
-
-ASIDE = "a worker had other source code than this run began with (a file was edited meanwhile, or the worker has another one)"
+SHOWN = 10  # so many failures are listed
 
 
 @dataclass
@@ -34,12 +32,11 @@ class Counts:
     cells: int = 0
     computed: int = 0
     stored: int = 0  # before this run
-    other_sources: int = 0  # stored cells that were computed by other sources than the present ones
-    unknown_sources: int = 0  # stored cells whose sources were not recorded
+    # stored cells that were not computed by the present sources, by `sources.compared`
+    old: dict[str, int] = field(default_factory=dict)
     unavailable: int = 0  # skipped: a package is not installed here, or the run leaves out timings
     declined: int = 0  # the method declined the step, which is a result
     failed: int = 0
-    set_aside: int = 0  # not stored, because the sources changed while the run went on
     seconds: float = 0.0  # sum over the cells that were computed or failed in this run
 
 
@@ -53,31 +50,28 @@ class Summary:
 
     @property
     def exit_code(self) -> int:
-        """1 if a cell failed by accident or was set aside. A step that a method declines (StepError) is a result."""
-        return 1 if any(counts.failed or counts.set_aside for counts in self.experiments.values()) else 0
+        """1 if a cell failed by accident. A step that a method declines (StepError) is a result."""
+        return 1 if any(counts.failed for counts in self.experiments.values()) else 0
 
     def __str__(self) -> str:
-        lines = [
-            f"{'experiment':<16}{'cells':>7}{'computed':>10}{'stored':>8}{'skipped':>9}{'declined':>10}{'failed':>8}{'core-seconds':>14}"
-        ]
+        names = ("cells", "computed", "stored", "skipped", "declined", "failed", "core-seconds")
+        lines = [f"{'experiment':<16}" + "".join(f"{name:>{len(name) + 2}}" for name in names)]
         for name, t in self.experiments.items():
-            counts = f"{t.cells:>7}{t.computed:>10}{t.stored:>8}{t.unavailable:>9}{t.declined:>10}{t.failed:>8}{t.seconds:>14.1f}"
-            lines.append(f"{name:<16}{counts}")
-        for f in self.failures[:10]:
-            cell = json.dumps(with_units(f["experiment"], f["cell"]))
-            lines.append(f"{_word(f['error'])}: {f['experiment']} {cell}: {f['error']}")
-        if len(self.failures) > 10:
-            lines.append(f"… and {len(self.failures) - 10} more")
-        for name, t in self.experiments.items():
-            old = sources.summary({sources.OTHER: t.other_sources, sources.UNKNOWN: t.unknown_sources})
-            lines += [f"old: {name}: {old}"] if old else []
-            lines += [f"set aside: {name}: {t.set_aside} of the cells are not stored: {ASIDE}"] if t.set_aside else []
+            numbers = (t.cells, t.computed, t.stored, t.unavailable, t.declined, t.failed, f"{t.seconds:.1f}")
+            columns = (f"{n:>{len(head) + 2}}" for n, head in zip(numbers, names, strict=True))
+            lines.append(f"{name:<16}" + "".join(columns))
+        for each in self.failures[:SHOWN]:
+            cell = json.dumps(with_units(each["experiment"], each["cell"]))
+            lines.append(f"{_word(each['error'])}: {each['experiment']} {cell}: {each['error']}")
+        if len(self.failures) > SHOWN:
+            lines.append(f"… and {len(self.failures) - SHOWN} more")
+        lines += [f"old: {name}: {sources.summary(t.old)}" for name, t in self.experiments.items() if t.old]
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
 
     @property
     def old(self) -> bool:
         """Whether some stored cells do not come from the present sources, or may not."""
-        return any(counts.other_sources or counts.unknown_sources for counts in self.experiments.values())
+        return any(counts.old for counts in self.experiments.values())
 
 
 def run(
@@ -120,7 +114,7 @@ def run(
     choice.check(cell for some in listed.values() for cell in some)
     if profile == PROFILES[0] and cells is None and not (choice.methods or choice.archive):
         listed = {name: _without_archive(some) for name, some in listed.items()}
-    files = Sources()  # as they are when the run begins
+    files = sources.Sources()  # as they are when the run begins
     plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
     tasks = [task for missing in plan.values() for task in missing]
     timed = [task for task in tasks if task.cell.get("timing")]
@@ -129,15 +123,9 @@ def run(
 
         def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
             with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
-                aside = [task for task, outcome in outcomes if workers.failed_by(outcome, workers.OTHER_SOURCES)]
-                same = [(task, outcome) for task, outcome in outcomes if task not in aside]
-                # the process that computed the cell gave its digests; if it died, they are not known
-                records = ((task, {**(task.sources or {}), "sources": None, **outcome}) for task, outcome in same)
-                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in records))
-                for task, outcome in same:
+                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+                for task, outcome in outcomes:
                     _count(summary, task, outcome)
-                for task in aside:
-                    summary.experiments[task.experiment].set_aside += 1
             for task, outcome in outcomes:
                 bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
@@ -171,7 +159,7 @@ def _missing(
     experiment: str,
     cells: Sequence[dict[str, Any]],
     choice: Choice,
-    files: Sources,
+    files: sources.Sources,
     store: Store,
     summary: Summary,
     timings: bool,
@@ -202,21 +190,25 @@ def _missing(
         seen.add(key)
         age = sources.compared(done.get(key), digests["sources"])
         if key in done and (age == sources.SAME or not again):
-            skipped = None
-        elif package := _missing_package(cell.get("method")) or missing_package(experiment, cell):
-            skipped = f"{cell.get('method', f'a part of {experiment}')} needs {package}, which is not installed here"
-        elif cell.get("timing") and not timings:
-            skipped = f"the timing cells of {experiment}, as asked"
+            counts.stored += 1
+            if age != sources.SAME:
+                counts.old[age] = counts.old.get(age, 0) + 1
+        elif reason := _unavailable(experiment, cell, timings):
+            counts.unavailable += 1
+            if (note := f"skipped: {reason}") not in summary.notes:
+                summary.notes.append(note)
         else:
-            tasks.append(Task(experiment, module.VERSION, position, cell, digests))
-            continue
-        if skipped and (note := f"skipped: {skipped}") not in summary.notes:
-            summary.notes.append(note)
-        counts.stored += key in done
-        counts.unavailable += key not in done
-        counts.other_sources += key in done and age == sources.OTHER
-        counts.unknown_sources += key in done and age == sources.UNKNOWN
+            tasks.append(Task(experiment, module.VERSION, position, cell))
     return tasks
+
+
+def _unavailable(experiment: str, cell: Mapping[str, Any], timings: bool) -> str | None:
+    """Why a cell cannot be computed here, or is not to be; None if it can."""
+    if package := _missing_package(cell.get("method")) or missing_package(experiment, cell):
+        return f"{cell.get('method', f'a part of {experiment}')} needs {package}, which is not installed here"
+    if cell.get("timing") and not timings:
+        return f"the timing cells of {experiment}, as asked"
+    return None
 
 
 @cache

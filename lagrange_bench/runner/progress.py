@@ -16,46 +16,28 @@ class Cells:
 
     def __init__(self, totals: Mapping[str, int], bars: Any, plain: bool):
         self.bars, self.plain = bars, plain
-        many = [f" ({i} of {len(totals)})" if len(totals) > 1 else "" for i in range(1, len(totals) + 1)]
-        self.titles = {name: f"{name}{place}" for name, place in zip(totals, many, strict=True)}
-        more = {"start": False, "failures": ""}
-        self.tasks = {name: bars.add_task(self.titles[name], total=n, **more) for name, n in totals.items()}
+        self.tasks = {name: bars.add_task(name, total=n, start=False, failures="") for name, n in totals.items()}
         self.failed = Counter[str]()
-        self.last: dict[str, float] = {}  # when a line was printed
-        # at the first line after a fifth of all cells: the time, and how many were done
-        self.fifth: tuple[float, float] | None = None
+        self.printed: dict[str, float] = {}  # when the last line of an experiment was
 
     def begin(self, experiment: str) -> None:
-        if experiment not in self.last:
-            self.last[experiment] = monotonic()
+        if experiment not in self.printed:
             self.bars.start_task(self.tasks[experiment])
-            if self.plain:
-                count = f"{self.titles[experiment]}: {self.bars.tasks[self.tasks[experiment]].total} cells"
-                text = f"{count}; the first ones take longer, their methods are compiled"
-                print(text, file=sys.stderr, flush=True)
+            total = self.bars.tasks[self.tasks[experiment]].total
+            self._print(experiment, f"{total} cells; the first ones take longer, their methods are compiled")
 
     def advance(self, experiment: str, failed: bool) -> None:
         self.failed[experiment] += failed
         failures = f"{self.failed[experiment]} failed" if self.failed[experiment] else ""
         self.bars.update(self.tasks[experiment], advance=1, failures=failures)
-        task, now = self.bars.tasks[self.tasks[experiment]], monotonic()
-        if self.plain and (task.completed == task.total or now - self.last[experiment] >= INTERVAL):
-            self.last[experiment] = now
-            words = f"{self.titles[experiment]}: {task.completed}/{task.total} cells", failures, self._left(now)
-            print(", ".join(filter(None, words)), file=sys.stderr, flush=True)
+        task = self.bars.tasks[self.tasks[experiment]]
+        if task.completed == task.total or monotonic() - self.printed[experiment] >= INTERVAL:
+            self._print(experiment, ", ".join(filter(None, (f"{task.completed}/{task.total} cells", failures))))
 
-    def _left(self, now: float) -> str:
-        """How long all experiments will still take, if the other cells take as long as those done after the first fifth.
-
-        In the first fifth methods are compiled.
-        """
-        done, total = (sum(getattr(task, name) for task in self.bars.tasks) for name in ("completed", "total"))
-        if self.fifth is None:
-            self.fifth = (now, done) if done > total / 5 else None
-            return ""
-        begun, before = self.fifth
-        minutes = (now - begun) * (total - done) / (done - before) / 60
-        return f"about {minutes:.0f} min left" if minutes >= 1 else ""
+    def _print(self, experiment: str, text: str) -> None:
+        self.printed[experiment] = monotonic()
+        if self.plain:
+            print(f"{experiment}: {text}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager

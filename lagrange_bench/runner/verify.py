@@ -22,10 +22,10 @@ from lagrange_bench.support.source_digest import Sources
 # tolerances if a library takes the steps, or if the truth needs more than + − × ÷ √
 RTOL, ATOL = 1e-3, 1e-12
 ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
-COUNTS = ("steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
-STATES = ("H", "J3", "C1", "C2", "J1", "J2", "x1", "x2", "x3", "t", "n")
-SHOWN = 3  # so many reasons, or names of what is absent, are listed
+COUNTS = ("n", "steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
+STATES = ("t", "J1", "J2", "J3", "x1", "x2", "x3", "H", "C1", "C2")
 EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
+SHOWN = 3  # so many reasons, or names of what is absent, are listed
 
 
 @dataclass
@@ -78,18 +78,15 @@ def verify(
             workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     result.cells = len(records)
     for record in records:
-        _judge(result, record, current[record["experiment"], _canonical(record["cell"])], here)
+        experiment, cell = record["experiment"], record["cell"]
+        times, tolerance = declared(experiment, "TIMES", ()), tolerance_of(cell.get("method"))
+        word, columns = compare_cell(record, current[experiment, _canonical(cell)], times, tolerance)
+        result.identical += word == "same"
+        result.close += word == "close"
+        if columns:
+            age = sources.judge(record, here)
+            result.changed.append({"experiment": experiment, "cell": cell, "columns": columns, "sources": age})
     return result
-
-
-def _judge(result: Verification, old: Record, new: Record, here: Sources) -> None:
-    times, tolerance = declared(old["experiment"], "TIMES", ()), tolerance_of(old["cell"].get("method"))
-    word, columns = compare_cell(old, new, times, tolerance)
-    result.identical += word == "same"
-    result.close += word == "close"
-    if columns:
-        cell = {"experiment": old["experiment"], "cell": old["cell"]}
-        result.changed.append({**cell, "columns": columns, "sources": sources.judge(old, here)})
 
 
 def tolerance_of(method: Any) -> Any:
@@ -130,9 +127,11 @@ def _sample(
         changed = ", ".join(sorted(outdated))
         raise StoreError(f"{store.folder}: {changed} changed (VERSION) since this was stored: {again}")
     if absent:
-        first, more = ", ".join(sorted(absent)[:SHOWN]), f" and {n} more" if (n := len(absent) - SHOWN) > 0 else ""
-        how = "not available here (of a file of your own: --module NAME)"
-        result.notes.append(f"not computed: cells of {first}{more}: {how}")
+        names, count = ", ".join(sorted(absent)[:SHOWN]), len(absent) - SHOWN
+        names += f" and {count} more" if count > 0 else ""
+        result.notes.append(
+            f"not computed: cells of {names}: not available here (of a file of your own: --module NAME)"
+        )
     result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
     for records in groups.values():
         draw.shuffle(records)

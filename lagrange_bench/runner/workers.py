@@ -1,26 +1,29 @@
 """Computes cells in processes of their own, so that a cell that hangs or kills its process fails alone.
 
 A cell is a pure function of its fields, so a process needs only the name of the experiment and the cell. Each process has one
-thread. `Local` runs cells on this machine, and `cluster.Cluster` on a cluster, whose workers have a `Local` each. Both give the
+thread. `Local` runs cells on this machine, and `cluster.Cluster` on a cluster, whose workers have a `Worker` each. Both give the
 same rows.
 """
 
-import faulthandler
 import gc
 import math
 import multiprocessing
 import os
+import resource
 import signal
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from multiprocessing import connection
+from itertools import islice
+from multiprocessing import resource_tracker
 from pathlib import Path
-from time import monotonic, perf_counter
+from queue import SimpleQueue
+from time import perf_counter
 from typing import Any, Protocol, Self
 
 from lagrange_bench.experiments.catalogue import load
@@ -32,9 +35,8 @@ from lagrange_bench.support import announce, interrupts
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS", "NUMBA_NUM_THREADS")
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
-DIED, OTHER_SOURCES = "WorkerDied", "OtherSources"
+DIED = "WorkerDied"
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
-GRACE = 30.0  # s after the limit; then a worker whose parent did not end it ends itself
 MEMORY = "LAGRANGE_BENCH_MEMORY"  # in the environment: GB for one worker
 DEFAULT_MEMORY = 4.0  # GB; a worker that has compiled every method takes 0.6
 
@@ -45,169 +47,132 @@ class Task:
     version: int
     position: int
     cell: dict[str, Any]
-    sources: dict[str, str | None] | None = None  # digests of the source code that must compute it; None for any
 
 
-Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and sources, unless the process died
+Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and digests of the sources, unless the process died
 Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
-    """Something that computes several tasks at a time. `submit` does not wait; `finished` waits for some outcomes."""
+    """Something that computes several tasks at a time."""
 
-    @property
-    def room(self) -> bool: ...  # whether it takes another task now
+    ahead: int  # so many tasks are handed over before the first is done, for no process to wait
 
-    def submit(self, task: Task) -> None: ...
-
-    def finished(self) -> list[tuple[Task, Outcome]]: ...
+    def submit(self, task: Task) -> Future[Outcome]: ...
 
 
 def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
-    """Compute every task, and call `finish` in this process with each handful of outcomes.
-
-    If a process dies, its cell is computed once more at the end, alone: the process may have been killed from outside, or the
-    memory was full. If it dies again, the cell has failed.
-    """
-    suspects: list[Task] = []
-    for outcomes in _stream(iter(tasks), executor, begin):
-        suspects += [task for task, outcome in outcomes if failed_by(outcome, DIED)]
-        if good := [(task, outcome) for task, outcome in outcomes if not failed_by(outcome, DIED)]:
-            finish(good)
-    for suspect in suspects:
-        for outcomes in _stream(iter([suspect]), executor, begin):
-            finish(outcomes)
-
-
-def _stream(
-    tasks: Iterator[Task], executor: Executor, begin: Callable[[str], None]
-) -> Iterator[list[tuple[Task, Outcome]]]:
-    """Outcomes as they come. The next tasks are submitted first, so that no process waits for the store."""
-    out, outcomes = 0, list[tuple[Task, Outcome]]()
+    """Compute every task, and call `finish` in this process with each handful of outcomes."""
+    left, running = iter(tasks), dict[Future[Outcome], Task]()
     while True:
-        while executor.room and (task := next(tasks, None)):
-            executor.submit(task)
+        for task in islice(left, executor.ahead - len(running)):
             begin(task.experiment)
-            out += 1
-        if outcomes:
-            yield outcomes
-        if not out:
+            running[executor.submit(task)] = task
+        if not running:
             return
-        outcomes = executor.finished()
-        out -= len(outcomes)
-
-
-def failed_by(outcome: Outcome, reason: str) -> bool:
-    """Whether the cell failed for this reason: DIED (its process ended) or OTHER_SOURCES."""
-    return outcome["status"] == "failed" and outcome["error"]["type"] == reason
+        done, _ = wait(running, return_when=FIRST_COMPLETED)
+        finish([(running.pop(future), future.result()) for future in done])
 
 
 class Local:
-    """An `Executor` with up to `jobs` processes on this machine. Each computes many cells, and is killed at the end.
+    """An `Executor` with `jobs` processes on this machine, and a thread that waits for each.
 
     limit : how many seconds a cell may take.
     """
 
     def __init__(self, jobs: int, limit: float):
-        self._jobs, self._limit = jobs, limit
-        self._idle: list[_Worker] = []
-        self._busy: dict[_Worker, Task] = {}
+        self.ahead, self._limit = 2 * jobs, limit
+        self._threads = ThreadPoolExecutor(jobs)
+        self._workers = [Worker() for _ in range(jobs)]
+        self._idle: SimpleQueue[Worker] = SimpleQueue()
+        for worker in self._workers:
+            self._idle.put(worker)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
         with interrupts.interrupt_held_back():
-            for worker in (*self._idle, *self._busy):
-                worker.end()  # it is killed, for a plug-in's thread could keep it alive
+            self._threads.shutdown(wait=False, cancel_futures=True)
+            for worker in self._workers:
+                worker.close()
+            self._threads.shutdown()
 
-    @property
-    def room(self) -> bool:
-        return len(self._busy) < self._jobs
+    def submit(self, task: Task) -> Future[Outcome]:
+        return self._threads.submit(self._compute, task)
 
-    def submit(self, task: Task) -> None:
-        with interrupts.interrupt_held_back():  # so no process is started and then forgotten
-            worker = self._idle.pop() if self._idle else _Worker()
-            self._busy[worker] = task
-        worker.start(task, self._limit)
-
-    def finished(self) -> list[tuple[Task, Outcome]]:
-        outcomes: list[tuple[Task, Outcome]] = []
-        while not outcomes:
-            left = min(worker.deadline for worker in self._busy) - monotonic()
-            connection.wait([worker.pipe for worker in self._busy], min(max(left, 0), LONGEST_WAIT))
-            for worker in list(self._busy):
-                if (outcome := worker.outcome()) is not None:
-                    outcomes.append((self._busy.pop(worker), outcome))
-                    self._idle += [] if worker.pipe.closed else [worker]
-        return outcomes
+    def _compute(self, task: Task) -> Outcome:
+        worker = self._idle.get()
+        try:
+            return worker.compute(task, self._limit)
+        finally:
+            self._idle.put(worker)
 
 
-class _Worker:
-    """One process, and the cell that it computes."""
+class Worker:
+    """Computes cells in a process, and in a new one if this process died or hung."""
+
+    _LOCK = threading.Lock()  # `multiprocessing` looks after all processes of a program, from any thread
 
     def __init__(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self.pipe, its = context.Pipe()
-        self.process = context.Process(target=_serve, args=(its,))
-        with _STARTING, _one_thread_each():
-            self.process.start()
-        its.close()
+        self._process: Any = None
+        self._closed = False
 
-    def start(self, task: Task, limit: float) -> None:
-        self.limit, self.begin = limit, monotonic()
-        self.deadline = self.begin + limit
-        with suppress(OSError):  # the process died after its last cell: `outcome` says so
-            self.pipe.send((task.experiment, task.cell, limit, task.sources))
-
-    def outcome(self) -> Outcome | None:
-        """The outcome of the cell, also if its process died or hangs; None if it is still being computed."""
-        error = None
+    def compute(self, task: Task, limit: float) -> Outcome:
+        """The outcome of a cell, also if its process dies or takes longer than `limit` seconds."""
+        if self._process is None:
+            self._start()
+        begin = perf_counter()
         try:
-            if self.pipe.poll():
-                return self.pipe.recv()  # type: ignore[no-any-return]
+            self._pipe.send((task.experiment, task.cell))
+            if self._pipe.poll(min(limit, LONGEST_WAIT)):
+                return self._pipe.recv()  # type: ignore[no-any-return]
         except (EOFError, OSError):
-            error = DIED, self._reason()
-        if monotonic() >= self.deadline and error is None:
-            more = "so its process was ended; --time-limit SECONDS allows more"
-            error = "TimeLimit", f"not done after {self.limit:g} s, {more}"
-        if error is None:
-            return None
-        self.end()
-        return failure(*error, "", monotonic() - self.begin)
+            return failure(DIED, self._end(), "", perf_counter() - begin)
+        self._end()
+        words = f"not done after {limit:g} s, so its process was ended; --time-limit SECONDS allows more"
+        return failure("TimeLimit", words, "", perf_counter() - begin)
 
-    def _reason(self) -> str:
-        self.process.join(1)
-        code = self.process.exitcode
-        if code is None or code >= 0:
+    def close(self) -> None:
+        """Kill the process, in the middle of a cell and from any thread; there is no new one."""
+        with self._LOCK:
+            self._closed = True
+            if self._process is not None:
+                self._process.kill()  # a plug-in's thread could keep it alive
+                self._process.join()
+
+    def _start(self) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        with self._LOCK, theirs:
+            if self._closed:
+                raise CancelledError
+            # processes of this thread never see Ctrl-C; multiprocessing's helper would unblock the signal when it starts
+            resource_tracker.ensure_running()
+            signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+            self._process = context.Process(target=_serve, args=(theirs,))
+            self._process.start()
+
+    def _end(self) -> str:
+        """End the process, even if it is in compiled code, and return how it ended."""
+        with self._LOCK:
+            self._process.join(1)
+            self._process.kill()
+            self._process.join()
+            code, self._process = self._process.exitcode, None
+        self._pipe.close()
+        if code >= 0:
             return f"the worker process ended itself with exit code {code}"
         return f"the worker process was killed by {signal.Signals(-code).name}"
-
-    def end(self) -> None:
-        """Kill the process, even if it is in compiled code."""
-        self.process.kill()
-        self.process.join()
-        self.pipe.close()
-
-
-_STARTING = threading.Lock()  # one process is started at a time, since all share one environment
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    before = {name: os.environ[name] for name in THREADS if name in os.environ}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
-    try:
-        yield
-    finally:
-        for name in THREADS:
-            del os.environ[name]
-        os.environ.update(before)
 
 
 def _serve(pipe: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _limit_memory()
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    limit = int(1e9 * memory_limit())
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    # of memory that is written to; compilers and threads reserve much more. To take more raises MemoryError
+    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
     announce.quiet = True  # the parent shows the progress
     gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
     os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
@@ -233,50 +198,27 @@ def memory_limit() -> float:
     raise ValueError(f"{MEMORY} must be a positive number of GB for each worker process; got {text!r}")
 
 
-def _limit_memory() -> None:
-    """Limit the memory of this process, if the system can. To take more raises MemoryError.
-
-    The limit counts memory that is written to (RLIMIT_DATA). Compilers and threads reserve much more, which does not count.
-    """
-    with suppress(ImportError):  # Windows
-        import resource
-
-        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-        wanted = int(1e9 * memory_limit())
-        soft = wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
-        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
-
-
-def compute(
-    experiment: str,
-    cell: dict[str, Any],
-    limit: float | None = None,
-    expected: dict[str, str | None] | None = None,
-) -> Outcome:
+def compute(experiment: str, cell: dict[str, Any]) -> Outcome:
     """Measure one cell. Exceptions and warnings become part of the outcome.
 
-    limit : s; the parent watches it. Here it only ends a process in compiled code that has lost its parent.
-    expected : digests of the source code, as `CellSources.digests`. If the code here is another, or was edited meanwhile, the
-    outcome is OTHER_SOURCES.
+    If a source file was edited since this process read it, nobody knows which version was imported: the cell fails.
     """
     start = perf_counter()
     code = sources.of_cell(experiment, cell)  # the files are read before they are imported
-    if expected in (None, code.digests) and not code.edited:
-        outcome = {**_measure(experiment, cell, limit), "seconds": round(perf_counter() - start, 3)}
-        if not code.edited:
-            return {**outcome, **code.digests}
-    return failure(OTHER_SOURCES, "the source code here is not that of this run", "", 0.0)
+    outcome = _measure(experiment, cell)
+    if code.edited:
+        advice = "a source file was edited during the run: run the same command again"
+        outcome = failure("SourceEdited", advice, "", 0.0)
+    return {**outcome, **code.digests, "seconds": round(perf_counter() - start, 3)}
 
 
-def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outcome:
+def _measure(experiment: str, cell: dict[str, Any]) -> Outcome:
     try:
-        if limit is not None:
-            faulthandler.dump_traceback_later(limit + GRACE, exit=True)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("default")
             module = load(experiment)
             if "method" in cell:
-                _restrain(cell["method"])
+                restrain(cell["method"])
             rows = clean_rows(cell, list(module.measure(restore(cell))))
         messages = sorted({f"{warning.category.__name__}: {text_of(warning.message)}" for warning in caught})
     except BaseException as error:  # SystemExit, too, must end neither the worker nor the run
@@ -284,8 +226,6 @@ def _measure(experiment: str, cell: dict[str, Any], limit: float | None) -> Outc
         if isinstance(error, MemoryError):
             message = f"more than {memory_limit():g} GB; {MEMORY} in the environment, in GB, allows more"
         return failure(type(error).__name__, message, traceback.format_exc(), 0.0)
-    finally:
-        faulthandler.cancel_dump_traceback_later()
     return {"status": "done", "rows": rows, "error": None, "warnings": messages[:5]}
 
 
@@ -296,7 +236,7 @@ def failure(type_: str, message: str, trace: str, seconds: float) -> Outcome:
 
 
 @cache
-def _restrain(method: str) -> None:
+def restrain(method: str) -> None:
     """Let heyoka use one thread and print nothing. It reads no environment variable, so it is told by calls."""
     from lagrange_bench.integrators.registry import METHODS
 

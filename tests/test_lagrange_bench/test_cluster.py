@@ -94,16 +94,14 @@ def test_workers_and_a_scheduler_that_are_killed(scheduler, toy, tmp_path):
     assert comparable(tmp_path / "there") == comparable(toy.store.folder)
 
 
-def test_workers_with_other_versions_are_refused():
+def test_workers_with_other_versions_or_code_are_refused(monkeypatch):
     """What a worker sends with its rows is compared, whenever it joined."""
-
-    class Future:
-        def result(self):
-            return {**cluster.look(), "mpmath": "0.1"}, {"status": "done"}
-
-    message = r"mpmath is 0\.1, here .*; install the same versions there and restart the workers"
-    with pytest.raises(cluster.ClusterError, match=message):
-        cluster.Cluster("local:1", None)._outcome(Future())
+    here = cluster.versions()
+    for name in ("mpmath", "the code of lagrange-bench"):
+        future = SimpleNamespace(result=lambda name=name: ({**here, name: "0.1"}, {"status": "done"}))
+        message = rf"{name} is 0\.1, here .*; install the same versions there and restart the workers"
+        with pytest.raises(cluster.ClusterError, match=message):
+            cluster.Cluster("local:1", None)._outcome(future)
 
 
 def test_a_cluster_that_is_not_there(monkeypatch):

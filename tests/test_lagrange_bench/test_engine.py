@@ -105,16 +105,6 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     assert (code, out) == (0, f"{toy.store.folder / 'page' / 'index.html'}\n"), err
 
 
-def test_a_process_that_lost_its_parent_in_a_compiled_call_ends_itself(toy, monkeypatch):
-    """No thread of Python runs in one: the watch is faulthandler's."""
-    calls = []
-    for name in ("dump_traceback_later", "cancel_dump_traceback_later"):
-        monkeypatch.setattr(workers.faulthandler, name, lambda *a, name=name, **k: calls.append((name, a, k)))
-    workers.compute(TOY, {"do": "raise", "i": 1}, limit=5.0)
-    assert calls[0] == ("dump_traceback_later", (5.0 + workers.GRACE,), {"exit": True})
-    assert [name for name, _, _ in calls[1:]] == ["cancel_dump_traceback_later"]
-
-
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
     ghost = Method("ghost", "", "", 1, "", lambda: None, requires="no_such_package")
     engine._missing_package.cache_clear()
@@ -174,7 +164,6 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
     begin, *lines, drawing, last = shown().splitlines()
     assert begin.startswith("drift: 300 cells; the first ones")
     assert 10 <= len(lines) <= 17  # 160 s, one in 10 s
-    assert lines[3:5] == ["drift: 61/300 cells", "drift: 81/300 cells, about 2 min left"]
     assert lines[-1] == "drift: 300/300 cells, 1 failed"
     assert drawing.startswith("drawing")
     assert last == f"drawn from {tmp_path}"

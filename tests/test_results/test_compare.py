@@ -15,7 +15,7 @@ from faults import HERE
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.results import compare, sources
 from lagrange_bench.results.store import Store, cell_key, clean_rows, make_record
-from lagrange_bench.runner import verify
+from lagrange_bench.runner import times, verify
 from lagrange_bench.support.source_digest import Sources
 
 
@@ -294,3 +294,17 @@ def test_an_edit_is_noticed_by_the_process_that_read_the_file_before(folder, bac
     if back:
         assert folder("mine.py", "VALUE = 1\n") == code.own.digest
     assert code.edited
+
+
+@pytest.mark.slow
+def test_ratios_of_times_are_those_of_claims(run, answer, monkeypatch):
+    """Measured by the experiments, and held to the bounds of the claims."""
+    pytest.importorskip("heyoka")
+    bounds = ["≥ 25 ×", "≤ 5000 steps", "≥ 8 ×", "≥ 1.7 ×", "≥ 50 ×"]
+    monkeypatch.setattr(times, "SIGNS", dict.fromkeys("≤≥", lambda value, limit: value > 0))
+    assert [(ratio["required"], ratio["passed"]) for ratio in answer("verify", "--times")] == [
+        (b, True) for b in bounds
+    ]
+    monkeypatch.setattr(times, "SIGNS", dict.fromkeys("≤≥", lambda value, limit: limit == 25))
+    code, out, _ = run("verify", "--times")
+    assert (code, out.count("not as claimed")) == (1, 4)
