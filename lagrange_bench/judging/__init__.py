@@ -15,11 +15,12 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.integrators import CASES, Case, RigidBody, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.judging.advice import findings_of, looked_at, so_read
+from lagrange_bench.judging.advice import findings_of, so_read
 from lagrange_bench.judging.columns import Options, Trajectory, read
 from lagrange_bench.judging.errors import blurred, by_the_better_clock, count_turns, curve
 from lagrange_bench.judging.findings import Finding
-from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames, turns
+from lagrange_bench.judging.fits import steps
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames
 from lagrange_bench.judging.judgement import Error, Judgement, spin_notes
 from lagrange_bench.judging.names import UNITS
 from lagrange_bench.judging.start import started
@@ -193,13 +194,13 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
         rows = frames.with_omega(rows)
         if not is_case:
             frames.refer(rows)
-        findings = findings_of(frames, rows, found)
+        findings, remark = findings_of(frames, rows, found)
         if request.start in ("first-row", "fit"):
             case, text = started(request.start, case, frames, rows)
             notes.append(f"The motion starts at t = {written[0]:.9g} s {text}.")
             frames = Frames(case.body, convention, frames.digit, case)
         errors, rows["time"], clock = by_the_better_clock(frames, rows)
-        remark = so_read(frames, rows, errors, findings) if findings else looked_at(frames, rows)
+        remark = so_read(frames, rows, errors, findings) if findings else remark
         if not errors:
             raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
         seen = {name: values[_some(len(written))] for name, values in rows.items()}
@@ -284,7 +285,7 @@ def _odd_rows(
         yield "Rows 1 and 2 are equal: perhaps each row holds the state before."
     elif omega is not None:
         first, second = np.linalg.norm(omega[:2], axis=1)
-        seen = np.linalg.norm(turns(R[:2])) / (t[1] - t[0])
+        seen = np.linalg.norm(steps(R[:2])) / (t[1] - t[0])
         if first > 0 and second < 0.1 * first and seen < 0.1 * first:
             sizes = f"|ω| is {second:.3g} rad/s there, {first:.3g} at the start"
             yield f"The second row does not follow from the first: {sizes}. Perhaps the program lost the velocities it was given."

@@ -18,11 +18,10 @@ from typing import NamedTuple
 import numpy as np
 
 from lagrange_bench.integrators import RigidBody
-from lagrange_bench.judging import findings
 from lagrange_bench.judging import fits_frames as ff
 from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging import fits_law as fl
-from lagrange_bench.judging.findings import Finding, Words
+from lagrange_bench.judging.findings import Finding, of_axes, of_unit, say, triple
 from lagrange_bench.judging.fits import (
     CLEARLY,
     EACH,
@@ -34,9 +33,12 @@ from lagrange_bench.judging.fits import (
     Choice,
     Model,
     choose,
+    factor_of,
     maps,
+    name_of,
     rotvec,
     size,
+    steps,
 )
 
 # at most so many rows are looked at, and so many findings told
@@ -61,8 +63,17 @@ UNCLEAR = 0.2
 ANOTHER_START, STARTING = 0.05, 9
 # beside these causes another start is told
 ASIDE = ("time-unit", "omega", "length", "origin")
+# causes beside which ω may be in the other frame
+READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
+# and it must be so many times nearer in that one
+NEARER = 10.0
+# a law that is off by more of its size does not hold
+HOLDS = 0.05
+# and rows whose law is off so many times more than in most are told
+APART = 100.0
 # misfits below it are round-off
 ROUND_OFF = 1e-9
+CLOCK_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes"}
 # how near to a unit of time the ratio of two speeds must be
 ALIKE = {"ms": 0.4, "us": 0.4, "ns": 0.4, "min": 0.03}
 
@@ -90,12 +101,15 @@ class Floor(NamedTuple):
     x: float = 0.0
 
 
+ALL_DIGITS = Floor()
+
+
 def diagnose(
     rows: Rows,
     ways: Mapping[str, Array],
     body: RigidBody,
     exact: ff.Exact | None = None,
-    floor: Floor = Floor(),  # noqa: B008
+    floor: Floor = ALL_DIGITS,
 ) -> list[Finding]:
     """What is wrong with rows, in at most three findings, the first cause first; [] if nothing is clear.
 
@@ -113,7 +127,7 @@ def diagnose(
         The errors that the digits of the file hide.
     """
     with np.errstate(all="ignore"):
-        return Diagnosis(rows, ways, body, exact, floor).made()
+        return Diagnosis(rows, ways, body, exact, floor).findings()
 
 
 class Diagnosis:
@@ -136,24 +150,27 @@ class Diagnosis:
         self.body, self.exact, self.floor = body, exact, floor
         self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
 
-    def made(self) -> list[Finding]:
+    def findings(self) -> list[Finding]:
         """The findings, by one fit after the other."""
-        if len(self.rows.t) >= FEWEST:
-            self.time_unit()
-            if self.exact is not None:
-                self.times_and_frames(self.exact)
-            self.motion()
-            if self.rows.x is not None:
-                self.positions(self.rows.x)
-            if self.exact is not None and all(each.cause.startswith(ASIDE) for each in self.found):
-                self.start(self.exact)
+        if len(self.rows.t) < FEWEST:
+            return []
+        self.time_unit()
+        if self.exact is not None:
+            self.times_and_frames(self.exact)
+        self.motion()
+        if self.rows.x is not None:
+            self.positions(self.rows.x)
+        if self.exact is not None and all(each.cause.startswith(ASIDE) for each in self.found):
+            self.start(self.exact)
+        if all(each.cause in READINGS for each in self.found):
+            self.frame_of_omega()
         return self.found[:TOLD]
 
-    def tell(self, words: Words | Iterable[Words], before: float, after: float) -> None:
+    def tell(self, findings: Finding | Iterable[Finding], before: float, after: float) -> None:
         """Add findings, unless their cause is told already."""
-        for each in [words] if isinstance(words, Words) else words:
+        for each in [findings] if isinstance(findings, Finding) else findings:
             if all(each.cause != finding.cause for finding in self.found):
-                self.found.append(Finding(each.cause, f"{each.text}.", float(before), float(after), each.option))
+                self.found.append(each._replace(before=float(before), after=float(after)))
 
     @property
     def step(self) -> float:
@@ -174,8 +191,7 @@ class Diagnosis:
 
     def clock(self, unit: str, before: float, after: float) -> None:
         """Take the times in another unit."""
-        text = f"the times are in {findings.CLOCK_NAMES[unit]}: --units t={unit}"
-        self.tell(Words("time-unit", text, f"--units t={unit}"), before, after)
+        self.tell(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
         self.rows = self.rows._replace(t=self.rows.t * fk.CLOCKS[unit])
         self.floor = self.floor._replace(t=self.floor.t * fk.CLOCKS[unit])
 
@@ -187,8 +203,7 @@ class Diagnosis:
             moment = 1e-6 * min(1.0, float(dt[0, 0]))
             x, _, omega = self.exact(np.array([0.0, moment]))
             if rows.R is not None:
-                turns = rotvec(rows.R[:3].transpose(0, 2, 1) @ rows.R[1:4])
-                return size(turns / dt) / (float(np.linalg.norm(omega[0])) or math.nan)
+                return size(steps(rows.R[start]) / dt) / (float(np.linalg.norm(omega[0])) or math.nan)
             if rows.x is not None:
                 return (
                     size(np.diff(rows.x[start], axis=0) / dt)
@@ -206,24 +221,19 @@ class Diagnosis:
     def times_and_frames(self, exact: ff.Exact) -> None:
         """A constant of the times, or the reading and the axes of the rotations; whatever is clearer, then times once more."""
         rows, late, price = self.rows, self.lateness(exact), math.log(EACH)
-        if rows.R is None:
-            if late.winner is not None:
-                self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
-            return
         zero, choice, gain = 0.0, None, 0.0
-        for shift in dict.fromkeys((0.0, -float(rows.t[0]))):
+        for shift in dict.fromkeys((0.0, -float(rows.t[0]))) if rows.R is not None else ():
             tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.ways, max(self.floor.R, ROUND_OFF))
             if tried is not None and tried.gain - (price if shift else 0.0) > gain:
                 zero, choice, gain = shift, tried, tried.gain - (price if shift else 0.0)
         if late.winner is not None and late.gain > gain - price:
-            self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
+            self.shift(late.winner.value, *late.misfits)
         elif choice is not None:
-            assert choice.winner is not None
             if zero:
-                self.shift(zero, late.now.misfit, choice.winner.misfit)
+                self.shift(zero, late.now.misfit, choice.misfits[1])
             self.frames(choice, exact)
             if (late := self.lateness(exact)).winner is not None:
-                self.shift(late.winner.value, late.now.misfit, late.winner.misfit)
+                self.shift(late.winner.value, *late.misfits)
 
     def lateness(self, exact: ff.Exact) -> Choice:
         """The choice of a constant of the times, by the first rows."""
@@ -235,13 +245,13 @@ class Diagnosis:
 
     def shift(self, constant: float, before: float, after: float) -> None:
         """Add a constant to the times."""
-        self.tell(findings.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
+        self.tell(ff.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
         self.rows = self.rows._replace(t=self.rows.t + constant)
 
     def frames(self, choice: Choice, exact: ff.Exact) -> None:
         """Take the rotations in other readings and axes."""
         assert choice.winner is not None
-        frame, off = choice.winner.value, (choice.now.misfit, choice.winner.misfit)
+        frame, off = choice.winner.value, choice.misfits
         self.read(frame.reading, *off)
         self.W, self.B = W, B = frame.W, frame.B
         if self.rows.x is not None and np.allclose(W @ B, ONE) and not np.allclose(W, ONE):
@@ -249,18 +259,18 @@ class Diagnosis:
             right = W @ self.rows.R @ B @ self.body.com if self.body.fixed else exact(self.rows.t)[0]
             hand = choose(maps(self.rows.x @ W.T, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
             if hand.winner is not None and np.allclose(hand.winner.value, -ONE):
-                self.tell(findings.of_hand(findings.triple(-W)), *off)
+                self.tell(say("left-handed", axes=triple(-W)), *off)
                 self.rows = self.rows._replace(x=-self.rows.x)
                 return
         if not np.allclose(W, ONE):
-            self.tell(findings.of_world(W, self.body), *off)
+            self.tell(of_axes("world", W, self.body.up), *off)
         if not np.allclose(B, ONE):
-            self.tell(findings.of_body(B, self.body), *off)
+            self.tell(of_axes("body", B.T, np.zeros(3) if self.body.axis is None else self.body.axis), *off)
 
     def read(self, reading: str, before: float, after: float) -> None:
         """Take the rotations in another reading."""
         if reading:
-            self.tell(findings.of_reading(reading), before, after)
+            self.tell(fk.of_reading(reading), before, after)
             assert self.rows.R is not None
             R = next(R for name, _, R in fk.readings(self.rows.R, self.ways) if name == reading)
             self.rows, self.ways = self.rows._replace(R=R), {}
@@ -282,8 +292,8 @@ class Diagnosis:
         # noise changes from row to row, another start does not
         clear = [float(np.linalg.norm(v[0])) for v in off if size(v) > EACH * size(np.diff(v, axis=0))]
         if clear and max(clear) > ANOTHER_START:
-            words = findings.of_start(rows.R, rows.omega if rows.frame == fk.BODY else None, rows.x)
-            self.tell(words, max(clear), 0.0)
+            elsewhere = ff.of_start(rows.R, rows.omega if rows.frame == fk.BODY else None, rows.x)
+            self.tell(elsewhere, max(clear), 0.0)
 
     # ---------------------------------------------------------------- by the rows themselves
 
@@ -325,7 +335,7 @@ class Diagnosis:
         rows = self.rows
         assert rows.R is not None
         choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.ways), floor)
-        off = choice.now.misfit, choice.winner.misfit if choice.winner else math.nan
+        off = choice.misfits
         if rows.angles is not None and blur < BLURRED and self.is_angles(omega, choice, max(floor, fk.BLURS * blur)):
             return self.angles(rate, choice)
         if choice.winner is None:
@@ -333,19 +343,19 @@ class Diagnosis:
             self.is_clear = choice.now.misfit < UNCLEAR
             return in_body[2:-2] if choice.now.misfit < TURNS else rate if self.is_clear else None
         spin = choice.winner.value
-        self.is_clear = self.is_dense(omega, findings.factor_of(spin.M), choice.winner.misfit)
+        self.is_clear = self.is_dense(omega, factor_of(spin.M), choice.winner.misfit)
         if not self.is_clear:
             return None
         if self.is_product(spin, omega):
-            self.tell(findings.of_product(spin.frame), *off)
-            self.tell(findings.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
+            self.tell(say("rotation-product", frame=spin.frame), *off)
+            self.tell(fk.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
             return None
         self.read(spin.reading, *off)
-        unit = findings.name_of(findings.factor_of(spin.M), fk.CLOCKS)
+        unit = name_of(factor_of(spin.M), fk.CLOCKS)
         if unit is not None:
             self.clock(unit, *off)
             spin = spin._replace(M=spin.M / fk.CLOCKS[unit])
-        self.tell(findings.of_spin(spin, rows.frame), *off)
+        self.tell(fk.of_spin(spin, rows.frame), *off)
         assert self.rows.R is not None
         return fk.rates(self.rows.t, self.rows.R)[0] if spin.reading or unit else rate
 
@@ -354,7 +364,7 @@ class Diagnosis:
         angle, factor = self.step * size(omega), abs(factor)
         if angle < COARSE or (factor == 1 and angle < fk.ANOTHER_TURN):
             return True
-        is_named = findings.name_of(factor, fk.SPEEDS | fk.CLOCKS) is not None
+        is_named = name_of(factor, fk.SPEEDS | fk.CLOCKS) is not None
         if self.exact is None:
             return is_named and misfit < WORTH and angle * factor < COARSE
         # the exact motion turns as fast, but for what else is wrong
@@ -376,14 +386,14 @@ class Diagnosis:
         assert rows.angles is not None
         assert rows.omega is not None
         after = min(model.misfit for model in fk.angle_rates(rows.t, rows.angles, rows.omega))
-        self.tell(findings.of_angles(is_integrated), choice.now.misfit, after)
+        self.tell(say("angles-integrated" if is_integrated else "angle-rates"), choice.now.misfit, after)
         return None if is_integrated else rate
 
     def is_product(self, spin: fk.Spin, omega: Array) -> bool:
         """Whether ω in the body is right, but the rotations turn as if it were in the world: a product on the wrong side."""
         rows = self.rows
         assert rows.R is not None
-        factor = findings.factor_of(spin.M)
+        factor = factor_of(spin.M)
         if spin.reading or (rows.frame, spin.frame) != (fk.BODY, fk.WORLD) or not np.allclose(spin.M, factor * ONE):
             return False
         omega = omega * factor
@@ -395,6 +405,40 @@ class Diagnosis:
         R = self.W @ rows.R @ self.B
         read, turned = (balance(rows.t, R, w @ self.B, self.body)[0] for w in (omega, other))
         return read * CLEARLY < turned
+
+    def frame_of_omega(self) -> None:
+        """The other frame of ω in rows that are too far apart for rates: by the means of ω between two rows."""
+        rows = self.rows
+        if rows.R is None or rows.omega is None:
+            return
+        other = fk.WORLD if rows.frame == fk.BODY else fk.BODY
+        now, after = (fk.disagreement(rows.t, rows.R, rows.omega, frame) for frame in (rows.frame, other))
+        if NEARER * after < min(now, 1.0):
+            self.tell(say("omega-frame", frame=other), now, after)
+
+    def agreement(self) -> str:
+        """How well rows in which nothing is found agree with themselves; empty if these are too few, or too far apart."""
+        t, R, omega = self.rows.t, self.rows.R, self.rows.omega
+        if R is None or omega is None or len(t) < RATES:
+            return ""
+        if self.rows.frame == fk.WORLD:
+            omega = np.einsum("kji,kj->ki", R, omega)
+        off = fk.disagreement(t, R, omega, fk.BODY)
+        if not math.isfinite(off) or size(omega) * self.step > COARSE:
+            return ""
+        windows = fl.Windows(t, R, omega, self.body)
+        misfits = np.linalg.norm(windows.X @ windows.claimed, axis=1) / windows.scale
+        law = float(np.median(misfits))
+        holds = f"the law of motion {'holds to' if law < HOLDS else 'is off by'} {law:.0e}"
+        agree = f"ω and the rotations agree to {off:.0e}, {holds}"
+        broken = misfits > max(HOLDS, APART * law)
+        if not broken.any():
+            return f"No cause is found: {agree}."
+        when = float(t[int(np.argmax(broken)) + windows.w])
+        where = (
+            f"near t = {when:.4g} s it is off by {misfits.max():.0e}: look there for a cap on ω, a contact or a reset"
+        )
+        return f"No cause is found: {agree} in most rows; {where}."
 
     def omega_alone(self, omega: Array) -> bool:
         """ω without rotations, against the exact one; whether something is wrong."""
@@ -409,14 +453,15 @@ class Diagnosis:
         ]
         choice = choose(models, max(self.floor.omega / (size(Omega) or 1.0), ROUND_OFF))
         if choice.winner is not None:
-            self.tell(findings.of_spin(choice.winner.value, self.rows.frame), choice.now.misfit, choice.winner.misfit)
+            self.tell(fk.of_spin(choice.winner.value, self.rows.frame), *choice.misfits)
         return choice.winner is not None
 
     def cap(self, omega: Array) -> bool:
         """Whether |ω| falls to a cap."""
         speeds = fk.cap(omega)
         if speeds is not None:
-            self.tell(findings.of_cap(*speeds), 1 - speeds[1] / speeds[0], 0.0)
+            before, after = speeds
+            self.tell(say("cap", before=before, after=after, degrees=math.degrees(after)), 1 - after / before, 0.0)
         return speeds is not None
 
     def law(self, t: Array, R: Array, spin: Array, noise: float) -> None:
@@ -434,7 +479,7 @@ class Diagnosis:
             return
         # a poor step of a program that turns far in it changes the law, too
         if self.step * size(omega) < LAWFUL or choice.gain > math.log(FAR):
-            self.tell(findings.of_law(choice.winner.value, self.body), choice.now.misfit, choice.winner.misfit)
+            self.tell(fl.of_law(choice.winner.value, self.body), *choice.misfits)
 
     def positions(self, x: Array) -> None:
         """Positions against those by the exact motion or by the rotations; of a flight without a start, the parabola."""
@@ -460,7 +505,7 @@ class Diagnosis:
         choice = choose(models, floor)
         if choice.winner is not None:
             word, value = choice.winner.value
-            self.tell(findings.of_place(word, value, body), choice.now.misfit, choice.winner.misfit)
+            self.tell(ff.of_place(word, value, body), *choice.misfits)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
@@ -469,12 +514,12 @@ class Diagnosis:
         least = max(NEAR * strength, flight.error(self.floor.x))
         off = float(np.linalg.norm(flight.g - was))
         if strength and flight.misfit < GOOD and off > least:
-            unit = findings.name_of(strength / length, ff.LENGTHS)
+            unit = name_of(strength / length, ff.LENGTHS)
             g = flight.g * ff.LENGTHS[unit] if unit else flight.g
             if unit:
-                self.tell(findings.of_length(unit), off / strength, flight.misfit)
+                self.tell(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, flight.misfit)
             if np.linalg.norm(g - was) > least:
-                self.tell(findings.of_gravity(g, self.body), off / strength, flight.misfit)
+                self.tell(fl.of_gravity(g, self.body), off / strength, flight.misfit)
 
 
 def balance(t: Array, R: Array, omega: Array, body: RigidBody) -> tuple[float, float]:

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from lagrange_bench.judging.frames import UNITS, Exact, Frames, turns
+from lagrange_bench.judging.fits import steps
+from lagrange_bench.judging.frames import UNITS, Exact, Frames
 
 Array = np.ndarray
 # points of a curve
@@ -71,7 +72,7 @@ def count_turns(frames: Frames, rows: Mapping[str, Array], exact: Exact | None) 
     if omega is not None:
         return float(np.trapezoid(np.linalg.norm(omega, axis=1), t[:, 0])) / math.tau
     R = frames.matrices(rows)
-    return math.nan if R is None else float(np.nansum(np.linalg.norm(turns(R), axis=1))) / math.tau
+    return math.nan if R is None else float(np.nansum(np.linalg.norm(steps(R), axis=1))) / math.tau
 
 
 def blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:

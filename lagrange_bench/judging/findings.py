@@ -1,43 +1,119 @@
-"""The words of a diagnosis: for each cause a sentence with its number, and what mends it."""
+"""The causes that `judge` names: a sentence with its number for each, and what mends it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import CASES, RigidBody
-from lagrange_bench.integrators.problem.rotation import as_rotation
-from lagrange_bench.judging import fits_kinematics as fk
-from lagrange_bench.judging.fits import (
-    NEAR,
-    ONE,
-    Array,
-    axis_name,
-    factor_of,
-    is_axes,
-    name_of,
-    numbers,
-    rotvec,
-    triple,
-)
-from lagrange_bench.judging.fits_frames import LATEST, LENGTHS
-from lagrange_bench.judging.fits_law import Law, moments
+from lagrange_bench.judging.fits import NEAR, Array, is_axes, name_of, rotvec
 
-CLOCK_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes"}
 MOMENTS = "give the program the moments of the body"
+GRAVITY = "give the program the gravity of the body"
 SMALLER = "take smaller steps, or another integrator"
-
-
-class Words(NamedTuple):
-    """A cause, a sentence on it, and the option or the change that mends it."""
-
-    cause: str
-    text: str
-    option: str
+# cause, and a second word if it has several sentences → the sentence, and the option or the change that mends it
+SENTENCES = {
+    "time-unit": ("the times are in {name}: {mend}", "--units t={unit}"),
+    "time-shift": (
+        "the first row is the start of the case: {mend}, or subtract {first:.9g} s from the times",
+        "--t0 0",
+    ),
+    "rows-late": (
+        "the times are shifted: each row holds the state {rows}",
+        "write the row on the other side of the step",
+    ),
+    "other-start": ("the rows start elsewhere than the case: {mend}", "--start first-row"),
+    "other-start named": ("this is the start of the case {case}", "--case {case}"),
+    "quaternion-order": ("the quaternions are in the other order: {mend}", "{option}"),
+    "rotation-angles": ("the angles are in degrees, or about other axes: {mend}", "{option}"),
+    "rotation-transposed": (
+        "the rotations are transposed: they take the world to the body; {mend}",
+        "write R transposed, or the conjugate",
+    ),
+    "rotation-product": (
+        "ω is right as it is read, but the rotations turn as if it were in the {frame}: multiply on the other side",
+        "q ← q δq for ω in the body, q ← δq q for ω in the world",
+    ),
+    "left-handed": (
+        "the world is left-handed: write {axes} for positions (x, y, z), and for the vector part of quaternions,"
+        " rotation vectors and ω −{axes}",
+        "write {axes} for (x, y, z)",
+    ),
+    "left-handed matrix": (
+        "a row or column of the matrices has the wrong sign: their determinant is negative",
+        "change the sign of a row or a column",
+    ),
+    "world-axes": ("the axes of the world have other names: {mend}", "write {axes} for (x, y, z)"),
+    "world-axes option": ("the axis {axis} points up: {mend}", "--up={axis}"),
+    "world-axes turned": (
+        "the axes of the world are others: {mend}",
+        "turn the world of the rows by the rotation vector ({turn}) rad",
+    ),
+    "world-axes gravity": ("gravity pulls along {down}: the axis {axis} points up: {mend}", "--up={axis}"),
+    "body-axes": (
+        "the axes of the body have other names: {mend}",
+        "the axes (x, y, z) of the body are {axes} in the rows",
+    ),
+    "body-axes option": ("the axis of symmetry is {axis}: {mend}", "--axis={axis}"),
+    "body-axes turned": (
+        "the axes of the body are others: {mend}",
+        "turn the body of the rows by the rotation vector ({turn}) rad",
+    ),
+    "body-axes moments": (
+        "the body has other axes, {axes} of the rows, or its moments have changed places: {moments}",
+        MOMENTS,
+    ),
+    "omega-lag": ("ω is in the frame of the body of the row before: {mend}", "turn ω by the rotation of its own row"),
+    "omega-frame": ("ω is in the {frame} frame: {mend}, from Python omega_frame", "--omega {frame}"),
+    "omega-half-step": (
+        "ω is {time}: it is what turns {step}",
+        "take the mean of two rows, or shift the times of ω by half a step",
+    ),
+    "omega-row": ("ω is {time}: {mend}", "write ω and rotation of one time"),
+    "omega-unit": ("omega is in {name}: {mend}", "--units omega={unit}"),
+    "omega-unit unnamed": ("ω has the factor {factor:.4g}", "another unit of ω"),
+    "omega-sign": ("omega is of the other sign", "change the sign of ω"),
+    "omega-axes": ("ω is in other axes: {mend}", "write {axes} for (x, y, z)"),
+    "omega-turned": (
+        "ω is in other axes, as of a gyroscope that is mounted askew: {mend}",
+        "turn ω by the rotation vector ({turn}) rad",
+    ),
+    "angles-integrated": (
+        "the angles are the integrals of ω (φ' = p, θ' = q, ψ' = r): ω is taken for the rates of the angles",
+        "integrate q' = q ω/2, or R' = R ω",
+    ),
+    "angle-rates": (
+        "the columns of ω are the rates of the angles, not ω",
+        "write ω, or leave these columns out",
+    ),
+    "cap": (
+        "|ω| falls from {before:.4g} to {after:.5g} rad/s ({degrees:.4g} °/s) in the first step, and not below: a cap",
+        "lift the cap on angular velocities",
+    ),
+    "moments": ("the rows {verb} of a body with moments {moments} and {rest}", MOMENTS),
+    "moments left-out": ("the products of inertia are left out", MOMENTS),
+    "moments sign": ("the products of inertia have the other sign", MOMENTS),
+    "moments point": ("the moments of inertia about the {one} were taken for those about the {other}", MOMENTS),
+    "gyroscopic-torque": (
+        "the program leaves out the gyroscopic torque ω × I ω: an option of many engines",
+        "switch the gyroscopic torque on",
+    ),
+    "damping": ("L decays like exp(−{rate:.3g} t): damping", "switch the damping off"),
+    "explicit-step": ("the gyroscopic torque is that of {late:.3g} s {side}: an explicit step", SMALLER),
+    "explicit-step grows": ("L grows like exp({rate:.3g} t): an explicit step", SMALLER),
+    "gravity none": ("the program has no gravity", GRAVITY),
+    "gravity reversed": ("gravity is reversed: it points up", GRAVITY),
+    "gravity share": ("gravity is {length:.4g} m/s², {share:.3g} of that of the body", GRAVITY),
+    "gravity": ("gravity is ({g}) m/s², not ({was})", GRAVITY),
+    "length-unit": ("position is in {name}: {mend}", "--units position={unit}"),
+    "length-unit unnamed": ("positions have the factor {factor:.4g}", "another unit of length"),
+    "displacement": ("the position is a displacement from the start: {mend}", "name it ux, uy, uz"),
+    "origin": ("the positions are off by {shift}: another origin", "subtract {shift}"),
+    "origin point": ("the positions are those of {point}, not of the centre of mass", "write the centre of mass"),
+}
 
 
 class Finding(NamedTuple):
@@ -50,55 +126,33 @@ class Finding(NamedTuple):
     option: str
 
 
-def of_shift(shift: float, first: float, step: float) -> Words:
-    """A constant that is added to the times, s; first and step : of the times as they are."""
-    rows = shift / step
-    if abs(rows) > LATEST + 0.5 or abs(rows - round(rows)) > NEAR:
-        text = f"the first row is the start of the case: --t0 0, or subtract {first:.9g} s from the times"
-        return Words("time-shift", text, "--t0 0")
-    k = round(rows)
-    count, side = "row" if abs(k) == 1 else "rows", "later" if k > 0 else "earlier"
-    text = f"the times are shifted: each row holds the state {abs(k)} {count} {side}"
-    return Words("rows-late", text, "write the row on the other side of the step")
+def say(name: str, /, **facts: Any) -> Finding:
+    """The finding of a line of `SENTENCES`; no misfits are known of it yet."""
+    text, mend = SENTENCES[name]
+    option = mend.format(**facts)
+    return Finding(name.partition(" ")[0], f"{text.format(mend=option, **facts)}.", math.nan, math.nan, option)
 
 
-def of_start(R: Array | None, omega: Array | None, x: Array | None) -> Words:
-    """Another start, perhaps of a named case; rows of rotations, ω in the body and positions."""
-    for name, case in CASES.items():
-        rotation = as_rotation(case.rotation).as_matrix()
-        position = rotation @ case.body.com if case.body.fixed else np.asarray(case.position)
-        starts = [(R, rotation), (omega, np.asarray(case.omega_body)), (x, position)]
-        known = [
-            np.abs(rows[0] - start).max() < 1e-6 * max(1.0, np.abs(start).max())
-            for rows, start in starts
-            if rows is not None
-        ]
-        if omega is not None and len(known) > 1 and all(known):
-            return Words("other-start", f"this is the start of the case {name}", f"--case {name}")
-    return Words("other-start", "the rows start elsewhere than the case: --start first-row", "--start first-row")
+def of_unit(cause: str, factor: float, units: Mapping[str, float], names: Mapping[str, str] | None = None) -> Finding:
+    """Another unit of a quantity, or a factor that has no name. units, names : the unit → its factor, its name in words."""
+    unit = name_of(factor, units)
+    if unit is None:
+        return say(f"{cause} unnamed", factor=factor)
+    return say(cause, unit=unit, name=unit if names is None else names[unit])
 
 
-def of_reading(reading: str) -> Iterator[Words]:
-    """Rotations that are read otherwise: an option, or "transposed", or both."""
-    if option := reading.removesuffix(fk.TRANSPOSED).strip():
-        is_order = "quat" in option or "qw" in option
-        cause = "quaternion-order" if is_order else "rotation-angles"
-        words = (
-            "the quaternions are in the other order" if is_order else "the angles are in degrees, or about other axes"
-        )
-        yield Words(cause, f"{words}: {option}", option)
-    if reading.endswith(fk.TRANSPOSED):
-        mend = "write R transposed, or the conjugate"
-        yield Words(
-            "rotation-transposed", f"the rotations are transposed: they take the world to the body; {mend}", mend
-        )
+def of_axes(part: str, M: Array, axis: Array) -> Finding:
+    """Other axes of the "world" or of the "body".
 
-
-def of_hand(axes: str) -> Words:
-    """A left-handed world; axes : what to write for x, y, z."""
-    vectors = f"for the vector part of quaternions, rotation vectors and ω −{axes}"
-    text = f"the world is left-handed: write {axes} for positions (x, y, z), and {vectors}"
-    return Words("left-handed", text, f"write {axes} for (x, y, z)")
+    M : takes vectors from the rows to the case. axis : of the case, up or the axis of symmetry.
+    """
+    if not is_axes(M):
+        turn = rotvec(M[None])[0] if part == "world" else rotvec(M.T[None])[0]
+        return say(f"{part}-axes turned", turn=numbers(turn))
+    in_rows = M.T @ axis
+    if np.abs(in_rows).max() > 1 - NEAR and np.allclose(smallest_turn(in_rows, axis), M.round(), atol=NEAR):
+        return say(f"{part}-axes option", axis=axis_name(in_rows))
+    return say(f"{part}-axes", axes=triple(M))
 
 
 def smallest_turn(a: Array, b: Array) -> Array:
@@ -108,179 +162,18 @@ def smallest_turn(a: Array, b: Array) -> Array:
     return Rotation.align_vectors(b, a)[0].as_matrix()
 
 
-def of_world(W: Array, body: RigidBody) -> Words:
-    """Other axes of the world; W takes the world of the rows to that of the case."""
-    if not is_axes(W):
-        turn = f"turn the world of the rows by the rotation vector ({numbers(rotvec(W[None])[0])}) rad"
-        return Words("world-axes", f"the axes of the world are others: {turn}", turn)
-    up = W.T @ body.up
-    if np.abs(up).max() > 1 - NEAR and np.allclose(smallest_turn(up, body.up), W.round(), atol=NEAR):
-        option = f"--up={axis_name(up)}"
-        return Words("world-axes", f"the axis {axis_name(up)} points up: {option}", option)
-    write = f"write {triple(W)} for (x, y, z)"
-    return Words("world-axes", f"the axes of the world have other names: {write}", write)
+def axis_name(v: Array) -> str:
+    """The axis that is nearest to a vector, such as -y."""
+    place = int(np.argmax(np.abs(v)))
+    sign = "-" if v[place] < 0 else ""
+    return f"{sign}{'xyz'[place]}"
 
 
-def of_body(B: Array, body: RigidBody) -> Words:
-    """Other axes of the body; B takes the body of the case to that of the rows."""
-    if not is_axes(B):
-        turn = f"turn the body of the rows by the rotation vector ({numbers(rotvec(B[None])[0])}) rad"
-        return Words("body-axes", f"the axes of the body are others: {turn}", turn)
-    own = np.zeros(3) if body.axis is None else body.axis
-    axis = B @ own
-    if np.abs(axis).max() > 1 - NEAR and np.allclose(smallest_turn(axis, own).T, B.round(), atol=NEAR):
-        option = f"--axis={axis_name(axis)}"
-        return Words("body-axes", f"the axis of symmetry is {axis_name(axis)}: {option}", option)
-    write = f"the axes (x, y, z) of the body are {triple(B.T)} in the rows"
-    return Words("body-axes", f"the axes of the body have other names: {write}", write)
+def triple(P: Array) -> str:
+    """The rows of a signed permutation: (x, z, -y)."""
+    return f"({', '.join(axis_name(row) for row in P)})"
 
 
-def of_spin(spin: fk.Spin, frame: str) -> Iterator[Words]:
-    """What is wrong with ω, which was read in this frame."""
-    if spin.frame == fk.BEFORE:
-        mend = "turn ω by the rotation of its own row"
-        yield Words("omega-lag", f"ω is in the frame of the body of the row before: {mend}", mend)
-    elif spin.frame != frame:
-        option = f"--omega {spin.frame}"
-        yield Words("omega-frame", f"ω is in the {spin.frame} frame: {option}, from Python omega_frame", option)
-    if spin.time in fk.HALVES:
-        text = f"ω is {spin.time}: it is what turns {fk.HALVES[spin.time]}"
-        yield Words("omega-half-step", text, "take the mean of two rows, or shift the times of ω by half a step")
-    elif spin.time != fk.ON_TIME:
-        yield Words(
-            "omega-row", f"ω is {spin.time}: write ω and rotation of one time", "write ω and rotation of one time"
-        )
-    factor = factor_of(spin.M)
-    M = spin.M / factor
-    if abs(abs(factor) - 1) > NEAR / 4:
-        unit = name_of(abs(factor), fk.SPEEDS)
-        text = (
-            f"omega is in {fk.SPEED_NAMES[unit]}: --units omega={unit}"
-            if unit
-            else f"ω has the factor {abs(factor):.4g}"
-        )
-        yield Words("omega-unit", text, f"--units omega={unit}" if unit else "another unit of ω")
-    if factor < 0:
-        yield Words("omega-sign", "omega is of the other sign", "change the sign of ω")
-    elif is_axes(M) and not np.allclose(M, ONE, atol=NEAR):
-        write = f"write {triple(M)} for (x, y, z)"
-        yield Words("omega-axes", f"ω is in other axes: {write}", write)
-    elif not is_axes(M):
-        turn = f"turn ω by the rotation vector ({numbers(rotvec(M[None])[0])}) rad"
-        yield Words("omega-turned", f"ω is in other axes, as of a gyroscope that is mounted askew: {turn}", turn)
-
-
-def of_product(frame: str) -> Words:
-    """A product of rotations on the wrong side; frame : in which the rotations take ω to be."""
-    text = f"ω is right as it is read, but the rotations turn as if it were in the {frame}: multiply on the other side"
-    return Words("rotation-product", text, "q ← q δq for ω in the body, q ← δq q for ω in the world")
-
-
-def of_angles(is_integrated: bool) -> Words:
-    """ω is the rate of the columns of angles: are the angles wrong, or ω?"""
-    if is_integrated:
-        text = "the angles are the integrals of ω (φ' = p, θ' = q, ψ' = r): ω is taken for the rates of the angles"
-        return Words("angles-integrated", text, "integrate q' = q ω/2, or R' = R ω")
-    return Words(
-        "angle-rates", "the columns of ω are the rates of the angles, not ω", "write ω, or leave these columns out"
-    )
-
-
-def of_cap(before: float, after: float) -> Words:
-    """|ω| falls to a cap, rad/s."""
-    speeds = f"from {before:.4g} to {after:.5g} rad/s ({math.degrees(after):.4g} °/s)"
-    return Words(
-        "cap", f"|ω| falls {speeds} in the first step, and not below: a cap", "lift the cap on angular velocities"
-    )
-
-
-def of_law(law: Law, body: RigidBody) -> Iterator[Words]:
-    """What is wrong with the body, and with each term."""
-    if law.word is None:
-        I, products = moments(law.body), law.body[3:6]
-        has_products = np.abs(products).max() > NEAR * np.abs(I).max()
-        tail = f"products {numbers(products)}" if has_products else "no products"
-        lever = f", m c = ({numbers(law.body[6:])}) kg m" if np.any(law.body[6:]) else ""
-        verb = "follow the law" if lever else "keep the momentum"
-        yield Words(
-            "moments", f"the rows {verb} of a body with moments {numbers(np.diag(I))} and {tail}{lever}", MOMENTS
-        )
-    elif law.word:
-        cause, text = law.word
-        yield Words(cause, text, MOMENTS)
-    for name, value in law.terms.items():
-        yield of_gravity(np.asarray(value), body) if name == "gravity" else of_term(name, float(value))
-
-
-def of_term(name: str, value: float) -> Words:
-    """A term of the law with its coefficient."""
-    if name == "torque":
-        share = "" if value == 1 else f" ({value:.2f} of it)"
-        text = f"the program leaves out the gyroscopic torque ω × I ω{share}: an option of many engines"
-        return Words("gyroscopic-torque", text, "switch the gyroscopic torque on")
-    if name == "explicit":
-        side = "before" if value > 0 else "after"
-        text = f"the gyroscopic torque is that of {abs(value):.3g} s {side}: an explicit step"
-        return Words("explicit-step", text, SMALLER)
-    if value < 0:
-        return Words("explicit-step", f"L grows like exp({-value:.3g} t): an explicit step", SMALLER)
-    return Words("damping", f"L decays like exp(−{value:.3g} t): damping", "switch the damping off")
-
-
-def of_gravity(g: Array, body: RigidBody) -> Words:
-    """Another gravity, m/s²."""
-    was, strength, length = body.gravity, float(np.linalg.norm(body.gravity)), float(np.linalg.norm(g))
-    mend = "give the program the gravity of the body"
-    if length < NEAR * strength:
-        return Words("gravity", "the program has no gravity", mend)
-    share = float(g @ was) / strength**2 if strength else math.inf
-    if np.linalg.norm(np.cross(g, was)) > NEAR * strength * length:
-        up, is_as_strong = -g / length, abs(length / strength - 1) < NEAR
-        if is_as_strong and np.abs(up).max() > 1 - NEAR:
-            option = f"--up={axis_name(up)}"
-            return Words(
-                "world-axes",
-                f"gravity pulls along {axis_name(-up)}: the axis {axis_name(up)} points up: {option}",
-                option,
-            )
-        return Words("gravity", f"gravity is ({numbers(g)}) m/s², not ({numbers(was)})", mend)
-    if abs(share + 1) < NEAR:
-        return Words("gravity", "gravity is reversed: it points up", mend)
-    return Words("gravity", f"gravity is {length:.4g} m/s², {share:.3g} of that of the body", mend)
-
-
-def of_length(unit: str) -> Words:
-    """Another unit of length."""
-    return Words("length-unit", f"position is in {unit}: --units position={unit}", f"--units position={unit}")
-
-
-def of_place(word: str, value: Array, body: RigidBody) -> Iterator[Words]:
-    """What is wrong with positions."""
-    if word == "displacement":
-        mend = "name it ux, uy, uz"
-        yield Words("displacement", f"the position is a displacement from the start: {mend}", mend)
-    elif word == "origin":
-        shift = f"({numbers(-value)}) m"
-        yield Words("origin", f"the positions are off by {shift}: another origin", f"subtract {shift}")
-    elif word == "point":
-        point = f"the point ({numbers(value)}) m of the body" if np.abs(value).max() > 1e-9 else "the fixed point"
-        yield Words(
-            "origin", f"the positions are those of {point}, not of the centre of mass", "write the centre of mass"
-        )
-    elif word == "gravity":
-        yield of_gravity(body.gravity + value, body)
-    else:
-        factor = factor_of(value)
-        M = value / factor
-        if abs(abs(factor) - 1) > NEAR / 4:
-            unit = name_of(abs(factor), LENGTHS)
-            text = (
-                f"position is in {unit}: --units position={unit}"
-                if unit
-                else f"positions have the factor {abs(factor):.4g}"
-            )
-            yield Words("length-unit", text, f"--units position={unit}" if unit else "another unit of length")
-        if np.linalg.det(value) < 0:
-            yield of_hand(triple(np.sign(factor) * M))
-        elif not np.allclose(M, ONE, atol=NEAR):
-            yield of_world(M, body)
+def numbers(values: Iterable[float]) -> str:
+    """Numbers to four digits, with commas."""
+    return ", ".join(f"{float(value) + 0.0:.4g}" for value in np.round(list(values), 9))

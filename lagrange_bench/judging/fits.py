@@ -43,6 +43,7 @@ SIGNED = np.array(
         for s in itertools.product((1, -1), repeat=3)
     ]
 )
+PROPER = SIGNED[np.linalg.det(SIGNED) > 0]
 
 
 class Model(NamedTuple):
@@ -63,6 +64,11 @@ class Choice(NamedTuple):
     winner: Model | None
     now: Model
     floor: float
+
+    @property
+    def misfits(self) -> tuple[float, float]:
+        """The misfits of the rows as they are read, and of the winner."""
+        return self.now.misfit, self.winner.misfit if self.winner else math.nan
 
     @property
     def gain(self) -> float:
@@ -99,6 +105,11 @@ def rotvec(R: Array) -> Array:
     if known.any():
         vectors[known] = Rotation.from_matrix(R[known]).as_rotvec()
     return vectors
+
+
+def steps(R: Array) -> Array:
+    """The rotation vectors from each attitude to the next, in the body, (N − 1, 3); NaN beside a row with a NaN."""
+    return rotvec(R[:-1].transpose(0, 2, 1) @ R[1:])
 
 
 def nearest_rotation(H: Array) -> tuple[Array, float]:
@@ -163,20 +174,3 @@ def name_of(value: float, names: Mapping[str, float]) -> str | None:
 def is_axes(M: Array, tolerance: float = NEAR) -> bool:
     """Whether a matrix is near to a signed permutation."""
     return bool(np.abs(M - M.round()).max() < tolerance and np.allclose(M.round() @ M.round().T, ONE))
-
-
-def axis_name(v: Array) -> str:
-    """The axis that is nearest to a vector, such as -y."""
-    place = int(np.argmax(np.abs(v)))
-    sign = "-" if v[place] < 0 else ""
-    return f"{sign}{'xyz'[place]}"
-
-
-def triple(P: Array) -> str:
-    """The rows of a signed permutation: (x, z, -y)."""
-    return f"({', '.join(axis_name(row) for row in P)})"
-
-
-def numbers(values: Iterable[float]) -> str:
-    """Numbers to four digits, with commas."""
-    return ", ".join(f"{float(value) + 0.0:.4g}" for value in np.round(list(values), 9))

@@ -15,15 +15,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from lagrange_bench.integrators import CASES, RigidBody
+from lagrange_bench.integrators.problem.rotation import as_rotation
+from lagrange_bench.judging.findings import Finding, numbers, of_axes, of_unit, say, triple
 from lagrange_bench.judging.fits import (
     EACH,
     GOOD,
+    NEAR,
     ONE,
-    SIGNED,
+    PROPER,
     Array,
     Choice,
     Model,
     choose,
+    factor_of,
     is_axes,
     maps,
     nearest_rotation,
@@ -31,6 +36,7 @@ from lagrange_bench.judging.fits import (
     size,
 )
 from lagrange_bench.judging.fits_kinematics import readings
+from lagrange_bench.judging.fits_law import of_gravity
 
 # times t → positions (n, 3), matrices (n, 3, 3), angular velocities in the body (n, 3) of the exact motion
 Exact = Callable[[Array], tuple[Array, Array, Array]]
@@ -48,16 +54,14 @@ TURNS = 8
 LATEST = 5
 # a matrix of axes is off by less from a signed permutation
 LIKE_AXES = 0.2
-PROPER = SIGNED[np.linalg.det(SIGNED) > 0]
 
 
 class Frame(NamedTuple):
-    """How rotations are read: a reading, W, B, and the number of rows that say so."""
+    """How rotations are read: a reading, W, B."""
 
     reading: str
     W: Array
     B: Array
-    rows: int
 
 
 class Flight(NamedTuple):
@@ -86,7 +90,7 @@ def frames(R: Array, exact_R: Array, ways: Mapping[str, Array], floor: float) ->
         is_long = n >= ROWS and turn > TURNED
         scale = min(1.0, turn) or 1.0  # what explains the rows is right to a share of their turn
         models = [
-            Model(price + model.cost, model.misfit / scale, Frame(reading, model.value[0], model.value[1], n))
+            Model(price + model.cost, model.misfit / scale, Frame(reading, *model.value))
             for reading, price, A in readings(R, ways)
             for model in turns(A[places], E, is_long)
         ]
@@ -196,3 +200,53 @@ def parabola(t: Array, x: Array) -> Flight:
     c = np.linalg.lstsq(powers, x, rcond=None)[0]
     rest = size(x - powers @ c)
     return Flight(2 * c[2] / span**2, rest / (size(x - x.mean(0)) or 1.0), rest, span, len(t))
+
+
+def of_shift(shift: float, first: float, step: float) -> Finding:
+    """A constant that is added to the times, s; first and step : of the times as they are."""
+    rows = shift / step
+    k = round(rows)
+    if abs(rows) > LATEST + 0.5 or abs(rows - k) > NEAR:
+        return say("time-shift", first=first)
+    count, side = "row" if abs(k) == 1 else "rows", "later" if k > 0 else "earlier"
+    return say("rows-late", rows=f"{abs(k)} {count} {side}")
+
+
+def of_start(R: Array | None, omega: Array | None, x: Array | None) -> Finding:
+    """Another start, perhaps of a named case; rows of rotations, ω in the body and positions."""
+    for name, case in CASES.items():
+        rotation = as_rotation(case.rotation).as_matrix()
+        position = rotation @ case.body.com if case.body.fixed else np.asarray(case.position)
+        starts = [(R, rotation), (omega, np.asarray(case.omega_body)), (x, position)]
+        known = [
+            np.abs(rows[0] - start).max() < 1e-6 * max(1.0, np.abs(start).max())
+            for rows, start in starts
+            if rows is not None
+        ]
+        if omega is not None and len(known) > 1 and all(known):
+            return say("other-start named", case=name)
+    return say("other-start")
+
+
+def of_place(word: str, value: Array, body: RigidBody) -> Iterator[Finding]:
+    """What is wrong with positions."""
+    if word == "displacement":
+        yield say("displacement")
+    elif word == "origin":
+        yield say("origin", shift=f"({numbers(-value)}) m")
+    elif word == "point":
+        is_fixed = np.abs(value).max() <= 1e-9
+        yield say(
+            "origin point", point="the fixed point" if is_fixed else f"the point ({numbers(value)}) m of the body"
+        )
+    elif word == "gravity":
+        yield of_gravity(body.gravity + value, body)
+    else:
+        factor = factor_of(value)
+        M = value / factor
+        if abs(abs(factor) - 1) > NEAR / 4:
+            yield of_unit("length-unit", abs(factor), LENGTHS)
+        if np.linalg.det(value) < 0:
+            yield say("left-handed", axes=triple(np.sign(factor) * M))
+        elif not np.allclose(M, ONE, atol=NEAR):
+            yield of_axes("world", M, body.up)

@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.judging.fits import Array, Model, maps, rotvec, size
+from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
+from lagrange_bench.judging.fits import NEAR, ONE, Array, Model, factor_of, is_axes, maps, rotvec, size, steps
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
@@ -89,7 +90,7 @@ def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array
     k, inner = np.arange(3, len(t) - 3), slice(1, -1)
     for reading, price, A in readings(R, ways):
         five, blur = rates(t, A)
-        step = rotvec(A[:-1].transpose(0, 2, 1) @ A[1:]) / np.diff(t)[:, None]
+        step = steps(A) / np.diff(t)[:, None]
         series = {  # rates in the body, and the attitudes that take them to the world
             ON_TIME: (five[inner], A[k]),
             "half a step late": (step[k - 1], A[k]),
@@ -109,6 +110,37 @@ def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
 
 
+def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
+    """What is wrong with ω, which was read in this frame."""
+    if spin.frame == BEFORE:
+        yield say("omega-lag")
+    elif spin.frame != frame:
+        yield say("omega-frame", frame=spin.frame)
+    if spin.time in HALVES:
+        yield say("omega-half-step", time=spin.time, step=HALVES[spin.time])
+    elif spin.time != ON_TIME:
+        yield say("omega-row", time=spin.time)
+    factor = factor_of(spin.M)
+    M = spin.M / factor
+    if abs(abs(factor) - 1) > NEAR / 4:
+        yield of_unit("omega-unit", abs(factor), SPEEDS, SPEED_NAMES)
+    if factor < 0:
+        yield say("omega-sign")
+    elif not is_axes(M):
+        yield say("omega-turned", turn=numbers(rotvec(M[None])[0]))
+    elif not np.allclose(M, ONE, atol=NEAR):
+        yield say("omega-axes", axes=triple(M))
+
+
+def of_reading(reading: str) -> Iterator[Finding]:
+    """Rotations that are read otherwise: by an option, or "transposed", or both."""
+    if option := reading.removesuffix(TRANSPOSED).strip():
+        is_order = "quat" in option or "qw" in option
+        yield say("quaternion-order" if is_order else "rotation-angles", option=option)
+    if reading.endswith(TRANSPOSED):
+        yield say("rotation-transposed")
+
+
 def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
     """Models of M ω = rates of the columns of angles; ω of the middle of two rows, or of one of them, as a program adds it."""
     turns = np.unwrap(angles, axis=0)
@@ -119,6 +151,34 @@ def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
     fine = (slope[1:] + slope[:-1]) / 2
     for model in maps(omega[1:-1], fine, SPEEDS.values()):
         yield Model(model.cost + 1.0, model.misfit, model.value)
+
+
+def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
+    """|Θ/dt − ω| from the row before to each row, rad/s, (N,): 0 in the first, and where a turn may be the other way round.
+
+    None where that may be most turns. Θ leads from one attitude to the next. The mean of ω is of fourth order in dt by Magnus:
+
+        ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    """
+    errors, turn = np.zeros(len(t)), steps(R)
+    good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
+    clear = (np.linalg.norm(turn, axis=1) < ANOTHER_TURN) & good[1:] & good[:-1]
+    if len(t) < 2 or 2 * np.count_nonzero(clear) < np.count_nonzero(good[1:] & good[:-1]) or not clear.any():
+        return None
+    if frame == "world":
+        turn = np.einsum("nij,nj->ni", R[:-1], turn)
+    dt, first, second = np.diff(t, axis=0), omega[:-1], omega[1:]
+    change = np.diff(np.gradient(omega, t[:, 0], axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
+    twist = np.cross(first, second) * (1 if frame == "body" else -1)
+    mean = (first + second) / 2 + dt / 12 * (twist - change)
+    errors[1:] = np.where(clear, np.linalg.norm(turn / dt - mean, axis=1), 0.0)
+    return errors
+
+
+def disagreement(t: Array, R: Array, omega: Array, frame: str) -> float:
+    """The median of `kinematics`, relative to ω; NaN where it tells nothing."""
+    errors, speed = kinematics(t[:, None], R, omega, frame), size(omega)
+    return math.nan if errors is None or not speed else float(np.median(errors[1:])) / speed
 
 
 def turned(t: Array, omega: Array) -> Array:

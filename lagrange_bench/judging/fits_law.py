@@ -15,13 +15,15 @@ The terms T are what a program may add or leave out, and the coefficient a is th
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 
 from lagrange_bench.integrators import RigidBody
-from lagrange_bench.judging.fits import EACH, NEAR, ONE, SIGNED, Array, Model, common, numbers, size, triple
+from lagrange_bench.judging.findings import Finding, axis_name, numbers, say, triple
+from lagrange_bench.judging.fits import EACH, NEAR, ONE, PROPER, Array, Model, common, size
 
 # fewer rows tell no law
 FEWEST = 8
@@ -44,13 +46,14 @@ BASIS = np.array([(E + E.T) / (2 if i == j else 1) for i, j in SIX for E in [np.
 class Law(NamedTuple):
     """What rows obey.
 
-    body : v, nine numbers. word : the cause and a sentence on it, () for the body as it is, None for a body that was fitted.
+    body : v, nine numbers. other : what makes it another body than the claimed one. is_fitted : the rows gave it.
     terms : name → coefficient; of gravity all of g.
     """
 
     body: Array
-    word: tuple[str, ...] | None
-    terms: Mapping[str, float | Array]
+    other: Finding | None = None
+    is_fitted: bool = False
+    terms: Mapping[str, float | Array] = {}
 
 
 def tensor(body: RigidBody) -> Array:
@@ -135,11 +138,12 @@ def laws(windows: Windows) -> Iterator[Model]:
     """Models of the law: the claimed body with up to two terms, another one with at most one; the value is a `Law`."""
     single = [(name,) for name in windows.terms] + [("gravity",)] * windows.is_heavy
     pairs = [(*a, *b) for a, b in itertools.combinations(single, 2)]
-    yield Model(0.0, size(windows.X @ windows.claimed) / windows.scale, Law(windows.claimed, (), {}))
-    yield from with_terms(windows, 0.0, Law(windows.claimed, (), {}), [*single, *pairs])
+    claimed = Law(windows.claimed)
+    yield Model(0.0, size(windows.X @ windows.claimed) / windows.scale, claimed)
+    yield from with_terms(windows, 0.0, claimed, [*single, *pairs])
     for cost, law in bodies(windows):
         yield Model(cost, size(windows.X @ law.body) / windows.scale, law)
-        if law.word is not None:
+        if not law.is_fitted:
             yield from with_terms(windows, cost, law, [names for names in single if names[0] in ("damping", "gravity")])
 
 
@@ -186,23 +190,28 @@ def bodies(windows: Windows) -> Iterator[tuple[float, Law]]:
     """Other bodies that a program may have followed, and their costs."""
     I, mc, body = windows.I, windows.claimed[6:], windows.body
     some = 9 if np.any(body.gravity) else 6  # without gravity m c tells nothing
-    about = "the moments of inertia about the {} were taken for those about the {}"
-    diagonal, arm = np.diag(np.diag(I)), I - body.inertia_com
+    diagonal, arm, points = np.diag(np.diag(I)), I - body.inertia_com, ("fixed point", "centre of mass")
     others = [
-        (1.0, "moments", "the products of inertia are left out", diagonal, mc),
-        (1.0, "moments", "the products of inertia have the other sign", 2 * diagonal - I, mc),
-        (1.0, "moments", about.format("fixed point", "centre of mass"), I + arm, mc),
-        (1.0, "moments", about.format("centre of mass", "fixed point"), I - arm, mc),
+        (1.0, say("moments left-out"), diagonal, mc),
+        (1.0, say("moments sign"), 2 * diagonal - I, mc),
+        (1.0, say("moments point", one=points[0], other=points[1]), I + arm, mc),
+        (1.0, say("moments point", one=points[1], other=points[0]), I - arm, mc),
     ]
-    for P in SIGNED[np.linalg.det(SIGNED) > 0]:
+    for P in PROPER:
         J = P @ I @ P.T
-        text = f"the body has other axes, {triple(P.T)} of the rows, or its moments have changed places: {numbers(np.diag(J))}"
-        others.append((1.5, "body-axes", text, J, P @ mc))
-    for cost, cause, text, J, lever in others:
+        others.append((1.5, say("body-axes moments", axes=triple(P.T), moments=numbers(np.diag(J))), J, P @ mc))
+    for cost, finding, J, lever in others:
         v = vector(J, lever)
         if np.abs(v - windows.claimed)[:some].max() > NEAR * np.abs(windows.claimed[:some]).max():
-            yield cost, Law(v, (cause, text), {})
-    yield from ((2.0, Law(v, None, {})) for v in followed(windows))
+            yield cost, Law(v, finding)
+    for v in followed(windows):
+        I, products = moments(v), v[3:6]
+        has_products = np.abs(products).max() > NEAR * np.abs(I).max()
+        rest = f"products {numbers(products)}" if has_products else "no products"
+        verb = "keep the momentum"
+        if np.any(v[6:]):
+            verb, rest = "follow the law", f"{rest}, m c = ({numbers(v[6:])}) kg m"
+        yield 2.0, Law(v, say("moments", verb=verb, moments=numbers(np.diag(I)), rest=rest), is_fitted=True)
 
 
 def followed(windows: Windows) -> Iterator[Array]:
@@ -225,3 +234,36 @@ def followed(windows: Windows) -> Iterator[Array]:
         least, middle, most = np.linalg.eigvalsh(moments(v))
         if least > THIN * most and least + middle > (1 - SURPLUS) * most:
             yield v
+
+
+def of_law(law: Law, body: RigidBody) -> Iterator[Finding]:
+    """What is wrong with the body, and with each term."""
+    if law.other is not None:
+        yield law.other
+    for name, value in law.terms.items():
+        if name == "gravity":
+            yield of_gravity(np.asarray(value), body)
+        elif name == "torque":
+            yield say("gyroscopic-torque")
+        elif name == "explicit":
+            yield say("explicit-step", late=abs(value), side="before" if value > 0 else "after")
+        elif value > 0:
+            yield say("damping", rate=value)
+        else:
+            yield say("explicit-step grows", rate=-value)
+
+
+def of_gravity(g: Array, body: RigidBody) -> Finding:
+    """Another gravity, m/s²."""
+    was, strength, length = body.gravity, float(np.linalg.norm(body.gravity)), float(np.linalg.norm(g))
+    if length < NEAR * strength:
+        return say("gravity none")
+    share = float(g @ was) / strength**2 if strength else math.inf
+    if np.linalg.norm(np.cross(g, was)) > NEAR * strength * length:
+        up, is_as_strong = -g / length, abs(length / strength - 1) < NEAR
+        if is_as_strong and np.abs(up).max() > 1 - NEAR:
+            return say("world-axes gravity", axis=axis_name(up), down=axis_name(-up))
+        return say("gravity", g=numbers(g), was=numbers(was))
+    if abs(share + 1) < NEAR:
+        return say("gravity reversed")
+    return say("gravity share", length=length, share=share)

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.integrators import Case, RigidBody, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.judging.fits_kinematics import kinematics
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
@@ -29,8 +30,6 @@ GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omeg
 FALLS = 10
 # the largest |RᵀR − 1| of a rotation; more if the file has few digits
 OFF = 1e-3
-# rad: a larger turn between two rows may be the other way round
-ANOTHER_TURN = 2.8
 
 
 @dataclass(frozen=True)
@@ -297,39 +296,6 @@ class Frames:
         both, w, v = np.abs(vector @ self.axis), 1 + trace, 1 + 2 * along @ self.axis - trace
         spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
         return {"axis": _angle(along, self.axis), "rotation": rotation, "spin": spin}
-
-
-def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
-    """|Θ/dt − ω| from the row before to each row, rad/s, (N,): 0 in the first, and where a turn may be the other way round.
-
-    None where that may be most turns. Θ leads from one attitude to the next. The mean of ω is of fourth order in dt by Magnus:
-
-        ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
-    """
-    errors, turn = np.zeros(len(t)), turns(R)
-    good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
-    clear = (np.linalg.norm(turn, axis=1) < ANOTHER_TURN) & good[1:] & good[:-1]
-    if len(t) < 2 or 2 * np.count_nonzero(clear) < np.count_nonzero(good[1:] & good[:-1]) or not clear.any():
-        return None
-    if frame == "world":
-        turn = np.einsum("nij,nj->ni", R[:-1], turn)
-    dt, first, second = np.diff(t, axis=0), omega[:-1], omega[1:]
-    change = np.diff(np.gradient(omega, t[:, 0], axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
-    twist = np.cross(first, second) * (1 if frame == "body" else -1)
-    mean = (first + second) / 2 + dt / 12 * (twist - change)
-    errors[1:] = np.where(clear, np.linalg.norm(turn / dt - mean, axis=1), 0.0)
-    return errors
-
-
-def turns(R: Array) -> Array:
-    """The rotation vectors from each attitude to the next, in the body, (N − 1, 3); NaN beside a row with a NaN."""
-    steps = R[:-1].transpose(0, 2, 1) @ R[1:]
-    good = np.isfinite(steps).all((1, 2))
-    vectors = (
-        Rotation.from_matrix(np.where(good[:, None, None], steps, np.eye(3))).as_rotvec() if len(steps) else steps[:, 0]
-    )
-    vectors[~good] = np.nan
-    return vectors
 
 
 def into_body(R: Array, v: Array) -> Array:
