@@ -149,17 +149,20 @@ def page() -> str:
         for kind, rows in _WORDS.items()
         for names, factor in rows.items()
     ]
-    shapes = [
-        f"| {kind or 'no known word'} | {shape} | {'; '.join(orders)} |"
-        for kind, forms in SHAPES.items()
-        for shape, orders in forms
-    ]
+    orders_of: dict[str, dict[str, None]] = {}  # of each shape, in the order of SHAPES
+    for forms in SHAPES.values():
+        for shape, orders in forms:
+            orders_of.setdefault(shape.removeprefix("momentum of "), {}).update(dict.fromkeys(orders))
+    shapes_of: dict[str, list[str]] = {}
+    for shape, found in orders_of.items():
+        shapes_of.setdefault("; ".join(sorted(found)), []).append(shape)
+    components = [f"| {', '.join(shapes)} | {text} |" for text, shapes in shapes_of.items()]
     return f"""# Words that `judge` knows
 
-`lagrange-bench judge` splits a name into words: at capitals, points, slashes, underscores, brackets and blanks.
-`angularVelocity.x` is angular, velocity, x. It looks up each word, and two or three words that stand together. The longest that
-is known tells the quantity; of two as long, the first. So `linear_velocity` is a velocity, and `root_pos_w` a position. The last
-letter or number tells the component: `qw`, `pos_x`, `r11`, `q[0]`. This page is printed by `lagrange_bench.judging.names.page()`.
+For those whose columns `lagrange-bench judge` does not read as they mean them. It splits a name into words: at capitals, points,
+slashes, underscores, brackets and blanks; `angularVelocity.x` is angular, velocity, x. It looks up each word, and two or three that
+stand together. The longest that is known tells the quantity; of two as long, the first. The last letter or number tells the
+component: `qw`, `pos_x`, `r11`, `q[0]`. `--columns` and `--units` say what is not here.
 
 (ang angular) (vel velocity) stands for ang vel, ang velocity, angular vel and angular velocity.
 
@@ -173,19 +176,17 @@ Behind the quantity some words tell the frame, unless you say `--omega`:
 |---|---|
 {chr(10).join(frames)}
 
-Components that make a quantity complete, in this order:
+These components make a quantity complete. The quantity tells which of them may belong to it:
 
-| word | is read as | components |
-|---|---|---|
-{chr(10).join(shapes)}
+| is read as | components |
+|---|---|
+{chr(10).join(components)}
 
-Units stand in brackets, at the end of a name, or in a row below the names:
+Units stand in brackets, at the end of a name, or in a row below the names. Two of them make a speed: deg/s, rad/ms, mm/s.
 
 | words | unit |
 |---|---|
 {chr(10).join(units)}
-
-Two of these make a speed: deg/s, rad/ms, mm/s. Whatever is not here, `--columns` and `--units` say.
 """
 
 

@@ -1,6 +1,7 @@
 """`python -m lagrange_bench.report.readme` writes what was measured, and the picture, into README and docs."""
 
 import hashlib
+import re
 from pathlib import Path
 
 import numpy as np
@@ -33,14 +34,21 @@ def answers(judged: list[page.Judged]) -> str:
 
 
 def all_claims(judged: list[page.Judged]) -> str:
-    """Every claim, a Markdown table for each group: the sentence, measured, required, verdict, experiment."""
+    """Every claim, a Markdown table for each group: its first sentence, measured, required, experiment."""
     lines: list[str] = []
     for group, members in grouped(judged):
-        head = "| claim | measured | required | | experiment |"
-        lines += ["", f"## {group.capitalize()}", "", head, "|---|---|---|---|---|"]
+        lines += [
+            "",
+            f"## {group.capitalize()}",
+            "",
+            "| claim | measured | required | experiment |",
+            "|---|---|---|---|",
+        ]
         for each in members:
-            text = tables.numbers_in(each.claim.text).replace("|", "\\|")
-            lines.append(f"| {text} | {numbers(each)} | {each.verdict.word} | `{each.claim.experiment}` |")
+            first = re.split(r"(?<=[.]) ", each.claim.text, maxsplit=1)[0]
+            text = tables.numbers_in(first).replace("|", "\\|")
+            verdict = "" if each.verdict.word == CONFIRMED else f" (**{each.verdict.word}**)"
+            lines.append(f"| {text}{verdict} | {numbers(each)} | `{each.claim.experiment}` |")
     return "\n".join(lines[1:])
 
 
