@@ -159,6 +159,156 @@ def page() -> str:
     components = [f"| {', '.join(shapes)} | {text} |" for text, shapes in shapes_of.items()]
     return f"""# Words that `judge` knows
 
+
+
+(ang angular) (vel velocity) stands for ang vel, ang velocity, angular vel, angular velocity
+QUANTITIES = {
+    "time": "t, ts, tout, time, timestamp, timestamps, stamp, simtime, seconds, elapsed",
+    "position": """p, t, pos, position, positions, trans, translate, translation, translations, location, coord, coords,
+        coordinate, coordinates, (center centre) of mass, (cm com cg) (pos position), r 0""",
+    "displacement": "u, disp, displ, displacement, displacements",
+    "quaternion": """q, qb, qn, qbn, e, ep, quat, quats, quaternion, quaternions, versor,
+        euler (param params parameter parameters)""",
+    "matrix": "m, c, dcm, mat, matrix, rotmat, (rot rotation) (mat matrix), r t",
+    "rotation vector": "rv, rvec, rotvec, (rot rotation) (vec vector), expmap, exp map",
+    "rotation vector or position": "r",
+    "mrp": "mrp, mrps, sigma, rodrigues",
+    "axis and angle": "axis, axes, axisangle, axis angle",
+    "angles": "euler, angle, angles, rpy, ypr, tilt, theta, phi, psi, chi",
+    "attitude": "rot, rotate, rotation, rotations, ori, orn, orin, orient, orientation, orientations, att, attitude",
+    "omega": """w, wb, wn, wbn, om, omega, omegas, gyr, gyro, gyros, gyroscope, angular, avel, angvel, rate, rates,
+        (ang angular angle rot rotation rotational) (vel velocity velocities rate rates speed),
+        (euler attitude body) (rate rates)""",
+    "gyro": "g",
+    "momentum": "l, angmom, amom, (ang angular) (mom momentum momenta)",
+    "velocity": "v, vel, velocity, velocities, lin, linear, linvel, speed, (lin linear) (vel velocity)",
+    "qpos": "qpos",
+    "qvel": "qvel",
+    # a position only where no other word tells the quantity
+    "point": "com, cg, cm, loc, center, centre, origin",
+    # what else has components
+    "": """a, f, h, j, b w, b a, force, forces, torque, torques, tau, moment, moments, mom, momentum, linear momentum,
+        impulse, mag, magn, magnetic, magnetometer, scale, size, bias, biases, jerk, gravity, dir, direction, forward, up, ang,
+        alpha, spin, basis, normal, normals, contact, energy, inertia, inertias,
+        (center centre) of (rotation gravity pressure)""",
+    # a name with one of these is not of the run, or of a derivative, whatever else it says
+    "never": """err, error, errors, target, desired, command, commanded, cmd, ref, reference, cov, covariance, std, true, truth,
+        exact, expected, dot, ddot, wdot, qdot, omegadot, domega, dw, dq, delta, acc, accel, acceleration, accelerations,
+        accelerometer, linacc, angacc""",
+}
+# behind the quantity, these tell the frame of ω
+FRAMES = {"body": ("body", "local", "loc", "b"), "world": ("world", "global", "inertial", "w")}
+ABOUT = {*FRAMES["body"], *FRAMES["world"], "com", "cg", "base", "map", "odom"}  # may stand in brackets
+
+
+def _phrases(text: str) -> Iterator[str]:
+    """The phrases of a line of `QUANTITIES`."""
+    for phrase in text.split(","):
+        choices = [words.strip("()").split() for words in re.findall(r"\([^)]*\)|\S+", phrase)]
+        yield from map(" ".join, itertools.product(*choices))
+
+
+# word, or words that stand together → quantity
+MEANING = {phrase: quantity for quantity, text in QUANTITIES.items() if quantity != "time" for phrase in _phrases(text)}
+CLOCKS = set(_phrases(QUANTITIES["time"]))
+NO_CLOCK = {"step", "steps", "factor", "wall", "cpu", "real", "delta", "derivative", "offset"}
+LONGEST = 3  # words of a phrase
+
+
+class Unit(NamedTuple):
+    """What it measures: s, m, rad, rad/s, m/s or 1; and the factor that leads to it."""
+
+    kind: str
+    factor: float
+
+
+_WORDS = {
+    "s": {
+        "s sec secs second seconds": 1.0,
+        "ms msec msecs millis millisecond milliseconds": 1e-3,
+        "us usec usecs micros microsecond microseconds": 1e-6,
+        "ns nsec nsecs nanos nanosec nanosecs nanosecond nanoseconds": 1e-9,
+        "ps picosecond picoseconds": 1e-12,
+        "fs femtosecond femtoseconds": 1e-15,
+        "min mins minute minutes": 60.0,
+        "h hr hrs hour hours": 3600.0,
+        "d day days": 86400.0,
+    },
+    "m": {
+        "m meter meters metre metres": 1.0,
+        "cm centimeter centimeters centimetre centimetres": 1e-2,
+        "mm millimeter millimeters millimetre millimetres": 1e-3,
+        "um micron microns micrometer micrometers": 1e-6,
+        "nm nanometer nanometers": 1e-9,
+        "å angstrom angstroms": 1e-10,
+        "km kilometer kilometers": 1e3,
+        "in inch inches": 0.0254,
+        "ft foot feet": 0.3048,
+    },
+    "rad": {
+        "rad rads radian radians": 1.0,
+        "mrad": 1e-3,
+        "deg degs degree degrees": tau / 360,
+        "rev revs revolution revolutions turn turns": tau,
+    },
+    "rad/s": {"rpm": tau / 60, "dps degps": tau / 360, "hz": tau, "1/s": 1.0},
+    "1": {"- 1 none unitless dimensionless": 1.0},
+}
+UNITS = {
+    name: Unit(kind, factor)
+    for kind, rows in _WORDS.items()
+    for names, factor in rows.items()
+    for name in names.split()
+}
+# what may stand behind a name without brackets; other words mean too much else, such as the "in" of "in_world", or the "cm" of
+# a centre of mass
+SUFFIXES = set(UNITS) - {"-", "1", "none", "in", "h", "d", "min", "turn", "turns", "hz", "å", "cm"}
+EXPECTED = {"time": "s", "position": "m", "displacement": "m", "points": "m", "omega": "rad/s"}
+EXPECTED |= dict.fromkeys(("angles", "rotation vector", "axis and angle"), "rad")
+# letters that stand for names
+PLAIN = str.maketrans(dict(zip("₀₁₂₃₄₅₆₇₈₉", "0123456789", strict=True)))
+PLAIN |= str.maketrans({"ω": "omega", "Ω": "omega", "θ": "theta", "φ": "phi", "ϕ": "phi", "ψ": "psi", "σ": "sigma"})
+
+
+def unit_of(text: str) -> Unit | None:
+    """The unit that a text names, such as mm, °/s, deg s^-1 or radians per second; None if it names none."""
+    word = text.strip().lower().replace("°", "deg").replace("µ", "u").replace("μ", "u").replace("·", " ")
+    word = re.sub(r"\s*(\bper\b|/)\s*", "/", word)
+    word = re.sub(r"[\s.*_]+(s|sec|min)(\^?-1|\^\(-1\)|\*\*-1|⁻¹)$", r"/\1", word)
+    if word in UNITS:
+        return UNITS[word]
+    above, _, below = (UNITS.get(part) for part in word.partition("/"))
+    if above and below and below.kind == "s" and above.kind in ("rad", "m"):
+        return Unit(above.kind + "/s", above.factor / below.factor)
+    return None
+
+
+def page() -> str:
+    """The text of docs/names.md."""
+    told = {
+        "": "not judged",
+        "never": "not judged, whatever else the name says",
+        "point": "position, if no other word is known",
+    }
+    meanings = [
+        f"| {' '.join(text.split())} | {told.get(quantity, quantity)} |" for quantity, text in QUANTITIES.items()
+    ]
+    frames = [f"| {', '.join(words)} | ω in the {frame} |" for frame, words in FRAMES.items()]
+    units = [
+        f"| {', '.join(names.split())} | {factor:.10g} {kind} |"
+        for kind, rows in _WORDS.items()
+        for names, factor in rows.items()
+    ]
+    orders_of: dict[str, dict[str, None]] = {}  # of each shape, in the order of SHAPES
+    for forms in SHAPES.values():
+        for shape, orders in forms:
+            orders_of.setdefault(shape.removeprefix("momentum of "), {}).update(dict.fromkeys(orders))
+    shapes_of: dict[str, list[str]] = {}
+    for shape, found in orders_of.items():
+        shapes_of.setdefault("; ".join(sorted(found)), []).append(shape)
+    components = [f"| {', '.join(shapes)} | {text} |" for text, shapes in shapes_of.items()]
+    return f"""# Words that `judge` knows
+
 For those whose columns `lagrange-bench judge` does not read as they mean them. It splits a name into words: at capitals, points,
 slashes, underscores, brackets and blanks; `angularVelocity.x` is angular, velocity, x. It looks up each word, and two or three that
 stand together. The longest that is known tells the quantity; of two as long, the first. The last letter or number tells the
@@ -182,7 +332,7 @@ These components make a quantity complete. The quantity tells which of them may 
 |---|---|
 {chr(10).join(components)}
 
-Units stand in brackets, at the end of a name, or in a row below the names. Two of them make a speed: deg/s, rad/ms, mm/s.
+Units stand in brackets, at the end of a name, or in a row below the names. Two make a speed: deg/s, rad/ms, mm/s.
 
 | words | unit |
 |---|---|
