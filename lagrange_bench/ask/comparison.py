@@ -35,8 +35,8 @@ LABELS = {
     "total": "wall time of the run with set-up, s",
     "setup_seconds": "time of set-up, s",
     "evals": "evaluations of the right-hand side",
-    "time": "error of the nutation phase, in time scales",
-    "angle": "error of the precession phase, rad",
+    "time": "phase error, in time scales",
+    "angle": "error of the precession, rad",
     "off": "error off the torus",
     "position": "error of the position, m",
     "rotation": "error of the rotation, rad",
@@ -129,7 +129,7 @@ class Comparison:
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
         names : bool
-            Whether each panel has a legend.
+            Whether there is a legend: below a new figure, in each panel of your own.
         **look : dict
             Options of matplotlib's `plot` for all lines, such as `linestyle="--"` on a second axis.
 
@@ -156,13 +156,16 @@ class Comparison:
             for place, one in enumerate(axes):
                 here = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
                 self._draw(one, here, x, y, look)
-                if names:
+                if names and ax is not None:
                     one.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
-                if any(twin.get_title() == title for twin in style.twins(one)):
+                twins = [each for each in one.figure.axes if each is not one and each.bbox.bounds == one.bbox.bounds]
+                if any(twin.get_title() == title for twin in twins):
                     title = ""  # twice in one place it would look bold
                 one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
                 style.set_limits(one, limits)
+            if names and ax is None:
+                style.legend_below(axes[0].figure)
         return axes[0] if len(axes) == 1 else np.array(axes)
 
     def _rows(self, x: str, y: str, methods: Names, tops: Names) -> pd.DataFrame:

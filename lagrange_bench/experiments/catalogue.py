@@ -13,7 +13,6 @@ from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.support.words import suggestion
 
 SCALED = ("h", "span")  # times in a cell
-MERGED = {"round_off": "drift", "driven": "perturbed"}
 GROUP = "lagrange_bench.experiments"  # of entry points: name = package.module
 
 
@@ -50,10 +49,6 @@ def load(name: str) -> ModuleType:
     elif name in installed():
         path = installed()[name].module
     else:
-        if name in MERGED:
-            raise UnknownExperiment(
-                f"{name!r} is a part of {MERGED[name]!r} since 0.3.0: run that, and delete {name}.jsonl from results of your own"
-            )
         known = [*EXPERIMENTS, *installed()]
         own = (
             f"; a file of your own needs a folder: study/{name}.py is study.{name}"

@@ -1,15 +1,9 @@
-"""Cost: how much time do a step, a unit of time, a set-up and a compilation take?
+"""Cost: how much time do a step, a unit of time and a set-up take?
 
-Timing cells run one at a time in one process. Samples are calibrated and repeated; quote the minimum. Compilation is timed in
-fresh processes, first with an empty cache, then with the filled one. The headline runs the exact Bäcklund step and heyoka in
-turn, over the same time, from the same state. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+Timing cells run one at a time in one process. Samples are calibrated and repeated; quote the minimum. The headline runs the exact
+Bäcklund step and heyoka in turn, over the same time, from the same state. Times and steps are in units of
+1/(|J| + √(|alpha||x|)).
 """
-
-import json
-import os
-import subprocess
-import sys
-import tempfile
 
 import numpy as np
 import pandas as pd
@@ -30,13 +24,12 @@ from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact
 
 VERSION = 4
-SCALED_TIMES = ("step", "periods", "start")  # parts
+SCALED_TIMES = ("step", "periods")  # parts
 A_STEP = ("ns_per_step", "ns_per_step_median", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
           "rejected_per_step", "setup_us")  # fmt: skip
 MEASURED = {
     "step": A_STEP,
     "periods": A_STEP,
-    "start": ("import_s", "first_s", "second_s"),
     "headline": ("h", "steps", "backlund_s", "heyoka_s", "ratio", "adapter_ratio", "backlund_error", "heyoka_error"),
 }
 
@@ -47,7 +40,6 @@ ROUNDS = {"quick": 1, "full": 2}
 REPEATS = 5
 EXACT = ("backlund", "backlund_unpinned")
 PERIODS = {"quick": (1.0,), "full": (0.3, 0.49, 0.51, 1.0, 1.3, 2.5)}  # steps of the exact ones, in nutation periods
-START = {"quick": ("backlund", "taylor"), "full": ()}  # (): all methods
 HEADLINE_TIME = 1e6  # of cells without a `time`
 HEADLINES = {  # h as a fraction of the nutation period
     "quick": ({"fraction": 0.5, "time": 1e5},),
@@ -67,14 +59,12 @@ def cells(profile: str) -> list[dict]:
             ]
     for name in EXACT:
         listed += [{"part": "periods", "method": name, "periods": p, "repeats": REPEATS} for p in PERIODS[profile]]
-    listed += [{"part": "start", "method": method} for method in START[profile] or methods_on()]
     listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
     return [{"timing": True, **cell} for cell in listed]
 
 
 def measure(cell: dict) -> list[dict]:
-    parts = {"step": _measure_step, "periods": _measure_step, "start": _measure_start, "headline": _measure_headline}
-    return parts[cell["part"]](cell)
+    return _measure_headline(cell) if cell["part"] == "headline" else _measure_step(cell)
 
 
 def _measure_step(cell: dict) -> list[dict]:
@@ -108,36 +98,6 @@ def _kind(method: Method) -> str:
     if interpreted(method):
         return "implicit" if method.family == "implicit" else "interpreted"
     return method.control
-
-
-PROBE = """
-import json, sys, time
-start = time.perf_counter()
-from lagrange_bench.integrators import TOPS, prepare
-imported = time.perf_counter()
-named = TOPS["generic"]
-seconds = []
-for _ in range(2):
-    begin = time.perf_counter()
-    prepare(named.top, named.state, 0.1, sys.argv[1]).advance(named.state, 1)
-    seconds.append(time.perf_counter() - begin)
-print(json.dumps({"import_s": imported - start, "first_s": seconds[0], "second_s": seconds[1]}))
-"""
-
-
-def _measure_start(cell: dict) -> list[dict]:
-    """Time import, first and second use in two fresh processes: one with empty caches, one with full ones."""
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "LAGRANGE_BENCH_CACHE": folder, "HEYOKA_CACHE_DIR": folder}
-        for cached in (False, True):
-            command = [sys.executable, "-c", PROBE, cell["method"]]
-            done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise RuntimeError(f"the probe process failed: {done.stderr.strip().splitlines()[-1:]}")
-            measured = json.loads(done.stdout.splitlines()[-1])
-            rows.append({"cached": cached, **{name: rounded(value) for name, value in measured.items()}})
-    return rows
 
 
 def _measure_headline(cell: dict) -> list[dict]:
@@ -218,36 +178,6 @@ def steps(rows: pd.DataFrame) -> pd.DataFrame:
     return quickest(rows)[["method", *columns, *measured]].dropna(axis=1, how="all")
 
 
-@of_part(
-    "periods",
-    "What a long exact step costs, its length in nutation periods: nanoseconds per step, and the set-up of a stepper in µs",
-)
-def periods(rows: pd.DataFrame) -> pd.DataFrame:
-    return rows[["method", "periods", "ns_per_step", "setup_us"]]
-
-
-@of_part(
-    "start", "What the first use costs, in seconds: import, first use with and without cached machine code, second use"
-)
-def start(rows: pd.DataFrame) -> pd.DataFrame:
-    fresh, cached = (rows[rows.cached.eq(known)].set_index("method") for known in (False, True))
-    first, second = "first use, nothing cached, s", "first use, cached, s"
-    columns = {"import, s": cached.import_s, first: fresh.first_s, second: cached.first_s}
-    columns["second use, s"] = cached.second_s
-    return pd.DataFrame(columns).reindex(rows.method.unique()).reset_index()
-
-
-@of_part(
-    "headline",
-    "The exact step and heyoka's Taylor series at machine precision over the same time: seconds, their ratio, that of heyoka "
-    "through this bench to heyoka called directly (adapter), and the errors at the end. h is in units of the top's time scale",
-)
-def headline(rows: pd.DataFrame) -> pd.DataFrame:
-    ends = ["ratio", "adapter_ratio", "backlund_error", "heyoka_error"]
-    columns = ["fraction", "h", "steps", "backlund_s", "heyoka_s", *ends]
-    return rows[columns].rename(columns={"fraction": "h / nutation period"})
-
-
 PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
@@ -272,8 +202,6 @@ def _draw_steps(steps: pd.DataFrame, style):
             if style.family(names[first]) != style.family(names[second]):
                 ax.axhline(places[first] - 0.5, color="#d5d5d5", linewidth=0.6)
     axes[0].set_yticks(places, [style.plain(style.label(name)) for name in names])
-    for tick, name in zip(axes[0].get_yticklabels(), names, strict=True):
-        tick.set(color=style.readable(style.bold(name)["color"]), fontsize=6.5)
     axes[0].set_ylim(-0.7, len(names) - 0.3)
     fig.caption = (
         "What a step and a set-up cost, by family: the dot is the least of all step sizes or tolerances tried, the bar "
@@ -283,5 +211,5 @@ def _draw_steps(steps: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(steps, periods, start, headline)
+tables = tabulated(steps)
 draw = drawn(steps=_draw_steps)

@@ -7,13 +7,13 @@ is followed, too.
 
 The part `h` varies h at a fixed length of run. The part `long` takes exact Bäcklund steps of about half a nutation period and
 more, on tops of every kind. The part `form` compares ways to write the exact Bäcklund step, which are the same map but for
-rounding: how the errors grow, and how far the phase is off. The part `form_cost` times them. The part `longest` takes a thousand
-million exact steps, and gives heyoka the same wall time. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+rounding: how the errors grow, and how far the phase is off. The part `longest` takes a thousand million exact steps, and gives
+heyoka the same wall time. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from itertools import product
 from time import perf_counter
 from typing import Any
 
@@ -22,7 +22,7 @@ import pandas as pd
 
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
-from lagrange_bench.experiments.measuring import metrics, states, timing
+from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
@@ -66,9 +66,8 @@ def program(top, y0, h):
     return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))
 
 
-PROGRAM = "paper's program"
 FORMS: dict[str, Callable[..., Any]] = {
-    PROGRAM: program,
+    "paper's program": program,
     "increments": exact_map(real_map.step),
     "x turned": exact_map(real_map.turning_step),
     "compensated": exact_map(real_map.compensated_step),
@@ -87,7 +86,6 @@ MEASURED = {  # part → the numbers that each of its rows must have, see `reduc
     "h": INVARIANTS,
     "long": ("fraction", *INVARIANTS),
     "form": FORM_ERRORS,
-    "form_cost": ("ns_per_step", "ns_per_step_median"),
     "longest": FORM_ERRORS,
 }
 
@@ -99,17 +97,12 @@ SPAN = 10**4  # length of the runs against h
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
 LONG_TOPS = {"quick": 16, "full": len(states.WIDE)}  # how many tops take long steps
-LONG_STEPS = {"quick": 10**4, "full": 10**6}  # how many long steps each takes, of each method and each form
-FORM_STEPS = {"quick": {STEP: 2 * 10**4}, "full": {STEP: 10**7, 1.0: 2 * 10**6}}  # h → how many steps each form takes
-FORM_STATE = "generic"  # of the timed steps, and of the longest run
+LONG_STEPS = {"quick": 10**4, "full": 10**6}  # how many long steps each takes
+FORM_STEPS = {"quick": 2 * 10**4, "full": 10**7}  # how many steps each form takes
 LONGEST = {"quick": 10**6, "full": 10**9}  # steps of the longest run
 
 
 def cells(profile: str) -> list[dict]:
-    return _cells_of_methods(profile) + _cells_of_forms(profile)
-
-
-def _cells_of_methods(profile: str) -> list[dict]:
     methods, full = states.methods_on(), profile == "full"
     listed = []
     # state by state, so that two workers do not compile the same method at the same time
@@ -124,38 +117,22 @@ def _cells_of_methods(profile: str) -> list[dict]:
         for name in (name for name, method in methods.items() if method.control == "step"):
             for h in SIZES[profile]:
                 listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
-    exact_steps = [name for name, method in methods.items() if method.family == "backlund" and method.order is None]
+    # pins hide what long steps do
     for state in states.WIDE[: LONG_TOPS[profile]]:
-        for name in exact_steps:
-            listed.append({"part": "long", "method": name, "state": state, "steps": LONG_STEPS[profile]})
-    return listed
-
-
-def _cells_of_forms(profile: str) -> list[dict]:
-    sizes = FORM_STEPS[profile]
-    runs = [(form, {"h": h}, steps) for h, steps in sizes.items() for form in FORMS]
-    # the paper's program has no turn about e3, which long steps need
-    long = [form for form in FORMS if form != PROGRAM]
-    runs += [(form, {"fraction": fraction}, LONG_STEPS[profile]) for fraction in FRACTIONS for form in long]
-    listed: list[dict] = [
-        {"part": "form", "form": form, "state": state, **step, "steps": steps}
-        for form, step, steps in runs
-        for state in states.RANDOM
-    ]
-    listed += [{"part": "form_cost", "timing": True, "h": h} for h in sizes]
-    longest = {"part": "longest", "timing": True, "state": FORM_STATE, "h": STEP, "steps": LONGEST[profile]}
+        listed.append({"part": "long", "method": "backlund_unpinned", "state": state, "steps": LONG_STEPS[profile]})
+    for form, state in product(FORMS, states.RANDOM):
+        listed.append({"part": "form", "form": form, "state": state, "h": STEP, "steps": FORM_STEPS[profile]})
+    longest = {"part": "longest", "timing": True, "state": "generic", "h": STEP, "steps": LONGEST[profile]}
     return [*listed, longest]
 
 
 def measure(cell: dict) -> list[dict]:
     part = cell["part"]
-    if part == "form_cost":
-        return _form_cost(cell["h"])
     top, y0 = states.of_cell(cell)
     if part == "long":
         period, counts = exact.nutation_period(top, y0), states.log_counts(cell["steps"], per_octave=1)
         return [{"fraction": f, **_largest(cell, top, y0, f * period, counts)} for f in FRACTIONS]
-    h = cell["fraction"] * exact.nutation_period(top, y0) if "fraction" in cell else cell["h"] * top.scales(y0)[2]
+    h = cell["h"] * top.scales(y0)[2]
     if part == "longest":
         return _longest(top, y0, h, states.log_counts(cell["steps"], per_octave=1))
     steps = round(cell["span"] / cell["h"]) if part == "h" else cell["steps"]
@@ -216,23 +193,6 @@ def _errors(top, y0: Array, times: Array, after: Array, truth: Array) -> list[di
     columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     columns["error"] = metrics.scaled_error(top, y0, after, truth)
     return states.as_rows(columns)
-
-
-def _form_cost(h_scaled: float) -> list[dict]:
-    """Time all forms in turn in one process."""
-    top, y0 = states.find(FORM_STATE)
-    h, n = h_scaled * top.scales(y0)[2], 20_000
-    runs = {name: partial(build(top, y0, h).advance, y0, n) for name, build in FORMS.items()}
-    timed = timing.interleave(runs, min_time=0.01, repeats=7)
-    return [
-        {
-            "form": name,
-            "ns_per_step": states.rounded(t.min / n * 1e9),
-            "ns_per_step_median": states.rounded(t.median / n * 1e9),
-            "samples_ns": [states.rounded(sample / n * 1e9) for sample in t.samples],
-        }
-        for name, t in timed.items()
-    ]
 
 
 def _longest(top, y0: Array, h: float, counts: list[int]) -> list[dict]:
@@ -335,44 +295,20 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part("time", "Largest relative error of H, J3, C1 and C2 on the named tops, and the top where it is")
-def named_tops(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each method."""
-    named = rows[rows.state.isin(TOPS)].reset_index(drop=True)
-    named = named.assign(error=worst(named, INVARIANTS).fillna(np.inf))
-    table = named.loc[named.groupby("method", sort=False).error.idxmax(), ["method", "steps", "error", "state"]]
-    return table.rename(columns={"error": "largest error", "state": "worst top"})
-
-
-@of_part("long", "Largest relative error of each invariant where steps are long: tops of every kind")
-def long_steps(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each method and each length of step."""
-    grouped = rows.groupby(["method", "fraction"], sort=False)
-    table = grouped[list(INVARIANTS)].agg(largest)
-    table.insert(0, "tops", grouped.state.nunique())
-    table.insert(1, "steps", grouped.steps.max())
-    return table.reset_index().rename(columns={"fraction": "step / nutation period"})
-
-
 @of_part(
-    "",
-    "Ways to write a step: largest relative error of each invariant, exponent of its growth, phase error, "
-    "nanoseconds a step. Exponent 0: bounded, ½: a random walk, 1: drift",
+    "form",
+    "Ways to write a step: largest relative error of each invariant, exponent of its growth, phase error. Exponent 0: bounded, "
+    "½: a random walk, 1: drift",
 )
 def forms(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each form and each step."""
-    runs, cost = indexed(rows[rows.part == "form"]), rows[rows.part == "form_cost"]
-    if runs.empty:
-        return runs
-    runs = runs.assign(fraction=runs.get("fraction", np.nan))
     table = []
-    for (h, fraction, form), group in runs.groupby(["h", "fraction", "form"], sort=False, dropna=False):
-        row: dict[str, Any] = {"form": form, "h": h, "nutation periods": fraction, "steps": group.steps.max()}
+    for (h, form), group in indexed(rows).groupby(["h", "form"], sort=False):
+        row: dict[str, Any] = {"form": form, "h": h, "steps": group.steps.max()}
         for name, most, growth in _growth(group, list(FORM_INVARIANTS)):
             row |= {f"largest error of {name}": most, f"exponent of {name}": growth.p}
         last = group[group.t_index == group.t_index.max()]
         row["phase error / t"] = float(np.sqrt(np.mean(np.square((last.time / last.t).to_numpy()))))
-        row["ns per step"] = cost[(cost.form == form) & (cost.h == h)].ns_per_step.min() if len(cost) else np.nan
         table.append(row)
     return pd.DataFrame(table)
 
@@ -423,31 +359,22 @@ def _draw_h(rows: pd.DataFrame, style):
 
 @of_part("form")
 def _draw_forms(rows: pd.DataFrame, style):
-    from matplotlib import colormaps
-
-    h = rows.h.min()
-    runs = indexed(rows[rows.h == h]).assign(worst=worst(rows, FORM_INVARIANTS))
-    names = [form for form in FORMS if (runs.form == form).any()]
-    shades = {False: colormaps["viridis"], True: colormaps["Oranges"]}
+    runs = indexed(rows[rows.h == rows.h.min()]).assign(worst=worst(rows, FORM_INVARIANTS))
     fig, axes = style.figure("page", 2.9, ncols=2)
-    panels = (("worst", "largest error of H, C1, C2"), ("time", "phase (time) error"))
-    for ax, (what, text) in zip(axes, panels, strict=True):
-        for i, form in enumerate(names):
-            run = runs[runs.form == form]
-            line = _rms(run, what, [run.t_index])
-            pinned = form.startswith("pinned")
-            colour = shades[pinned](0.5 + 0.05 * i if pinned else 0.7 * i / len(names))
-            look = {"color": colour, "linestyle": style.DASHES[i % len(style.DASHES)], "linewidth": 1.0}
-            ax.loglog(line.t, line.error, **look, label=form)
+    panels = {"worst": "largest error of H, C1, C2", "time": "phase (time) error"}
+    for ax, (name, text) in zip(axes, panels.items(), strict=True):
+        for form, run in runs.groupby("form", sort=False):
+            line = _rms(run, name, [run.t_index])
+            ax.loglog(line.t, line.error, label=form, linewidth=0.8 if str(form).startswith("pinned") else 1.6)
         ax.set(xlabel=style.TIME, ylabel=text)
-        if what != "time":
-            style.ulp_line(ax)
+        style.ulp_line(ax)
     style.legend_below(fig)
     fig.caption = (
-        f"The exact Bäcklund step in different forms, root mean square over {runs.state.nunique()} tops, h = {show(h)}: the "
-        "worst relative error of its invariants, and the phase error, in units of 1/(|J| + √(|α||x|)). Increments: the change of "
-        "x is added; turned: x is turned about a vector made exactly long. Compensated: what an addition rounds off goes into "
-        "the next. Pinned (orange): moved back onto the invariants. The thin line is one ulp."
+        f"The exact Bäcklund step in different forms, root mean square over {runs.state.nunique()} tops, h = "
+        f"{show(runs.h.iloc[0])}: the worst relative error of its invariants, and the phase error, in units of "
+        "1/(|J| + √(|α||x|)). Increments: the change of x is added; turned: x is turned about a vector made exactly long. "
+        "Compensated: what an addition rounds off goes into the next. Pinned (thin): moved back onto the invariants. The grey "
+        "line is one ulp."
     )
     return fig
 
@@ -475,5 +402,5 @@ def _draw_longest(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(verdicts, named_tops, long_steps, forms)
+tables = tabulated(verdicts, forms)
 draw = drawn(time=_draw_time, h=_draw_h, form=_draw_forms, longest=_draw_longest)

@@ -2,12 +2,11 @@
 
 The rivals are heyoka in batch mode, and splittings and a Runge-Kutta formula, one top after another. (In SIMD lanes, which the
 bench once had for them, they took 0.1 to 0.4 of this time.) All cover the same time with tops of the same kind. Nanoseconds per
-top and unit of time, with set-up, are shown against the error. One jump to a far time is a row of its own. Times are in the units
+top and unit of time, with set-up, are shown against the error. Times are in the units
 of the tops: alpha in [0.3, 2], each J in [−2, 2], |x| in [0.5, 2].
 """
 
-from collections.abc import Callable, Iterable
-from functools import partial
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,11 +19,9 @@ from lagrange_bench.experiments.measuring.states import options_of, rounded, tru
 from lagrange_bench.integrators import METHODS, LagrangeTop, StepError, integrate_ensemble
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.taylor import equations
-from lagrange_bench.integrators.truth import exact
 
 VERSION = 3
-COST = ("us_per_top", "ns_per_time", "error", "largest_error")
-MEASURED = {"rival": COST, "jump": COST}
+MEASURED = {"rival": ("us_per_top", "ns_per_time", "error", "largest_error")}
 
 RIVALS = {"numba": 128, "heyoka": 64}  # how many tops, by engine
 JUDGED = 8  # errors are measured on the first so many tops
@@ -49,13 +46,8 @@ def cells(profile: str) -> list[dict]:
     for method, values in TRIED[profile].items():
         tops = RIVALS[METHODS[method].engine]
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
-        listed += [{**run, METHODS[method].accuracy_option: value} for value in values]
-    listed.append({"part": "jump", "method": "backlund", "tops": RIVALS["numba"], "span": SPAN})
-    return [{"timing": True, **cell} for cell in listed]
-
-
-def measure(cell: dict) -> list[dict]:
-    return [_measure_jump(cell) if cell["part"] == "jump" else _measure_rival(cell)]
+        listed += [{"timing": True, **run, METHODS[method].accuracy_option: value} for value in values]
+    return listed
 
 
 def alphas_and_states(n: int) -> tuple[Array, Array]:
@@ -88,46 +80,26 @@ def follow_in_batches(alphas: Array, Y: Array, span: float, tol: float) -> Calla
     return run
 
 
-def _measure_rival(cell: dict) -> dict:
+def measure(cell: dict) -> list[dict]:
+    """The cost on one core, and errors of the first JUDGED tops."""
     alphas, Y = alphas_and_states(cell["tops"])
     span, h = cell["span"], cell.get("h", cell["span"])
     steps, options = round(span / h), options_of(cell)
-    top = LagrangeTop(alphas)
+    top, method = LagrangeTop(alphas), METHODS[cell["method"]]
 
     def run() -> Any:
         return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
 
-    if cell["method"] == "taylor":
+    if method.name == "taylor":
         run = follow_in_batches(alphas, Y, span, **options)
-    right = partial(truth, method=METHODS[cell["method"]], h=span / steps, counts=[steps])
-    return _judged(run, lambda one, y0: right(one, y0)[0], map(LagrangeTop, alphas), Y, span)
-
-
-def _measure_jump(cell: dict) -> dict:
-    (alphas, Y), span = alphas_and_states(cell["tops"]), cell["span"]
-    top = LagrangeTop(alphas)
-
-    def run() -> Array:
-        return integrate_ensemble(top, Y, t=[span], threads=1)[0]
-
-    return _judged(run, lambda one, y0: exact.solution(one, y0, span), map(LagrangeTop, alphas), Y, span)
-
-
-def _judged(
-    run: Callable[[], Any], right: Callable[..., Array], ones: Iterable[Any], Y: Array, span: float
-) -> dict[str, float]:
-    """Cost on one core, and errors of the first JUDGED tops of `ones`. right : (top, y0) → its true state at the end."""
-    end = run()
-    judged = list(zip(ones, Y, end, strict=False))[:JUDGED]
-    errors = [float(metrics.scaled_error(one, y0, y, right(one, y0))) for one, y0, y in judged]
-    seconds = timing.time_call(run, repeats=3).min
-    per_top = seconds / len(Y)
-    return {
-        "error": rounded(float(np.median(errors))),
-        "largest_error": rounded(max(errors)),
-        "us_per_top": rounded(per_top * 1e6),
-        "ns_per_time": rounded(per_top / span * 1e9),
-    }
+    end, errors = run(), []
+    for alpha, y0, y in list(zip(alphas, Y, end, strict=True))[:JUDGED]:
+        one = LagrangeTop(alpha)
+        errors.append(float(metrics.scaled_error(one, y0, y, truth(one, y0, method, span / steps, [steps])[0])))
+    per_top = timing.time_call(run, repeats=3).min / len(Y)
+    row = {"error": np.median(errors), "largest_error": max(errors)}
+    row |= {"us_per_top": per_top * 1e6, "ns_per_time": per_top / span * 1e9}
+    return [{name: rounded(float(value)) for name, value in row.items()}]
 
 
 @of_part(
@@ -148,38 +120,22 @@ def rivals(runs: pd.DataFrame) -> pd.DataFrame:
     return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
 
 
-@of_part(
-    "jump",
-    f"One jump to a far time for each of {RIVALS['numba']} tops: µs per top, and the median and the largest error of {JUDGED} of "
-    "them",
-)
-def jump(runs: pd.DataFrame) -> pd.DataFrame:
-    return runs[["span", "error", "largest_error", "us_per_top"]]
-
-
-@of_part()
-def _draw_rivals(good: pd.DataFrame, style):
-    runs = good[good.part == "rival"]
-    if runs.empty:
-        return None
+@of_part("rival")
+def _draw_rivals(runs: pd.DataFrame, style):
     fig, ax = style.figure("page", 3.4)
     for method in style.ordered(runs.method):
         chosen = runs[runs.method == method].sort_values([name for name in ("h", "tol") if name in runs])
         ax.loglog(chosen.ns_per_time, chosen.error.clip(lower=1e-17), **style.of(method))
-    jump = good[good.part == "jump"]
-    if not jump.empty:
-        look = {"linestyle": "none", "marker": "*", "markersize": 7, "color": style.FAMILIES["backlund"][0][2]}
-        ax.loglog(jump.ns_per_time, jump.error, **look, label="Bäcklund, one jump")
-    ax.set(xlabel="ns for a top and a unit of time, one core, set-up included")
+    ax.set(xlabel="ns for a top and a unit of time")
     ax.set(ylabel=f"error at the end, median of {JUDGED} tops")
     style.legend_below(fig)
     fig.caption = (
         "Many tops over the same time on one core: the exact step and heyoka's batch mode, in SIMD lanes, and the fixed steps of "
         f"others, one top after another. The runs are t = {show(float(runs.span.iloc[0]))} long. Along a line "
-        "the step or, for heyoka, the tolerance changes. A jump is one map from the start to the end, not a sequence of steps."
+        "the step or, for heyoka, the tolerance changes."
     )
     return fig
 
 
-tables = tabulated(rivals, jump)
+tables = tabulated(rivals)
 draw = drawn(rivals=_draw_rivals)

@@ -18,7 +18,9 @@ import pandas as pd
 
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
+from lagrange_bench.experiments.measuring.reductions import worst
 from lagrange_bench.experiments.measuring.states import rounded
+from lagrange_bench.experiments.work_precision import draw_panels, useful
 from lagrange_bench.integrators import CASES, METHODS, available, integrate, prepare
 from lagrange_bench.integrators.interface import Array, Method
 
@@ -116,48 +118,21 @@ def measured_orders(group: pd.DataFrame) -> dict[str, float]:
     return orders
 
 
-@of_part(failed=True)
-def _draw_steps(rows: pd.DataFrame, style):
-    steps = _draw_errors(rows, "h", "step, s", style)
-    steps.caption = (
-        "Errors of the centre of mass and of the rotation at the end against the step. Many methods lose the spin long "
-        "before the axis: compare the columns. Crosses: a method declined the step. "
-        f"{style.naming(rows.method, 'some are named')}."
-    )
-    return steps
-
-
-@of_part(failed=True)
+@of_part()
 def _draw_work(rows: pd.DataFrame, style):
+    errors = worst(rows, ("position", "rotation"))
     seconds = rows.ns_per_step * 1e-9 * rows.case.map(lambda case: CASES[case].until) / rows.h
-    work = _draw_errors(rows.assign(seconds=seconds), "seconds", "wall time of the run, s", style)
-    work.caption = (
-        "The same errors against the wall time of the run: its steps times the least time of a step; down and left is better. "
-        f"{style.naming(rows.method, 'some are named')}."
+    good = useful(rows.assign(error=errors, seconds=seconds, setup_seconds=0.0))
+    titles = {case: f"{case}, t = {CASES[case].until:g} s" for case in dict.fromkeys(good.case)}
+    labels = "wall time of the run, s", "larger error, m or rad"
+    fig = draw_panels(good, "case", titles, "seconds", labels, NAMED, style)
+    fig.caption = (
+        "The larger of the errors of the centre of mass (m) and of the rotation (rad) at the end against the wall time of the "
+        "run: its steps times the least time of a step; down and left is better. Each curve shows a method's Pareto-optimal "
+        f"runs. {style.naming(good.method, 'some are named')}."
     )
-    return work
-
-
-def _draw_errors(rows: pd.DataFrame, column: str, text: str, style: Any) -> Any:
-    """Draw both errors against the column `column`, with a row of panels for each case."""
-    cases, quantities = list(dict.fromkeys(rows.case)), {"position": "m", "rotation": "rad"}
-    looks = style.looks(rows.method, NAMED)
-    size = {"nrows": len(cases), "ncols": 2, "sharex": "row", "squeeze": False}
-    fig, grid = style.figure("page", 0.9 + 2.2 * len(cases), **size)
-    for line, case in zip(grid, cases, strict=True):
-        for ax, (name, unit) in zip(line, quantities.items(), strict=True):
-            for method, look in looks.items():
-                run = rows[(rows.case == case) & (rows.method == method)]
-                run = run.sort_values("h", ascending=column == "h")  # names stand where lines end: at the right
-                good = run[run.status == "done"]
-                if not good.empty:
-                    ax.loglog(good[column], good[name].clip(lower=1e-16), **{**look, "markersize": 3.0})
-                style.failure_marks(ax, run[run.status == "failed"][column].dropna(), method)
-            ax.set(title=f"{case}, t = {CASES[case].until:g} s", xlabel=text if case == cases[-1] else "")
-            ax.set_ylabel(f"error of {name}, {unit}")
-    style.legend_below(fig)
     return fig
 
 
 tables = tabulated(orders)
-draw = drawn(steps=_draw_steps, work=_draw_work)
+draw = drawn(work=_draw_work)

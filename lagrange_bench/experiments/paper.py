@@ -98,14 +98,6 @@ def invariants(rows: pd.DataFrame) -> pd.DataFrame:
     return runs[list(INVARIANTS)].agg(largest).assign(steps=runs.steps.first()).reset_index()
 
 
-@of_part(
-    "magnet", "The exact step of random magnets: the largest difference from the reference solution after one step"
-)
-def magnets(rows: pd.DataFrame) -> pd.DataFrame:
-    runs = rows.groupby(["spins", "units"], sort=False)
-    return runs.error.agg(largest).reset_index().assign(magnets=runs.size().to_numpy())
-
-
 @of_part()
 def _draw_orbits(rows: pd.DataFrame, style):
     fig, axes = style.figure("page", 3.3, ncols=2, subplot_kw={"projection": "3d"})
@@ -174,5 +166,5 @@ def _draw_magnets(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(invariants, magnets)
+tables = tabulated(invariants)
 draw = drawn(figures=_draw_orbits, invariants=_draw_drift, magnet=_draw_magnets)

@@ -1,35 +1,24 @@
-"""Tops in other fields, fixed or moving: which method is best if there is no closed form?
+"""Tops in other fields: which method is best if there is no closed form?
 
-A top in a uniform field that does not move has a closed form and needs no integrator. In most other fields it has none.
-
-*Fields that do not move*: a tilted tide, a magnet, an uneven field. The full profile has ten tops in such fields, the quick
-profile one, in a weak tide. Most are nearly integrable: a weak field of size ε bends the tori a little. One is close to a
-separatrix. One is chaotic: an ulp grows to 1e-6 in about 600 units. The best method depends on ε, on the length of the run and
-on the error that is allowed. A splitting with the exact step inside makes an error in proportion to ε. So it can take long steps
-in weak fields, but each costs more than a step of rotations. The map of winners shows where the border is.
+A top in a uniform field has a closed form and needs no integrator. In most other fields it has none. The fields are a tilted
+tide, a magnet, an uneven field. The full profile has ten tops in such fields, the quick profile one, in a weak tide. Most are
+nearly integrable: a weak field of size ε bends the tori a little. One is close to a separatrix. One is chaotic: an ulp grows to
+1e-6 in about 600 units. The best method depends on ε, on the length of the run and on the error that is allowed. A splitting with
+the exact step inside makes an error in proportion to ε. So it can take long steps in weak fields, but each costs more than a step
+of rotations. The map of winners shows where the border is.
 
 Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “work” measures what an error
 costs: all compiled methods run over 10³ and 10⁴ units of time, and the best of them also over 10⁵ on one top. Part “tolerance”
 gives the splitting with the exact step a tolerance in place of a step. It compares the tolerance with the true error, on random
 tops in tides and near charges.
 
-*Fields that move*: part “driven” measures what an error costs if the Hamiltonian depends on time. `kapitza` is Kapitza's top:
-upright, too slow to stand, and held by a pivot that vibrates fast and strongly. `weak_pivot` is a heavy top whose pivot vibrates
-a little. `orbiting_tide` is a planet or satellite in a weak tide; it spins about one and a half times in each orbit of
-eccentricity 0.2. In `strong_orbiting_tide` the tide is a hundred times as strong. The best methods also make runs eight times as
-long, in which set-up matters less. The splitting with the exact step kicks by the part that depends on time. If this part is
-weak, it can take long steps.
-
-Errors are measured against the reference in quadruple precision, which takes time as one more variable; on a chaotic orbit only
-until an ulp has grown to 1e-6. Wall time is the least of several runs, with set-up. Times and steps are in units of
-1/(|J| + √(|alpha||x|)), in part “driven” in units of the problem.
+Errors are measured against the reference in quadruple precision, on a chaotic orbit only until an ulp has grown to 1e-6. Wall
+time is the least of several runs, with set-up. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
 import random
 import warnings
 from functools import partial
-from itertools import product
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -37,37 +26,26 @@ import pandas as pd
 from lagrange_bench.experiments import drift, work_precision
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import numbers_in, show
-from lagrange_bench.experiments.measuring import metrics, states, timing
+from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest
-from lagrange_bench.experiments.work_precision import APART, TARGETS, best, draw_runs, races, useful
-from lagrange_bench.integrators import (
-    METHODS,
-    LagrangeTop,
-    PerturbedTop,
-    StepError,
-    integrate,
-    orbiting_tide,
-    prepare,
-    vibrating_pivot,
-)
+from lagrange_bench.experiments.work_precision import APART, TARGETS, champions, draw_panels, races, useful
+from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate
 from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
-from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.truth import reference
 
 VERSION = 3
-SCALED_TIMES = ("drift", "work", "tolerance")  # parts
+SCALED_TIMES = True
 MEASURED = {
     "drift": ("t", *INVARIANTS),
     "work": work_precision.MEASURED[""],
     "tolerance": ("error",),
-    "driven": ("error", "seconds", "setup_seconds"),
 }
 
 OURS = "backlund_splitting"  # the splitting with the exact step inside
-# in the quick profile: each field has kernels of its own, which take seconds to compile
-QUICK = ("weak_tide", "kapitza")
+# of the quick profile: each field has kernels of its own, which take seconds to compile
+QUICK = "weak_tide"
 # part “drift”
 DRIFT_STEP = 0.125
 DRIFT_STEPS = {"quick": 10**4, "full": 10**6}
@@ -91,31 +69,15 @@ LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scale
 DRAWS = {"quick": 8, "full": 60}  # tops in each field, for each length and tolerance
 SENSITIVE = 0.01  # an orbit is chaotic, and left out, if an ulp grows to this part of tol
 ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour at the distance NEAR shows how an ulp grows
-# part “driven”: the problem, its start, the length of a run, and k for runs of 2^k steps
-IN_A_TIDE = (0.3, -0.2, 1.4, 0.36, 0.48, 0.8)
-DRIVEN: dict[str, tuple[Problem, tuple[float, ...], float, range]] = {
-    "kapitza": (vibrating_pivot(1.0, 60.0, 20.0), (0.05, -0.02, 0.3, 0.08, 0.06, 0.995), 32.0, range(9, 16)),
-    "weak_pivot": (vibrating_pivot(1.0, 0.02, 3.0), (0.3, -0.2, 1.1, 0.48, 0.6, 0.64), 64.0, range(5, 13)),
-    "orbiting_tide": (orbiting_tide(1e-3, 0.2, 1.0), IN_A_TIDE, 128.0, range(5, 13)),
-    "strong_orbiting_tide": (orbiting_tide(0.1, 0.2, 1.0), IN_A_TIDE, 128.0, range(7, 15)),
-}
-LONGER = 8  # the factor of the long runs
-CHAOTIC = "strong_orbiting_tide"  # no method follows it in long runs: it has none
-DRIVEN_TOLERANCES = (1e-5, 1e-8, 1e-11, 1e-14)
-QUICK_METHODS = (OURS, "rk4", "strang", "blanes_moan4", "taylor")
-DRIVEN_VARIANTS: dict[str, tuple[dict, ...]] = {OURS: ({"scheme": "strang"}, {"scheme": "processed6"})}
-# in the longest runs of a part, beside OURS
-RIVALS = {
-    "work": ("blanes_moan4", "blanes_moan6", "force_gradient6", "verner9_projected", "taylor"),
-    "driven": ("blanes_moan4", "blanes_moan6", "verner9_fixed", "dop853_fixed", "kahan_li8", "taylor"),
-}
+# in the longest runs, beside OURS
+RIVALS = ("blanes_moan4", "blanes_moan6", "force_gradient6", "verner9_projected", "taylor")
 
 
 def cells(profile: str) -> list[dict]:
     listed: list[dict] = []
     full = profile == "full"
     per_octave, decades = GRID[profile]
-    for state in (name for name in PERTURBED_TOPS if full or name in QUICK):
+    for state in (name for name in PERTURBED_TOPS if full or name == QUICK):
         methods = {n: method for n, method in states.methods_on(state).items() if full or n not in SLOW}
         for name, method in methods.items():
             steps = states.affordable(method, DRIFT_STEPS[profile], full)
@@ -135,30 +97,13 @@ def cells(profile: str) -> list[dict]:
         for tol in ASKED
         if full or (field, tol) == QUICK_TOLERANCE
     ]
-    return listed + driven_cells(full)
+    return listed
 
 
 def racing(method: Method, state: str, span: float) -> bool:
     """Whether a method takes part. Interpreted methods do not: they are a thousand times as slow."""
-    chosen = span < LONGEST or (state == LONGEST_ON and method.name in (OURS, *RIVALS["work"]))
+    chosen = span < LONGEST or (state == LONGEST_ON and method.name in (OURS, *RIVALS))
     return chosen and not states.interpreted(method)
-
-
-def driven_cells(full: bool) -> list[dict]:
-    """All compiled methods in short runs, and the best in LONGER ones."""
-    listed: list[dict] = []
-    compiled = {name: method for name, method, _ in METHODS.each() if method and not states.interpreted(method)}
-    chosen = {1: tuple(compiled), LONGER: (OURS, *RIVALS["driven"])} if full else {1: QUICK_METHODS}
-    for (state, (problem, _, span, powers)), (factor, names) in product(DRIVEN.items(), chosen.items()):
-        if (state, factor) == (CHAOTIC, LONGER) or not (full or state in QUICK):
-            continue
-        steps = [span / 2**k for k in (powers if full else powers[1:-1:3])]
-        tolerances = DRIVEN_TOLERANCES if full else DRIVEN_TOLERANCES[::2]
-        run = {"timing": True, "part": "driven", "state": state, "span": factor * span}
-        for name in (name for name in names if name in compiled and compiled[name].takes(problem) is None):
-            for setting in states.accuracy_settings(compiled[name], steps, tolerances):
-                listed += [{**run, "method": name, **setting, **way} for way in DRIVEN_VARIANTS.get(name, ({},))]
-    return listed
 
 
 def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
@@ -203,8 +148,6 @@ def to_tolerance(cell: dict) -> list[dict]:
 def measure(cell: dict) -> list[dict]:
     if cell["part"] == "tolerance":
         return to_tolerance(cell)
-    if cell["part"] == "driven":
-        return [in_a_driven_field(cell)]
     top, y0 = states.of_cell(cell)
     unit = top.scales(y0)[2]
     if cell["part"] == "drift":
@@ -216,27 +159,6 @@ def measure(cell: dict) -> list[dict]:
     if follow and reference.horizon(top, y0, LOST, longest=span * unit) < span * unit:
         return [{"stopped": "chaotic", "reason": f"an ulp grows to {LOST:g} before t = {span:g}"}]
     return work_precision.measure(cell)
-
-
-def in_a_driven_field(cell: dict) -> dict:
-    """The error at the end of a run, and its time."""
-    method = METHODS[cell["method"]]
-    problem, start, *_ = DRIVEN[cell["state"]]
-    y0, span = np.array(start), cell["span"]
-    n = round(span / cell["h"]) if "h" in cell else 1
-
-    def ready() -> Any:
-        return prepare(problem, y0, span / n, method, **states.options_of(cell))
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StepWarning)  # the part that depends on time may be strong here
-        stepper = ready()
-        end = stepper.advance(y0, n)
-        seconds = timing.time_call(lambda: stepper.advance(y0, n), min_time=0.005, repeats=5).min
-        setup = min(ready().work.setup_seconds for _ in range(3))
-    right = reference.solution(problem, y0, [span]).states[0]
-    row = {"error": float(metrics.scaled_error(problem, y0, end, right)), "seconds": seconds, "setup_seconds": setup}
-    return {column: states.rounded(value) for column, value in row.items()}
 
 
 # ---------------------------------------------------------------- tables and figures
@@ -258,15 +180,13 @@ def kept(state: str, method: str, run: pd.DataFrame) -> dict:
 
 
 @of_part(
-    "",
-    "The cheapest method, set-up counted, and the best of the others beside the splitting with the exact step. The part “work” "
-    "has tops in a potential, the part “driven” tops with a Hamiltonian that depends on time, in their own unit of time",
+    "work",
+    "The cheapest method, set-up counted, and the best of the others beside the splitting with the exact step",
 )
 def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each top, length of run and target error."""
-    good = useful(rows[rows.part.isin(("work", "driven"))])
     table = []
-    for fields, race in races(good, ["part", *APART], TARGETS, "total") if len(good) else ():
+    for fields, race in races(useful(rows), APART, TARGETS, "total"):
         own, others = race[race.method == OURS].total, race[race.method != OURS]
         line = {**fields, "cheapest": race.method.iloc[0], "seconds": race.total.iloc[0]}
         line["best of the others"] = others.method.iloc[0] if len(others) else ""
@@ -294,39 +214,18 @@ def tolerances(field: str, span: float, tol: float, group: pd.DataFrame) -> dict
     }
 
 
-def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    named = rows.assign(scheme=rows.scheme.astype(object).fillna("") if "scheme" in rows else "")
-    return tabulated(kept, winners, tolerances)(named)
-
-
-@of_part()
-def _draw_work(rows: pd.DataFrame, style, part: str, span: float | None = None):
-    """Draw error against time, with a panel for each top. span : of the runs; None: each has a panel of its own."""
-    good = useful(rows[rows.part == part])
-    if span and len(good):
-        good = good[good.span == span]
+@of_part("work")
+def _draw_work(rows: pd.DataFrame, style, span: float):
+    """Draw error against time of the runs of one length, with a panel for each top."""
+    good = useful(rows[rows.span == span])
     if good.empty:
         return None
-
-    def named(here: pd.DataFrame) -> list[str]:
-        quickest = best(here, 1e-8, "total").method
-        return [OURS, *quickest[quickest != OURS][:2]]
-
-    runs = dict(list(good.groupby(APART, sort=False)))
-    titles = [
-        numbers_in(states.label(state)) if span else f"{state.replace('_', ' ')}, t = {length:g}"
-        for length, state in runs
-    ]
+    titles = {state: numbers_in(states.label(state)) for state in dict.fromkeys(good.state)}
     labels = "wall time of the run with set-up, s", "error at the end"
-    fig, axes = style.panels(titles, 2, (0.5, 2.6), *labels, sharex=bool(span), sharey=True)
-    for ax, here in zip(axes, runs.values(), strict=True):
-        most_accurate = here.method[here.error.idxmin()]
-        draw_runs(ax, here.assign(seconds=here.total), [most_accurate, *named(here)], style, ours=OURS)
-    style.legend_below(fig)
-    which = f"in a potential, t = {show(span)}" if span else "with a Hamiltonian that depends on time"
+    fig = draw_panels(good, "state", titles, "total", labels, champions(good), style)
     fig.caption = (
-        f"Error at the end against wall time, set-up included, for tops {which}; down and left is better. "
-        f"{style.naming(good.method, 'named: the exact step inside, the two others quickest to 1e-8, and the most accurate')}. "
+        f"Error at the end against wall time, set-up included, for tops in a potential, t = {show(span)}; down and left is "
+        f"better. {style.naming(good.method, 'named: of each family the cheapest at most errors')}. "
         "Each curve joins a method's Pareto-optimal runs, one for each step size or tolerance."
     )
     return fig
@@ -366,8 +265,8 @@ def _draw_winner(rows: pd.DataFrame, style):
     return fig
 
 
+tables = tabulated(kept, winners, tolerances)
 draw = drawn(
-    **{f"work_t{span:.0f}": partial(_draw_work, part="work", span=span) for span in SPANS},
-    driven=partial(_draw_work, part="driven"),
+    **{f"work_t{span:.0f}": partial(_draw_work, span=span) for span in SPANS},
     winner=_draw_winner,
 )

@@ -2,7 +2,7 @@
 
 A method that conserves every invariant can still be anywhere on the torus. The error against the exact solution is split along
 the two flows of the torus: a time error (nutation phase) and an angle error (precession phase). The rest is drift off the torus.
-Both phases are fitted by a constant frequency shift and a residual. Orders are measured on single steps.
+Orders are measured on single steps.
 
 Part “promise” tests the exact Bäcklund step: its error must be no larger than an initial state changed by some ulps would make.
 It runs on every named top, on 400 others, on 300 that are released with pure spin, and on 32 close to the separatrix (quick
@@ -31,7 +31,7 @@ from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
 
 # tops of the runs against h, and the length of these
-STATES = {"quick": ("generic", "through_pole"), "full": ("generic", "figure1", "fast", "through_pole")}
+STATES = ("generic", "through_pole")
 SPAN = 64.0
 PROMISE_H = (0.03, 0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 11.0)  # steps of the part “promise”
 
@@ -49,25 +49,25 @@ MEASURED = {
 
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
-LONG_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "near_separatrix")}
+LONG_STATE = "generic"
 PROMISE_STEPS = 2000  # steps of each size
 PROMISE_TURNS = (0.25, 0.49, 0.5, 1.0, 1.5)  # sizes beside PROMISE_H, as fractions of the nutation period
 PROMISE_RANDOM = {"quick": 16, "full": 200}  # tops of each drawn kind, at most
 UNSTABLE_SPAN = 20.0  # length of the runs on orbits without a period: errors grow exponentially there
-THEORY_STATES = {"quick": ("generic",), "full": STATES["full"]}
+THEORY_STATES = {"quick": ("generic",), "full": ("generic", "figure1", "fast", "through_pole")}
 THEORY_SPAN = 512.0  # length of the runs that are compared with theory
 
 
 def cells(profile: str) -> list[dict]:
     methods = states.methods_on()
     stepping = {name: method.order for name, method in methods.items() if method.control == "step"}
-    on = [{"method": name, "state": state} for state in STATES[profile] for name in stepping]
+    on = [{"method": name, "state": state} for state in STATES for name in stepping]
     listed: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
     listed += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
     h, steps = LONG[profile]
-    for state, (name, method) in product(LONG_STATES[profile], methods.items()):
+    for name, method in methods.items():
         n = states.affordable(method, steps, profile == "full")
-        listed.append({"part": "time", "method": name, "state": state, "h": h, "steps": n})
+        listed.append({"part": "time", "method": name, "state": LONG_STATE, "h": h, "steps": n})
     for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
         listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
     some = PROMISE_RANDOM[profile]
@@ -167,76 +167,38 @@ def _promised_error(top, y0, method, h) -> dict:
 # ---------------------------------------------------------------- tables and figures
 
 
+FEWEST = 4  # steps that show an order
 ROUND_OFF = 1e-12  # a smaller error is round-off
 ON_TORUS = 1e-10  # a smaller error off the torus: the invariants are kept
-SMALL = 0.1  # a larger error cannot be split to first order
-
-
-@of_part(
-    "",
-    "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are relative to the "
-    "scales of J and x; hidden: the leading term is too small to show",
-)
-def orders(good: pd.DataFrame) -> pd.DataFrame:
-    """The measured order of each method with a step: from single steps, without them from the runs on each top."""
-    table = []
-
-    def enter(name: str, where: str, points: pd.DataFrame, order: float, stderr: float, used: int) -> None:
-        measured = {"measured": order, "standard error": stderr, "points": used}
-        # at such large steps the terms after a very small leading one still show: see `orders.hides_leading_term`
-        excess = order - (METHODS[name].order or order)
-        measured["hidden"] = hides_leading_term(float(points.h.min()), excess)
-        sizes = {"smallest error": float(points.error.to_numpy().min()), "largest error": largest(points.error)}
-        claimed = METHODS[name].order or "exact"
-        table.append({"method": name, "state": where, "claimed": claimed, **measured, **sizes})
-
-    single = good[good.part == "order"]
-    for name, points in single.groupby("method", sort=False):
-        if name in METHODS:
-            few = len(points) < 4
-            fit = None if few else scipy.stats.linregress(np.log(points.h), np.log(points.error))
-            order, stderr = (np.nan, np.nan) if fit is None else (fit.slope - 1, fit.stderr)
-            where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
-            enter(name, f"{where}, 8 tops", points, order, stderr, len(points))
-    runs = good[(good.part == "h") & ~good.method.isin(set(single.method))]
-    for (name, state), points in runs.groupby(["method", "state"], sort=False):
-        if name in METHODS and METHODS[name].control == "step":
-            fit = metrics.order(points.h.to_numpy(), points.error.to_numpy(), floor=1e-14, saturation=1e-3)
-            enter(name, state, points, fit.p, fit.stderr, int(fit.mask.sum()))
-    return pd.DataFrame(table)
+SMALL = 0.1  # a larger phase error: the phase is lost
 
 
 @by_group(
-    ("method", "state"),
-    "time",
-    "Phase errors of the runs against time, fitted as a constant shift of each frequency (relative for the nutation, radians per "
-    "unit of time for the precession) and a residual, while the error is below 0.1",
+    ("method",),
+    "order",
+    "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are relative to the "
+    "scales of J and x; hidden: the leading term is too small to show",
 )
-def frequency_shifts(method: str, state: str, run: pd.DataFrame) -> dict:
-    small = run[(run.error > SMALL).cumsum() == 0]
-    t = small.t.to_numpy()
-    nutation, precession = (metrics.frequency_shift(t, small[name].to_numpy()) for name in ("time", "angle"))
+def orders(method: str, points: pd.DataFrame) -> dict:
+    """The measured order of each method with a step, from single steps."""
+    if method not in METHODS:
+        return {}
+    order, stderr, claimed = np.nan, np.nan, METHODS[method].order
+    if len(points) >= FEWEST:
+        fit = scipy.stats.linregress(np.log(points.h), np.log(points.error))
+        order, stderr = fit.slope - 1, fit.stderr
+    where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
     return {
-        "fitted up to t": float(t[-1]) if len(t) else np.nan,
-        "relative time shift": nutation.slope,
-        "time residual": nutation.residual_size,
-        "precession shift": precession.slope,
-        "angle residual": precession.residual_size,
-        "error at the end of the run": run.error.iloc[-1],
+        "state": f"{where}, 8 tops",
+        "claimed": claimed,
+        "measured": order,
+        "standard error": stderr,
+        "points": len(points),
+        # at such large steps the terms after a very small leading one still show: see `orders.hides_leading_term`
+        "hidden": hides_leading_term(float(points.h.min()), order - claimed),
+        "smallest error": float(points.error.to_numpy().min()),
+        "largest error": largest(points.error),
     }
-
-
-@of_part(
-    "promise",
-    "The exact step on every named top and many others, and the same without pins on tops of every kind and on those released "
-    "with pure spin: for each step size the largest error, and how many ulps in the initial state would make the same error",
-)
-def promise(rows: pd.DataFrame) -> pd.DataFrame:
-    rows = rows.assign(step=rows.h.where(rows.h.isin(PROMISE_H)).map("{:g}".format, na_action="ignore"))
-    rows["step"] = rows.step.fillna("fractions of the nutation period")
-    worst = rows.loc[rows.groupby(["method", "step"], sort=False).ulps.idxmax()]
-    table = worst[["method", "step", "state", "error", "ulps"]].reset_index(drop=True)
-    return table.rename(columns={"state": "worst top", "ulps": "ulps of the initial state"})
 
 
 RANGE = (1e-9, 1e-2)  # errors above round-off and of first order: they show how good the theory is
@@ -263,7 +225,7 @@ def theory(method: str, state: str, h: float, run: pd.DataFrame) -> dict:
 def _draw_h(rows: pd.DataFrame, style):
     """Draw the page's first figure. Every method is a thin line; one of each family is bold and named."""
     stored = list(dict.fromkeys(rows.state))
-    tops = list(STATES["quick"]) if {*STATES["quick"]} <= {*stored} else stored[:2]
+    tops = list(STATES) if {*STATES} <= {*stored} else stored[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     first = rows[(rows.state == tops[0]) & (rows.status == "done")]
     best = ["rk4", "strang", *style.best_of_families(style.nearest(first, "h", 1 / 8).set_index("method").error)]
@@ -294,28 +256,23 @@ def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style):
     here, top = first_top(rows)
-    lines = [here[here.status != "done"][["method", "status"]]]
-    for method, run in here[here.status == "done"].groupby("method", sort=False):
-        t, largest = metrics.block_maxima(run.t, run.time, blocks=30)
-        shown = {"t": t, "time": np.where(largest > 0, largest, np.nan)}
-        lines.append(pd.DataFrame({"method": method, "status": "done", **shown}))
-    runs = here[here.status == "done"].groupby("method")
-    lost = (runs.off.max() < ON_TORUS) & (runs.time.agg(lambda error: error.abs().max()) > SMALL)
-    ylabel = "|nutation phase error|"
+    done = here[here.status == "done"]
+    runs = done.groupby("method")
+    far = runs.time.agg(largest)
+    so_far = here.time.abs().groupby(here.method).cummax()
     fig, ax = style.figure("page", 3.8)
-    style.draw_methods(
-        ax, pd.concat(lines), "t", "time", ["rk4", "strang", *style.best_of_families(runs.time.last().abs())]
-    )
-    ax.set(xlabel=style.TIME, ylabel=ylabel, ylim=(1e-17, 1e4))
+    named = ["rk4", "strang", *style.best_of_families(runs.time.last().abs())]
+    style.draw_methods(ax, here.assign(time=so_far.where(so_far > 0)), "t", "time", named)
+    ax.set(xlabel=style.TIME, ylabel="|nutation phase error|", ylim=(1e-17, 1e4))
     style.legend_below(fig)
-    if lost.any():
+    if ((runs.off.max() < ON_TORUS) & (far > SMALL)).any():
         fig.headline = "To keep every invariant is not enough: the clock drifts"
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
-        "in units of 1/(|J| + √(|α||x|)), largest over blocks of time. "
+        "in units of 1/(|J| + √(|α||x|)), the largest so far. "
         f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at the end')}. A straight line of "
-        "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The "
-        f"precession and the other tops are in the table of frequency shifts. The top is “{top}”."
+        "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The top is "
+        f"“{top}”."
     )
     return fig
 
@@ -345,5 +302,5 @@ def _draw_theory(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(orders, frequency_shifts, promise, theory)
+tables = tabulated(orders, theory)
 draw = drawn(h=_draw_h, time=_draw_time, theory=_draw_theory)

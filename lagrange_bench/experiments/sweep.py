@@ -120,9 +120,6 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
     if part not in templates:
         raise ValueError(f"part: unknown {part!r}{suggestion(str(part), templates)} Known: {', '.join(templates)}")
     template = {word: value for word, value in templates[part].items() if word not in SCHEME_OPTIONS}
-    if "state" in template:
-        with _at(f"part: {part!r} has tops of its own; leave the file out, and name them by --tops: "):
-            find(template["state"])
     words = dict.fromkeys((*template, *OPTIONS))
     keys = dict(zip(with_units(experiment, {**words, "part": part}), words, strict=False))
     keys = {LISTS.get(word, key): word for key, word in keys.items()}

@@ -11,19 +11,19 @@ torus, has a column of its own, and each table says whether it is counted. Nonli
 "Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from time import perf_counter
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
+from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring import counters, metrics, states, timing
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.top import TOPS
 
 VERSION = 3
 SCALED_TIMES = True
@@ -149,7 +149,6 @@ def _seconds(stepper, y0, n) -> float:
 
 OURS = "backlund"  # the exact step
 APART = ["span", "state"]  # runs are compared only if they have these in common
-SHADED = "Shaded: the time of one call from Python, which every run pays. "
 SHORT = 100.0  # up to this length of run, the quickest run takes hardly longer than a call
 WALL = "wall time of the run, s"
 TARGETS = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -197,22 +196,6 @@ def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-ENDS = (
-    "Where each curve ends, and why: at the limit of time, the same for all, at round-off, or at the tightest tolerance"
-)
-
-
-@by_group((*APART, "method"), "", ENDS, failed=True)
-def ends(span: float, state: str, method: str, run: pd.DataFrame) -> dict:
-    """A line for each curve."""
-    if "stopped" not in run:
-        return {}
-    last = run.iloc[-1]
-    why = {"round-off": "the error falls no more", "too long": f"over {last.longest:g} s"}.get(last.stopped)
-    why = why or (last.failure if last.status == "failed" else "tightest tolerance")
-    return {"runs": int(run.error.notna().sum()), "smallest error": float(run.error.min()), "ends because": why}
-
-
 def champions(good: pd.DataFrame) -> list[str]:
     """From each family the method that is cheapest at most of the target errors; from the Bäcklund maps the exact step."""
     wins: dict[str, dict[str, int]] = {}
@@ -228,67 +211,52 @@ def champions(good: pd.DataFrame) -> list[str]:
 
 
 @of_part(failed=True)
-def draw_frontier(rows: pd.DataFrame, style):
+def _draw_frontier(rows: pd.DataFrame, style):
     """Draw error against time of runs on the first top, with a panel for each length that has useful runs."""
-    rows = rows[rows.state == rows.state.iloc[0]]
-    good, named = useful(rows), [name for name, look in style.looks(rows.method, ()).items() if look["label"][0] != "_"]
+    good = useful(rows[rows.state == rows.state.iloc[0]])
     if good.empty:
         return None
-    spans = sorted(set(good.span))
-    titles = [f"t = {show(span)}" for span in spans]
-    fig, axes = style.panels(titles, 2, (0.4, 2.7), WALL, "largest error, last fifth of the run", sharey=True)
-    short = good[good.span <= SHORT]
-    for ax, span in zip(axes, spans, strict=True):
-        here = good[good.span == span]
-        front = here.iloc[metrics.pareto_front(here.seconds, here.error)]
-        draw_runs(ax, here, [*dict.fromkeys([*front.method[::-1], *champions(here)])], style)
-        if len(short):
-            shade_calls(ax, float(short.seconds.min()), style)
-        tried = rows[rows.span == span].method.unique()
-        for method in (name for name in named if name in tried and name not in set(here.method)):
-            style.failed_label(ax, method)
-    style.legend_below(fig)
-    bold = "named: the exact step, methods that no other beats in both time and error, and the cheapest of families"
-    winners = [best(good[good.span == spans[-1]], target).method.iloc[:1] for target in TARGETS[:3]]
-    if spans[-1] > SHORT and all(winner.eq(OURS).any() for winner in winners):
+    titles = {span: f"t = {show(span)}" for span in sorted(set(good.span))}
+    longest = good[good.span == max(titles)]
+    named = [longest.method[longest.error.idxmin()], *champions(good)]
+    fig = draw_panels(good, "span", titles, "seconds", (WALL, "largest error, last fifth of the run"), named, style)
+    winners = [best(longest, target).method.iloc[:1] for target in TARGETS[:3]]
+    if max(titles) > SHORT and all(winner.eq(OURS).any() for winner in winners):
         fig.headline = "In long runs the exact step costs least"
-    state = good.state.iloc[0]
-    label = TOPS[state].label if state in TOPS else state
+    words = style.naming(good.method, "named: the most accurate, and of families the cheapest at most errors")
     fig.caption = (
-        f"Largest error in the last fifth of the run against the wall time of the run on “{label}”; down and to the left is "
-        "better. Each curve shows a method's Pareto-optimal runs. "
-        f"{style.naming(good.method, bold)}. {SHADED if len(short) else ''}"
-        "A cross before a name: no run is within the limits of time and of error. "
-        "Set-up and compilation are not included here; the tables count set-up too."
+        "Largest error in the last fifth of the run against the wall time of the run on "
+        f"“{states.label(good.state.iloc[0])}”; down and to the left is better. Each curve shows a method's Pareto-optimal runs. "
+        f"{words}. Runs of up to t = {SHORT:g} take hardly longer than the call from Python. Set-up and compilation are not "
+        "included here; the tables count set-up too."
     )
     return fig
 
 
-def draw_runs(ax, good: pd.DataFrame, named: Sequence[str], style, ours: str = OURS) -> None:
-    """Draw each method's Pareto-optimal runs of one length into one panel, error against time; methods of `named` are bold."""
-    for method, look in style.looks(good.method, named).items():
-        runs = good[good.method == method]
-        runs = runs.iloc[metrics.pareto_front(runs.seconds, runs.error)]
-        if method in named and len(runs) < 3:  # hardly a line
-            look["marker"] = "o"
-        elif len(runs) == 1:
-            look |= {"marker": ".", "markersize": 2.5}
-        behind = 1.5 if look["label"] == "_thin" else 3
-        ax.loglog(runs.seconds, runs.error.clip(lower=1e-17), **look, zorder=6 if method == ours else behind)
-    ax.set_ylim(1e-16, 1)
+def draw_panels(
+    good: pd.DataFrame,
+    column: str,
+    titles: Mapping[Any, str],
+    price: str,
+    labels: tuple[str, str],
+    named: Sequence[str],
+    style: Any,
+) -> Any:
+    """A figure of error against `price`, with a panel for each value of `column`: the methods' Pareto-optimal runs.
 
-
-def shade_calls(ax, call: float, style) -> None:
-    """Shade the times that no run can reach, because a call from Python takes longer."""
-    low = ax.get_xlim()[0]
-    if low > call:
-        return
-    ax.axvspan(1e-9 * call, call, color="#f0ece4", zorder=0.5)
-    ax.set_xlim(left=min(low, call / 2.5))
-    ax.annotate(
-        "one call from Python", (call, 0.5), (-2, 0), xycoords=ax.get_xaxis_transform(), textcoords="offset points", rotation=90,
-        ha="right", va="center", fontsize=6.5, color=style.FAINT, annotation_clip=True, clip_on=True,
-    )  # fmt: skip
+    titles : value → title of its panel. labels : of the axes. named : methods, see `looks`.
+    """
+    fig, axes = style.panels(list(titles.values()), 2, (0.4, 2.7), *labels, sharey=True)
+    for ax, value in zip(axes, titles, strict=True):
+        for method, look in style.looks(good.method, named).items():
+            runs = good[(good[column] == value) & (good.method == method)]
+            runs = runs.iloc[metrics.pareto_front(runs[price], runs.error)]
+            if len(runs) < 3:  # hardly a line
+                look |= {"marker": "o", "markersize": 2.5}
+            ax.loglog(runs[price], runs.error.clip(lower=1e-17), **look)
+        ax.set_ylim(1e-16, 1)
+    style.legend_below(fig)
+    return fig
 
 
 def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
@@ -312,10 +280,9 @@ def _draw_profile(rows: pd.DataFrame, style):
     for method, look in style.looks(factors, champions(good)).items():
         taken = factors[method]
         share = np.arange(len(taken) + 1) / count
-        above = {"marker": "none", "zorder": 6 if method == OURS else 3}
-        ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, **above})
+        ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, "marker": "none"})
     ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
-    ax.set(xlabel="factor τ: at most so many times as long as the cheapest", ylabel="share of the races")
+    ax.set(xlabel="τ, times as long as the cheapest", ylabel="share of the races")
     style.legend_below(fig)
     fig.caption = (
         "How often is a method within a factor τ of the fastest? Left end: how often it wins. Right end: how often it finishes. "
@@ -325,5 +292,5 @@ def _draw_profile(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(cheapest, ends)
-draw = drawn(time=draw_frontier, profile=_draw_profile)
+tables = tabulated(cheapest)
+draw = drawn(time=_draw_frontier, profile=_draw_profile)

@@ -197,7 +197,7 @@ def without_rows(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list
 def draw_figures(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
     with style.apply(None, choice.highlight, choice.archive):
-        drawn = {name: figure for name, figure in module.draw(rows.copy()).items() if figures.worth_a_look(figure)}
+        drawn = module.draw(rows.copy())
         words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
         made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
     seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]

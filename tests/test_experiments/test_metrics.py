@@ -89,16 +89,6 @@ def test_verdict():
         assert metrics.verdict(*growth, max_error) == said
 
 
-def test_block_maxima():
-    e = np.stack((1 / T, -T, np.cos(7 * T)))
-    ends, maxima = metrics.block_maxima(np.concatenate(((0.0,), T)), np.pad(e, ((0, 0), (1, 0)), constant_values=9), 20)
-    assert (maxima.shape, len(ends) <= 20, ends[-1]) == ((3, len(ends)), True, T[-1])
-    assert np.array_equal(maxima[1], ends)  # growing: the maximum of a block is at its end
-    assert maxima[0, 0] == 1 / T[0]  # falling: at its start; the 9 at t = 0 is in no block
-    assert np.all(np.diff(maxima[0]) < 0)
-    assert np.isnan(metrics.block_maxima(T, np.where(T[5] == T, np.nan, T))[1]).sum() == 1
-
-
 def test_scaled_error_takes_the_worse_half():
     top, y0 = LagrangeTop(1.0), TOPS["fast"].state
     rate, size, _ = top.scales(y0)
@@ -166,17 +156,6 @@ def test_phase_split_says_when_it_is_ambiguous(name, rank):
     split = metrics.phase_split(top, y, turned(np.cos(1e-6), np.sin(1e-6), y) - y)
     assert split["rank"][0] <= rank
     assert all(np.isfinite(value).all() for value in split.values())
-
-
-@pytest.mark.parametrize("t", [np.linspace(0, 1000, 2001), np.geomspace(0.1, 1000, 300)])
-def test_frequency_shift(t):
-    shift = metrics.frequency_shift(t, 3e-6 * t + 1e-4 * (1 - np.cos(t)))
-    assert shift.slope == pytest.approx(3e-6, abs=1e-4 / 1000)  # one amplitude over the run
-    assert 1.8e-4 < shift.residual_size < 3.1e-4
-    assert metrics.frequency_shift(t, np.where(t == t[7], np.nan, 2 * t)).slope == pytest.approx(2)
-    assert np.isnan(metrics.frequency_shift(t, np.full(len(t), np.nan)).slope)
-    quadratic = metrics.frequency_shift(t, 1e-9 * t**2)  # no constant shift: much is left
-    assert quadratic.residual_size > 0.1 * quadratic.slope * np.ptp(t)
 
 
 @pytest.mark.parametrize("p", [1, 8])

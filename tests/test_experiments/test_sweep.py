@@ -29,7 +29,6 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ('"generic"]', '"magnet"]', "methods: backlund does not take the potential charge"),
     ("h_scaled = [", "h = [", "[[sweep]] 1, h: write h_scaled = …, in the time scale of each top"),
     ("span_scaled = 1000", 'span_scaled = "long"', "span_scaled must be a real number; got 'long'"),
-    (GOOD, IN_A_TIDE.replace('"drift"', '"driven"'), "part: 'driven' has tops of its own; leave the file out"),
 ]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from lagrange_bench.experiments import cost, drift, ensemble, work_precision
+from lagrange_bench.experiments import cost, ensemble, work_precision
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import timing
 from lagrange_bench.integrators import prepare
@@ -61,7 +61,7 @@ def test_unstable_timings_are_marked_and_bad_calls_refused():
 
 
 CALL = 0.75  # s that each timed call takes below, and 3 ms each set-up
-STEP, FORM = CALL / cost.CALL["step"] * 1e9, CALL / 20_000 * 1e9
+STEP = CALL / cost.CALL["step"] * 1e9
 RACE = {"method": "strang", "state": "generic", "span": 16.0, "h": 1 / 8}
 RACE |= {"per_octave": 1, "decades": 1, "longest": 100.0}
 UNITS = {  # experiment and part, other fields of a cell → what its row has
@@ -70,9 +70,11 @@ UNITS = {  # experiment and part, other fields of a cell → what its row has
         {"ns_per_step": STEP, "ns_per_step_median": STEP, "ns_per_time": 2 * STEP, "setup_us": 3e3},
     ),
     "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
-    "drift form_cost": ({"h": 0.125}, {"form": "increments", "ns_per_step": FORM, "ns_per_step_median": FORM}),
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),
-    "ensemble jump": ({"tops": 4, "span": 50.0}, {"us_per_top": CALL / 4 * 1e6, "ns_per_time": CALL / 4 / 50 * 1e9}),
+    "ensemble rival": (
+        {"method": "backlund", "tops": 4, "span": 50.0, "h": 1.0},
+        {"us_per_top": CALL / 4 * 1e6, "ns_per_time": CALL / 4 / 50 * 1e9},
+    ),
 }
 
 
@@ -85,8 +87,7 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
     def interleave(functions, *_, **__):
         for function in functions.values():
             function()
-        seconds = {name: CALL * (2 if name == "long" else 1) for name in functions}
-        return {name: timing.Timing(1, (s, s)) for name, s in seconds.items()}
+        return {name: timing.Timing(1, (CALL, CALL)) for name in functions}
 
     def prepared(*args, **options):
         stepper = prepare(*args, **options)
@@ -97,7 +98,6 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
     for module in (cost, work_precision):
         monkeypatch.setattr(module, "prepare", prepared)
     monkeypatch.setattr(work_precision, "_seconds", lambda *_: CALL)
-    monkeypatch.setattr(drift, "FORMS", {"increments": drift.FORMS["increments"]})
     module = load(name)
     row = module._run(cell) if module is work_precision else module.measure({"part": part, **cell})[0]
     assert {name: row[name] for name in expected} == pytest.approx(expected, rel=1e-3)

@@ -120,7 +120,6 @@ BAD = {  # words → what the line must name
     "case kovalevskaya --code c": "no closed form",
     "case box --digits 25 --code c": "--digits is for rows",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
-    "run round_off": "'round_off' is a part of 'drift' since 0.3.0: run that",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",
     "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",

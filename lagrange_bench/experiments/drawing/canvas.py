@@ -5,13 +5,11 @@ widths. PDF and PNG files contain the font.
 """
 
 import math
-import textwrap
 import unicodedata
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import matplotlib.figure
@@ -22,11 +20,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 WIDTHS = {"column": 3.4, "page": 7.0}  # inches: one and two columns of a journal page
 TALLEST = 9.2  # inches: the height of a journal page
-LONGEST = 44  # letters in a line of a label in a column
-_FORCED: ContextVar[str | None] = ContextVar("width of every figure", default=None)
-HIGHLIGHTED: ContextVar[tuple[str, ...]] = ContextVar("methods that stand out", default=())
-ARCHIVED: ContextVar[bool] = ContextVar("methods of the archive are drawn, too", default=False)
-_LIMITS: ContextVar[dict[str, tuple[float, float]]] = ContextVar("limits of every panel", default={})  # noqa: B039
+PANEL = 2.3  # inches: the height of a panel of a figure that is taller than a page
 INK, FAINT = "#222222", "#6b6b6b"
 TITLE = "title: "  # begins the gid of a line; the rest is the name that an SVG shows where one points at the line
 
@@ -69,17 +63,24 @@ TICKS |= {"major.width": 0.6, "minor.width": 0.4, "major.size": 3, "minor.size":
 RC |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
 
 
+class Settings(NamedTuple):
+    """Of the figures drawn inside `apply`."""
+
+    width: str | None = None
+    highlight: tuple[str, ...] = ()
+    archive: bool = False
+
+
+USUAL = Settings()
+SETTINGS: ContextVar[Settings] = ContextVar("settings of figures", default=USUAL)
+_LIMITS: ContextVar[Mapping[str, tuple[float, float] | None] | None] = ContextVar("limits of panels", default=None)
+
+
 class Figure(matplotlib.figure.Figure):
     """A matplotlib figure with its caption. pyplot does not know it, so it goes when nobody uses it."""
 
     caption: str = ""
     headline: str = ""  # the finding, in a few words
-    stacked: Any = None  # of panels on top of each other, the grid that they have side by side
-
-    def savefig(self, *args: Any, **settings: Any) -> None:
-        """Save in this style, whatever the user's matplotlibrc says."""
-        with apply():
-            super().savefig(*args, **settings)
 
 
 @contextmanager
@@ -91,88 +92,64 @@ def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before, highlighted, archived = _FORCED.set(width), HIGHLIGHTED.set(tuple(highlight)), ARCHIVED.set(archive)
+    before = SETTINGS.set(Settings(width, tuple(highlight), archive))
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(RC)
             yield
     finally:
-        _FORCED.reset(before)
-        HIGHLIGHTED.reset(highlighted)
-        ARCHIVED.reset(archived)
+        SETTINGS.reset(before)
 
 
 @contextmanager
 def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
     """Give every panel of the figures that are printed inside the block these limits: xlim, ylim, as of `set_xlim`."""
-    before = _LIMITS.set({name: pair for name, pair in ends.items() if pair is not None})
+    before = _LIMITS.set(ends)
     try:
         yield
     finally:
         _LIMITS.reset(before)
 
 
-def width() -> str:
-    """The width of a figure meant for a page: "page", or "column" inside `apply("column")`."""
-    return _FORCED.get() or "page"
+def figure(
+    width: str | float = "page", height: float = 2.4, nrows: int = 1, ncols: int = 1, squeeze: bool = True, **more: Any
+) -> tuple[Figure, Any]:
+    """A figure and its axes, as `Figure.subplots` gives them.
 
-
-def figure(width: str | float = "page", height: float | None = None, **subplots: Any) -> tuple[Figure, Any]:
-    """A figure and its axes, as `Figure.subplots(**subplots)` gives them.
-
-    width : "column" (3.4 in), "page" (7 in) or inches. height : inches; by default in proportion to the width of a panel.
-    Inside `apply("column")`, a figure meant for a page has its panels one below the other.
+    width : "column" (3.4 in), "page" (7 in) or inches. height : inches. Inside `apply("column")` the panels stand one below the
+    other, and share their axes or not.
     """
-    inches = WIDTHS[width] if isinstance(width, str) else width
-    rows, columns = subplots.get("nrows", 1), subplots.get("ncols", 1)
-    if height is None:
-        height = 0.4 + rows * min(0.68 * inches / columns, 3.2)
-    forced, stacked, panels_high = _FORCED.get(), False, height * columns
-    if forced is not None and WIDTHS[forced] != inches:
-        # a list of many rows gets narrower, but not shorter; a reader scrolls more panels than a page holds
-        many = panels_high > 1.6 * TALLEST
-        stacked = forced == "column" and columns > 1 and (rows > 1 or not many)
-        inches, height = WIDTHS[forced], panels_high if stacked else height
-        height = height if stacked and many else min(height, TALLEST)
-    fig = Figure(figsize=(inches, height), layout="constrained")
-    if not stacked:
-        return fig, fig.subplots(**subplots)
-    fig.stacked = _stack(fig, **subplots)
-    squeezed = fig.stacked if not subplots.get("squeeze", True) else np.squeeze(fig.stacked)
-    return fig, squeezed if squeezed.ndim else squeezed.item()
-
-
-def _stack(fig: Figure, nrows: int = 1, ncols: int = 1, subplot_kw: Any = None, **more: Any) -> Any:
-    """Axes as `Figure.subplots` makes them and with the same shared axes, but all in one column."""
-    grid = np.empty((nrows, ncols), dtype=object)
-    for i, j in np.ndindex(nrows, ncols):
-        firsts = {True: grid[0, 0], "all": grid[0, 0], "row": grid[i, 0], "col": grid[0, j]}
-        shared = {name: firsts.get(more.get(name)) for name in ("sharex", "sharey")}
-        grid[i, j] = fig.add_subplot(nrows * ncols, 1, i * ncols + j + 1, **shared, **(subplot_kw or {}))
-    return grid
+    width = SETTINGS.get().width or width
+    rows, columns = nrows, ncols
+    if width == "column" and ncols > 1:
+        rows, columns = nrows * ncols, 1
+        height = min(height * ncols, max(TALLEST, PANEL * rows))
+        more |= {name: bool(more[name]) for name in ("sharex", "sharey") if name in more}
+    fig = Figure(figsize=(WIDTHS.get(width, width), height), layout="constrained")  # type: ignore[call-overload]
+    grid = fig.subplots(rows, columns, squeeze=False, **more).reshape(nrows, ncols)
+    if not squeeze:
+        return fig, grid
+    return fig, np.squeeze(grid) if grid.size > 1 else grid.item()
 
 
 def panels(
     titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each title, `columns` to a row. heights : inches, of the figure without rows, and of a row."""
-    columns = min(columns, len(titles))
-    rows = -(-len(titles) // columns)
-    fig, grid = figure("page", heights[0] + heights[1] * rows, nrows=rows, ncols=columns, squeeze=False, **shared)
-    for ax, title in zip(grid.flat, titles, strict=False):
-        ax.set_title(title)
-    for ax in grid.flat[len(titles) :]:
+    columns = 1 if SETTINGS.get().width == "column" else min(columns, len(titles))
+    rows = math.ceil(len(titles) / columns)
+    fig, grid = figure("page", heights[0] + heights[1] * rows, rows, columns, squeeze=False, **shared)
+    axes, spare = list(grid.flat[: len(titles)]), grid.flat[len(titles) :]
+    for ax in spare:
         ax.remove()
-    for column in grid.T:
-        last = [ax for ax in column if ax.figure is not None][-1]
-        last.set_xlabel(xlabel)
-        last.tick_params(labelbottom=True)
-    if rows > 1:
-        fig.supylabel(ylabel, fontsize=RC["axes.labelsize"])
-    else:
-        grid[0, 0].set_ylabel(ylabel)
-    return fig, list(grid.flat[: len(titles)])
+    for ax, title in zip(axes, titles, strict=True):
+        ax.set_title(title)
+    for ax in axes[-columns:]:  # the lowest of each column
+        ax.set_xlabel(xlabel)
+        ax.tick_params(labelbottom=True)
+    fig.supylabel(ylabel, fontsize=RC["axes.labelsize"])
+    return fig, axes
 
 
 def plain(name: str) -> str:
@@ -184,9 +161,11 @@ def printable(text: str) -> str:
     return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
 
 
-def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None]]) -> None:
+def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None] | None]) -> None:
     """Set xlim and ylim. ValueError: limits of a logarithmic axis are not positive; matplotlib would ignore them."""
     for name, ends in limits.items():
+        if ends is None:
+            continue
         if getattr(ax, f"get_{name[0]}scale")() == "log" and any(end is not None and end <= 0 for end in ends):
             given = ", ".join("None" if end is None else f"{end:g}" for end in ends)
             raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {given}")
@@ -205,38 +184,9 @@ def label_decades(ax: Any) -> None:
 
 
 def finish(fig: matplotlib.figure.Figure) -> None:
-    """Make a figure ready to be saved. Panels on top of each other get the labels that they shared side by side."""
+    """Make a figure ready to be saved."""
     for ax in fig.axes:
-        set_limits(ax, _LIMITS.get())
-    if fig.get_figwidth() == WIDTHS["column"]:
-        for ax in fig.axes:
-            place = ax.get_subplotspec()
-            if place and place.get_gridspec().ncols > 2:
-                ax.set_xlabel(textwrap.fill(ax.get_xlabel(), 10), fontsize=RC["xtick.labelsize"])
-            elif len(ax.get_xlabel()) > LONGEST:
-                ax.set_xlabel(textwrap.fill(ax.get_xlabel(), LONGEST))
-    grid = getattr(fig, "stacked", None)
-    if grid is None:
-        return
-    fig.stacked = None  # type: ignore[attr-defined]
-    left = [ax for ax in grid.flat if ax.figure is not None]
-    for row in grid:
-        for ax in row[1:]:
-            ax.set_ylabel(ax.get_ylabel() or row[0].get_ylabel())
-    for column in grid.T:
-        lowest = [ax.get_xlabel() for ax in column if ax.get_xlabel()][-1:]
-        for ax in column:
-            ax.set_xlabel(ax.get_xlabel() or "".join(lowest))
-    if len(left) < grid.size:  # close the gaps of removed panels
-        fig.set_figheight(fig.get_figheight() * len(left) / grid.size)
-        places = fig.add_gridspec(len(left), 1)
-        for i, ax in enumerate(left):
-            ax.set_subplotspec(places[i])
-    for ax, below in pairwise(left):  # the lowest panel names a shared x
-        if ax.get_shared_x_axes().joined(ax, below):
-            below.set_xlabel(below.get_xlabel() or ax.get_xlabel())
-            ax.set_xlabel("")
-            ax.tick_params(labelbottom=False)
+        set_limits(ax, _LIMITS.get() or {})
 
 
 def title(text: str) -> str:

@@ -7,7 +7,6 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -16,7 +15,6 @@ from matplotlib.figure import Figure
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.support.files import replace_file
 
-LEAST_POINTS = 3  # of a line, dots or bars that are worth a figure of the page
 WIDE = 360  # points: a wider figure gets a row of the page to itself
 DPI = {"column": 600, "page": 400}  # of a PNG: journals ask for this much in line art
 
@@ -53,18 +51,6 @@ def png(figure: Figure) -> bytes:
     """The figure as PNG."""
     width = "page" if wide(figure) else "column"
     return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
-
-
-def worth_a_look(figure: Figure) -> bool:
-    """Whether the figure has a line of three points, or as many dots or bars, or a picture of two columns."""
-    sizes = [len(ax.patches) for ax in figure.axes]
-    shapes = []
-    for ax in figure.axes:
-        lines = (np.asarray(line.get_xydata(), dtype=float) for line in ax.lines)
-        sizes += [int(np.isfinite(points).all(axis=1).sum()) for points in lines]
-        sizes += [np.asarray(dots.get_offsets()).shape[0] for dots in ax.collections]
-        shapes += [np.asarray(picture.get_array()).shape for picture in (*ax.images, *ax.collections)]
-    return max(sizes, default=0) >= LEAST_POINTS or any(len(shape) > 1 and shape[1] > 1 for shape in shapes)
 
 
 FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}

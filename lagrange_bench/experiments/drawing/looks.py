@@ -1,29 +1,25 @@
 """What methods look like: name → label, colour, marker, line style.
 
-Each family has a colour. The colours are the hues of Okabe and Ito, safe for colour-blind readers, with yellow and orange
-darkened so that text in them can be read. The place of a method in its family gives shade, marker and dashes, so a figure also
-reads in grey. A method that is not registered has a grey of its own, always the same. Methods of plug-ins and highlighted methods
-have black dashes, which no method of the bench has, and are named in every figure.
+Each family has a colour. The colours are the hues of Okabe and Ito, safe for colour-blind readers. The place of a method in its
+family gives shade, marker and dashes, so a figure also reads in grey. A method that is not registered has a grey of its own,
+always the same. Methods of plug-ins and highlighted methods have black dashes, which no method of the bench has, and are named in
+every figure.
 """
 
 import hashlib
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 import pandas as pd
-from matplotlib.colors import to_rgb
 
-from lagrange_bench.experiments.drawing.canvas import ARCHIVED, HIGHLIGHTED, plain, printable, title
+from lagrange_bench.experiments.drawing.canvas import SETTINGS, plain, printable, title
 from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored, without_archive
 
-CONTRAST = 4.5  # of coloured text on white; WCAG asks for it
-
 # family → (colours, markers), in registry order within the family; no crosses: they show where a method failed
-FAMILIES: dict[str, tuple[Sequence[str], str]] = {
+FAMILIES: dict[str, tuple[tuple[str, ...], str]] = {
     "backlund": (("#0072B2", "#3F93CF", "#003B5C", "#7D9BD1", "#0B4F9E"), "osDh^"),
     "closed-form": (("#1A1A1A", "#6E6E6E", "#454545"), "osD"),
     "taylor": (("#009E73", "#00503A", "#45B894", "#2E7D5B", "#4FA98A"), "^v<>os"),
@@ -34,19 +30,9 @@ FAMILIES: dict[str, tuple[Sequence[str], str]] = {
     "lie-group": (("#8C8000", "#544D00", "#A39700"), "hosD"),
     "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
 }
-TITLES = {
-    "backlund": "Bäcklund maps",
-    "closed-form": "closed form",
-    "taylor": "Taylor series",
-    "runge-kutta": "explicit Runge–Kutta",
-    "splitting": "splitting",
-    "integrable": "integrable discretisations",
-    "implicit": "implicit, multistep",
-    "lie-group": "Lie group",
-    "whole-body": "multibody dynamics",
-}
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
 STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+312")
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 OWN = "#000000"  # colour of methods that stand out, with these markers and dashes
 OWN_MARKERS = "*Phd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))
@@ -54,7 +40,6 @@ EXACT_STEPS = ("backlund", "backlund_splitting")
 MOST_NAMED = 8
 GREY = "#c2c2c2"
 FEW = MANY  # up to so many methods are all named
-DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 def of(method: str) -> dict[str, Any]:
@@ -71,13 +56,12 @@ def _look(method: str) -> dict[str, Any]:
     with suppress(Exception):  # a method that cannot be loaded here keeps its name in the rows
         look = {**look, "label": find_stored(method, METHODS).label}
     place = mine.index(method) if method in mine else _digest(method)
-    marker, dashes = OWN_MARKERS[place % len(OWN_MARKERS)], OWN_DASHES[place % len(OWN_DASHES)]
-    return {"label": look["label"], "color": OWN, "marker": marker, "linestyle": dashes, "linewidth": 1.8}
+    return {**_style(look["label"], (OWN,), OWN_MARKERS, OWN_DASHES, place), "linewidth": 1.8}
 
 
 def _standing_out() -> list[str]:
     """The methods with the reserved look: of plug-ins, and highlighted ones."""
-    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *HIGHLIGHTED.get())))
+    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *SETTINGS.get().highlight)))
 
 
 def label(method: str) -> str:
@@ -93,7 +77,7 @@ def ordered(methods: Iterable[str]) -> list[str]:
 
 def shown(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows that figures show: of many methods the archive is left out, except methods that stand out."""
-    if ARCHIVED.get() or "method" not in rows:
+    if SETTINGS.get().archive or "method" not in rows:
         return rows
     names = [*without_archive(rows.method.dropna()), *_standing_out()]
     return rows[rows.method.isna() | rows.method.isin(names)]
@@ -125,13 +109,13 @@ def naming(methods: Collection[str], chosen: str) -> str:
 
 def thin(method: str) -> dict[str, Any]:
     """A method in the background: grey, with its name only where one points at it."""
-    return {"color": GREY, "linewidth": 0.6, "label": "_thin", "gid": title(label(method))}
+    return {"color": GREY, "linewidth": 0.6, "label": "_thin", "gid": title(label(method)), "zorder": 1.5}
 
 
 def bold(method: str) -> dict[str, Any]:
     """A method that a legend names: in its own colour and dashes, the exact step the widest."""
-    width = 2.4 if method in EXACT_STEPS else 1.6
-    return {**of(method), "linewidth": width, "marker": "none"}
+    width, order = (2.4, 6) if method in EXACT_STEPS else (1.6, 3)
+    return {**of(method), "linewidth": width, "zorder": order, "marker": "none"}
 
 
 @lru_cache(maxsize=8)
@@ -144,7 +128,7 @@ def _known(state: tuple[tuple[str, Any], ...]) -> tuple[dict[str, str], dict[str
         styles[name] = _stranger(name)
         if method and method.family in FAMILIES:
             families[name] = method.family
-            styles[name] = _style(method.label, *FAMILIES[method.family], places[method.family])
+            styles[name] = _style(method.label, *FAMILIES[method.family], DASHES, places[method.family])
             places[method.family] += 1
         elif method:
             styles[name]["label"] = method.label
@@ -152,29 +136,15 @@ def _known(state: tuple[tuple[str, Any], ...]) -> tuple[dict[str, str], dict[str
 
 
 def _stranger(name: str) -> dict[str, Any]:
-    return _style(name, *STRANGERS, _digest(name))
+    return _style(name, *STRANGERS, DASHES, _digest(name))
 
 
 def _digest(name: str) -> int:
     return hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0]
 
 
-def _style(text: str, colours: Sequence[str], markers: str, place: int) -> dict[str, Any]:
-    def pick(options: Sequence[Any]) -> Any:
+def _style(text: str, colours: tuple[str, ...], markers: str, dashes: tuple[Any, ...], place: int) -> dict[str, Any]:
+    def pick(options: Any) -> Any:
         return options[place % len(options)]
 
-    return {"label": text, "color": pick(colours), "marker": pick(markers), "linestyle": pick(DASHES)}
-
-
-def readable(colour: Any) -> tuple[float, float, float]:
-    """The colour, darkened until text in it can be read on white."""
-    rgb = np.array(to_rgb(colour))
-    while 1.05 / (_luminance(rgb) + 0.05) < CONTRAST:
-        rgb *= 0.97
-    r, g, b = rgb.tolist()
-    return r, g, b
-
-
-def _luminance(rgb: Any) -> float:
-    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
-    return float(linear @ (0.2126, 0.7152, 0.0722))
+    return {"label": text, "color": pick(colours), "marker": pick(markers), "linestyle": pick(dashes)}

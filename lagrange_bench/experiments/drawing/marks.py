@@ -1,34 +1,29 @@
-"""Marks and names in panels, by the looks of methods.
+"""Lines and marks in panels, by the looks of methods.
 
 Forty lines in one panel are not readable. So of more than FEW methods all lines are thin and grey except a few (`draw_methods`),
 such as the best of each family (`best_of_families`). A legend below the panels names the others.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import matplotlib.figure
 import numpy as np
 import pandas as pd
+from matplotlib import rcParams
 from matplotlib.axes import Axes
-from matplotlib.transforms import blended_transform_factory, offset_copy
+from matplotlib.font_manager import FontProperties
 
-from lagrange_bench.experiments.drawing.canvas import FAINT, INK, TALLEST, plain
-from lagrange_bench.experiments.drawing.looks import (
-    DASHES,
-    OWN_DASHES,
-    family,
-    label,
-    looks,
-    of,
-    readable,
-)
+from lagrange_bench.experiments.drawing.canvas import FAINT, INK, plain
+from lagrange_bench.experiments.drawing.looks import DASHES, OWN_DASHES, family, looks, of
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.integrators.registry import METHODS
 
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 LEAST = 1e-17  # where an error of 0 is drawn
 WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # column → its word in the names of lines
+WIDTH = 16  # font sizes: the width of an entry of a legend
 
 
 def draw_method(
@@ -36,8 +31,8 @@ def draw_method(
 ) -> None:
     """Draw y against x for one method of `rows`; on a logarithmic axis the absolute value.
 
-    A cross marks each x at which the method failed. A method without result and without such an x has a cross before its name.
-    A line without a name has no crosses.
+    A cross marks each x at which the method failed. A method without result is named with a cross. A line without a name has
+    no crosses.
     """
     mine = rows[rows.method == method]
     good = mine[(mine.status == "done") & mine[x].notna() & mine[y].notna() & ((mine[x] > 0) | (not log[0]))]
@@ -47,15 +42,15 @@ def draw_method(
     if not str(look["label"]).startswith("_"):
         failed = mine[mine.status == "failed"][x].dropna()
         failure_marks(ax, failed, method)
-        if good.empty and failed.empty:
-            failed_label(ax, method)
+        if good.empty and failed.empty and (mine.status == "failed").any():
+            ax.plot([], [], "x", color=look["color"], label=look["label"])
 
 
 def draw_methods(ax: Axes, rows: pd.DataFrame, x: str, y: str, named: Iterable[str]) -> None:
     """`draw_method` for every method in one panel: up to FEW in their colours, of more all but the `named` thin and grey."""
     rows = rows.sort_values(x, kind="stable")
     for method, look in looks(rows.method, named).items():
-        draw_method(ax, rows, method, x, y, {**look, "zorder": 1.5 if look["label"] == "_thin" else 3})
+        draw_method(ax, rows, method, x, y, look)
 
 
 def nearest(rows: pd.DataFrame, column: str, value: float) -> pd.DataFrame:
@@ -105,54 +100,29 @@ def lines(rows: pd.DataFrame, apart: Sequence[str]) -> list[tuple[list[str], pd.
     return [(words(values), line) for values, line in rows.groupby(columns, dropna=False)]
 
 
-def twins(ax: Axes) -> list[Axes]:
-    """The other axes in the place of a panel."""
-    together = ax.get_shared_x_axes().get_siblings(ax)
-    return [each for each in together if each is not ax and each.bbox.bounds == ax.bbox.bounds]
-
-
 def legend_below(fig: matplotlib.figure.Figure) -> None:
-    """One legend for all axes below them, each name once, in as many columns as fit. The figure grows by it, up to TALLEST."""
+    """One legend for all axes below them, each name once. The figure grows by it."""
     entries: dict[str, Any] = {}
     for ax in fig.axes:
         for handle, text in zip(*ax.get_legend_handles_labels(), strict=True):
             entries.setdefault(text, handle)
     places = {of(name)["label"]: i for i, name in enumerate(METHODS)}
     texts = sorted(entries, key=lambda text: places.get(text, len(places)))
-    handles = [entries[text] for text in texts]
-    for columns in range(len(texts), 0, -1):
-        legend = fig.legend(handles, texts, loc="outside lower center", ncols=columns, columnspacing=1.4)
-        size = legend.get_window_extent()
-        if columns == 1 or size.width <= 0.92 * fig.bbox.width:
-            height = fig.get_figheight()
-            fig.set_figheight(min(height + size.height / fig.dpi, max(height, TALLEST)))
-            return
-        legend.remove()
+    size = FontProperties(size=rcParams["legend.fontsize"]).get_size_in_points()
+    columns = max(int(72 * fig.get_figwidth() / (WIDTH * size)), 1)
+    fig.set_figheight(fig.get_figheight() + 1.5 * size / 72 * math.ceil(len(texts) / columns))
+    fig.legend([entries[text] for text in texts], texts, loc="outside lower center", ncols=columns)
 
 
 def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> None:
-    """A cross at the top of the axes for every x at which a method failed, in a row for each method."""
-    positions = list(x)
-    if not positions:
-        return
-    figure = ax.get_figure(root=True)
-    row = sum(line.get_gid() == "failed" for line in ax.get_lines())
-    at_top = blended_transform_factory(ax.transData, ax.transAxes)
-    ax.plot(
-        positions, [1.0] * len(positions), linestyle="none", marker="x", markersize=3.2, markeredgewidth=0.9,
-        color=of(method)["color"] if method else INK, clip_on=False, zorder=5, gid="failed",
-        label="_failed" if row else "failed", transform=offset_copy(at_top, figure, y=-2 - 3.8 * row, units="points"),
-    )  # fmt: skip
-
-
-def failed_label(ax: Axes, method: str) -> None:
-    """The name of a method without result in a panel, with a cross, in the corner."""
-    above = sum(text.get_gid() == "failed" for text in ax.texts)
-    text = f"× {plain(label(method))}"
-    ax.text(
-        0.02, 0.97 - 0.09 * above, text, color=readable(of(method)["color"]), fontsize=6.5, va="top",
-        transform=ax.transAxes, gid="failed",
-    )  # fmt: skip
+    """A cross at the top of the axes for every x at which a method failed."""
+    places = list(x)
+    if places:
+        colour = of(method)["color"] if method else INK
+        is_first = not any(line.get_gid() == "failed" for line in ax.get_lines())
+        label = "failed" if is_first else "_failed"
+        where = {"transform": ax.get_xaxis_transform(), "clip_on": False, "zorder": 5}
+        ax.plot(places, [0.99] * len(places), "x", color=colour, gid="failed", label=label, **where)
 
 
 def ulp_line(ax: Axes) -> None:
@@ -161,9 +131,8 @@ def ulp_line(ax: Axes) -> None:
 
 
 def slope_guide(ax: Axes, exponent: float, anchor: tuple[float, float], span: float, text: str) -> None:
-    """A thin line y ∝ x^exponent on log-log axes, from `anchor` over a factor `span` in x, with the name `text`."""
+    """A dotted line y ∝ x^exponent on log-log axes, from `anchor` over a factor `span` in x, with the name `text` at its end."""
     x0, y0 = anchor
     x1, y1 = x0 * span, y0 * span**exponent
-    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=1.0, linestyle=(0, (1, 2)), marker="none", label="_guide")
-    name = ax.annotate(text, (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT, va="center")
-    name.set_in_layout(False)
+    ax.plot([x0, x1], [y0, y1], color=FAINT, linewidth=1.0, linestyle=":", label="_guide")
+    ax.annotate(text, (x1, y1), (2, 0), textcoords="offset points", fontsize=6.5, color=FAINT).set_in_layout(False)

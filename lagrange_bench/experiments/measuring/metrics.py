@@ -21,8 +21,6 @@ from lagrange_bench.integrators.truth import exact
 from lagrange_bench.support.growth import ROUND_OFF as ROUND_OFF
 from lagrange_bench.support.growth import Growth as Growth
 from lagrange_bench.support.growth import growth_exponent as growth_exponent
-from lagrange_bench.support.growth import log_blocks
-from lagrange_bench.support.growth import slope as slope_of
 
 
 def _floats(values: ArrayLike) -> Array:
@@ -61,23 +59,6 @@ def pareto_front(cost: ArrayLike, error: ArrayLike) -> NDArray[np.intp]:
 
 
 # ---------------------------------------------------------------- growth in time
-
-
-def block_maxima(t: ArrayLike, e: ArrayLike, blocks: int = 24) -> tuple[Array, Array]:
-    """Maxima of |e| over log-spaced blocks of time, for figures.
-
-    Parameters
-    ----------
-    t : (N,), growing; samples at t = 0 are left out. e : (..., N). blocks : number of blocks from the first t > 0 to the last t.
-
-    Returns
-    -------
-    The time of the last sample of each block (B,) and the maxima (..., B). Blocks without a sample are left out, so
-    B ≤ `blocks`. NaN in a block stays NaN.
-    """
-    t, e = _floats(t), _floats(e)
-    starts, ends = log_blocks(t, t[t > 0][0] if np.any(t > 0) else np.inf, blocks)
-    return t[ends - 1], np.stack([np.max(np.abs(e[..., a:b]), axis=-1) for a, b in zip(starts, ends, strict=True)], -1)
 
 
 def verdict(p: float, low: float, high: float, max_error: float, floor: float = 4 * ROUND_OFF) -> str:
@@ -166,27 +147,6 @@ def _torus_basis(top: LagrangeTop, y: Array) -> Array:
     basis[:, 3:, 4] = 2 * x
     basis[:, :3, 5], basis[:, 3:, 5] = x, J
     return basis
-
-
-class FrequencyShift(NamedTuple):
-    """δφ(t) = slope·t + residual(t)."""
-
-    slope: float  # δω
-    residual_size: float  # max |residual|; the offset belongs to the residual
-
-
-def frequency_shift(t: ArrayLike, dphi: ArrayLike) -> FrequencyShift:
-    """Split a phase error (N,) at times t (N,) into a constant frequency shift and a residual.
-
-    Slope and offset are fitted by least squares. Without the offset, an oscillation that starts at an extreme would count as
-    a frequency. Samples that are not finite are left out. NaN for fewer than three samples.
-    """
-    t, dphi = _floats(t), _floats(dphi)
-    good = np.isfinite(dphi)
-    if np.count_nonzero(good) < 3:
-        return FrequencyShift(np.nan, np.nan)
-    slope = float(slope_of(t[good], dphi[good]))
-    return FrequencyShift(slope, float(np.max(np.abs((dphi - slope * t)[good]))))
 
 
 # ---------------------------------------------------------------- order
