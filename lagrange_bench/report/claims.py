@@ -8,6 +8,7 @@ refutes it: an accident, a step that a method declined, or NaN in a row that is 
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from datetime import datetime
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from string import Formatter
 from typing import Any, NamedTuple
@@ -186,6 +187,7 @@ class Claim:
     group: str
     text: str
     experiment: str
+    bounded: datetime  # when the youngest of its bounds was set
     bounds: tuple[Bound, ...]
     answers: tuple[ShortAnswer, ...] = ()  # of the README
 

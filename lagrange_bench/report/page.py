@@ -47,6 +47,7 @@ class Judged:
     claim: claims.Claim
     verdict: claims.ClaimVerdict
     command: str
+    bounded: str = ""  # when its bounds were set, and whether that was before its rows were measured
     beside: claims.ClaimVerdict | None = None  # by the results that these are held against
 
 
@@ -123,6 +124,9 @@ def assemble(
 def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> None:
     """Adds what only the bench's own page has."""
     report.claims = judge(rows, source)
+    starts = {s.experiment: s.provenance["utc"].min() for s in report.sections if len(s.provenance)}
+    for judged in report.claims:
+        judged.bounded = _bounded(judged.claim, starts.get(judged.claim.experiment))
     findings = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
     report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in findings if finding.broken]
     if len(rows.get("paper", ())):
@@ -131,6 +135,14 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
     _make(report, "engines", lambda: lists.programs(rows.get("engines", pd.DataFrame())))
     if len(report.engines):
         _make(report, "engines_in_short", lambda: lists.programs_in_short(rows["engines"]))
+
+
+def _bounded(claim: claims.Claim, start: str | None) -> str:
+    """When the bounds of a claim were set; and, if its rows were measured from `start` on (UTC), whether that was before them."""
+    when = f"bounds set on {claim.bounded:%Y-%m-%d}"
+    if start is None:
+        return when
+    return f"{when}, {'before its rows were measured' if claim.bounded.isoformat() < start else 'with its rows known'}"
 
 
 def _make(report: Report, name: str, make: Callable[[], Any]) -> None:

@@ -9,6 +9,7 @@ import shutil
 import stat
 import sys
 from dataclasses import replace
+from datetime import UTC, datetime
 from html import unescape
 from html.parser import HTMLParser
 from importlib.metadata import EntryPoint
@@ -70,14 +71,14 @@ def put(folder, experiment, index, method, h, *drift, **fields):
     store.Store(folder).append({**record, **fields})
 
 
-def claim(name, text, limit, column="drift", experiment="toy.good", **where):
+def claim(name, text, limit, column="drift", experiment="toy.good", year=2026, **where):
     bounds, answers = (Bound((column,), "≤", limit, where=where),), (ShortAnswer(f"{text} In short?", "{claim.worst}"),)
-    return Claim(name, "cost", text, experiment, bounds, answers)
+    return Claim(name, "cost", text, experiment, datetime(year, 11, 24, tzinfo=UTC), bounds, answers)
 
 
 CLAIMS = [
     claim("holds", "Drift stays small.", 1e-3, method="backlund"),
-    claim("refuted", "Drift stays tiny.", 1e-30, method="backlund"),
+    claim("refuted", "Drift stays tiny.", 1e-30, year=2999, method="backlund"),
     claim("failed", "A method that declines is fine.", 1e9, method="rk45"),
     claim("absent", "Nobody measured this.", 1.0, "colour", method="backlund"),
     claim("unstored", "Nothing is stored.", 1.0, experiment="toy.empty"),
@@ -196,6 +197,8 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     assert "run</span> <span>toy.empty</span>" in parts["missing"]
     found, away = parts["claims"].split("About experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
+    assert "bounds set on 2026-11-24, before its rows were measured" in found.split("claim-holds")[1].split("</li>")[0]
+    assert "bounds set on 2999-11-24, with its rows known" in found.split("claim-refuted")[1].split("</li>")[0]
     assert "Newton gave up &lt;here&gt;" in parts["failures"]
     assert np.__version__ in parts["environment"]
     assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]
