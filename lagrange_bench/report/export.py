@@ -42,7 +42,9 @@ def export(name: str, results: Path, path: Path, kind: str, width: str | None, c
         drawn = dict(_drawn(section, width))
         if name in drawn:
             done = replace_file(path, figures.FORMATS[kind](drawn[name]))
-            return {path: done}, _methods_without_rows(section), _remarks(section)
+            caption = getattr(drawn[name], "caption", "")
+            remarks = [*([f"caption: {caption}"] if caption else []), *_remarks(section)]
+            return {path: done}, _methods_without_rows(section), remarks
     if known := names(results, choice):
         raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"

@@ -89,7 +89,7 @@ def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
     orbit = exact.solution(named.top, named.state, np.linspace(0, steps * h, 3000))[:, 3:5].T
     truth = exact.solution(named.top, named.state, h * np.arange(steps + 1))[:, 3:5].T
     with style.apply():
-        figure, panels = style.figure("page", 2.7, ncols=2, sharey=True)
+        figure, panels = style.figure("page", 2.8, ncols=2, sharey=True)
         colors = style.of(ours)["color"], "#D55E00"
         for ax, method, many, color in zip(panels, (ours, other), (1, 4), colors, strict=True):
             run = integrate(named.top, named.state, h=h / many, steps=many * steps, every=many, method=method)
@@ -100,10 +100,10 @@ def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
             ax.plot(*states, "o", color=color, markersize=4)
             ax.set(aspect="equal", xticks=[], yticks=[])
             ax.spines[:].set_visible(False)
-        panels[0].set_title("The exact step is in every ring", color=colors[0])
-        panels[1].set_title("Strang’s splitting, four steps for each, is not", color=colors[1])
+        panels[0].set_title("The exact step is in every ring", color=colors[0], fontsize=11)
+        panels[1].set_title("Strang’s four short steps are not", color=colors[1], fontsize=11)
         legend = "The axis of a top,\nfrom above.\nRings: where it is.\nDots: where the\nmethod has it."
-        middle = {"ha": "center", "va": "center", "transform": panels[0].transAxes, "linespacing": 1.6}
+        middle = {"ha": "center", "va": "center", "transform": panels[0].transAxes, "linespacing": 1.4, "fontsize": 10}
         panels[0].text(0.5, 0.5, legend, **middle)
     return figure
 
