@@ -19,25 +19,22 @@ from lagrange_bench.judging.advice import findings_of, so_read
 from lagrange_bench.judging.columns import Options, Trajectory, read
 from lagrange_bench.judging.errors import blurred, by_the_better_clock, count_turns, curve
 from lagrange_bench.judging.findings import Finding
-from lagrange_bench.judging.fits import steps
 from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames
 from lagrange_bench.judging.judgement import Error, Judgement, spin_notes
-from lagrange_bench.judging.names import UNITS
 from lagrange_bench.judging.start import started
 
 Array = np.ndarray
 Values = ArrayLike | None
 Floors = Mapping[str, float]
 STARTS = ("case", "first-row", "fit")
-# units that times may be in
-CLOCKS = ("ms", "us", "ns", "min")
 # relative to the size of a quantity: more than that is another start, in doubles and in single precision
 START, SINGLE = 1e-9, 2e-7
 # likewise: a start that is off by more is none of the case
 RIGHT = 0.05
 # the first rows that are looked at for what is odd, and how many of all others
 HEAD, OTHERS = 2000, 4000
-UNEXPLAINED = "are the columns what they are taken for? If the run starts elsewhere: --start first-row."
+UNEXPLAINED = "No usual mistake explains this start: are the columns what they are taken for?"
+UNEXPLAINED += " If the run starts elsewhere: --start first-row."
 
 
 class Request(NamedTuple):
@@ -207,10 +204,8 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
         exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
         turned = count_turns(frames, seen, exact)
         blur = {} if exact is None else blurred(frames, seen["time"][:, 0], exact, floor.get("time", 0.0))
-    t, measured = (
-        rows["time"][:, 0],
-        {name: Error(float(error.max()), float(error[-1])) for name, error in errors.items()},
-    )
+    t = rows["time"][:, 0]
+    measured = {name: Error(float(error.max()), float(error[-1])) for name, error in errors.items()}
 
     def floors_of(known: Floors) -> dict[str, float]:
         worst = {name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items()}
@@ -247,9 +242,10 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
         sizes=frames.sizes,
     )
     if is_case:
-        judged.notes[:0] = _other_clock(judged, case)
+        if judged.ends_before(case.until):
+            judged.notes.insert(0, f"The last row is at t = {written[-1]:.9g} s; the case runs to {case.until:g} s.")
         if t[0] == 0 and not findings and any(error > RIGHT * frames.sizes[name] for name, error in off.items()):
-            judged.notes.append(f"No usual mistake explains this start: {UNEXPLAINED}")
+            judged.notes.append(UNEXPLAINED)
     return judged
 
 
@@ -278,29 +274,7 @@ def _odd_rows(
     if "orthogonality" in errors and (off := errors["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
     head = {name: values[:HEAD] for name, values in rows.items()}
-    R, omega = frames.matrices(head), head.get("omega")
-    if R is None or len(R) < 3:
-        return
-    if np.array_equal(R[0], R[1]) and (omega is None or omega[0].any()):
-        yield "Rows 1 and 2 are equal: perhaps each row holds the state before."
-    elif omega is not None:
-        first, second = np.linalg.norm(omega[:2], axis=1)
-        seen = np.linalg.norm(steps(R[:2])) / (t[1] - t[0])
-        if first > 0 and second < 0.1 * first and seen < 0.1 * first:
-            sizes = f"|ω| is {second:.3g} rad/s there, {first:.3g} at the start"
-            yield f"The second row does not follow from the first: {sizes}. Perhaps the program lost the velocities it was given."
     _, in_body = frames.motion(head)
-    is_told = any(finding.cause in ("damping", "cap") for finding in findings)
-    if in_body is not None and frames.axis is not None and not is_told:
+    is_named = any(finding.cause in ("damping", "cap") for finding in findings)
+    if in_body is not None and frames.axis is not None and frames.attitudes(head) and not is_named:
         yield from spin_notes(head["time"][:, 0], in_body @ frames.axis)
-
-
-def _other_clock(judged: Judgement, case: Case) -> Iterator[str]:
-    """Notes on a file that ends early, or whose times go far beyond the case."""
-    first, end = judged.span
-    if judged.ends_before(case.until):
-        yield f"The last row is at t = {end:.9g} s; the case runs to {case.until:g} s."
-    wrong = judged.leaves or judged.start["right"] is False
-    if end - first > 10 * case.until and wrong and not any(finding.cause == "time-unit" for finding in judged.findings):
-        unit = min(CLOCKS, key=lambda name: abs(math.log((end - first) * UNITS[name].factor / case.until)))
-        yield f"The times go to {end:.9g}, the case to {case.until:g} s: perhaps they are no seconds: --units t={unit}."

@@ -38,7 +38,7 @@ OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega
 OF_UNITS |= {"t": ["time"], "position": ["position", "points"], "length": ["position", "displacement", "points"]}
 OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
-JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
+JUDGED += ["mrp", "omega", "momentum"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
 COUNTS = {("step",), ("steps",), ("timestep",), ("time", "step"), ("frame",), ("iteration",)}  # of rows, not of bodies
 WHOLE = 1e-3  # quaternions are as near to length 1
@@ -122,7 +122,7 @@ def read(
         if all(is_number(row[place]) for row in sample):  # else they are dates
             raise ValueError(f"--step is for files without times: leave it out, or the column {header[place] or place}")
     if not set(chosen) - {"time"}:
-        raise ValueError(_nothing(names, notes, table.names))
+        raise ValueError(_nothing(notes, table.names))
     factors: dict[int, float] = {}
     words: list[str] = []
     found = Trajectory({}, np.empty(0), angles=how.angles, notes=notes)
@@ -327,7 +327,7 @@ def _choose(
         if best:
             chosen[kind] = best[0]
     if "omega" in chosen:  # then a momentum tells nothing more, and may be in other axes
-        chosen = {kind: group for kind, group in chosen.items() if not kind.startswith("momentum")}
+        chosen.pop("momentum", None)
     _order_angles(chosen, header, how, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
@@ -423,9 +423,7 @@ def _factors(
     return factors
 
 
-def _nothing(names: Mapping[int, Name], notes: list[str], header: list[str]) -> str:
-    if {(("j",), "1"), (("3",), "x")} <= {(name.stem, name.part) for name in names.values()}:
-        return "a run of the bench in J and x has no position or rotation; its `error()` compares it"
+def _nothing(notes: list[str], header: list[str]) -> str:
     nothing = f"nothing to judge but times: no position, rotation or angular velocity. {' '.join(notes)}".strip()
     columns = f"Its columns are {' '.join(header)[:200]}. " if header else ""
     return f"{nothing} {columns}Name them: --columns x=1,y=2,z=3 or qw=4,… or r11=4,… or wx=4,… or angle1=4,…"
@@ -520,7 +518,7 @@ def _keep(found: Trajectory, rows: Array) -> None:
 
 
 def _turned(found: Trajectory) -> None:
-    """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
+    """Write Rodrigues parameters, axis and angle as rotation vectors."""
     groups = found.arrays
     for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
         values = groups.pop(kind)
@@ -536,13 +534,6 @@ def _turned(found: Trajectory) -> None:
         if "rotation vector" in groups:
             raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
         groups["rotation vector"], found.floor["rotation vector"] = vectors, found.floor.get(kind, 0.0)
-    if (p := groups.pop("momentum of quaternion", None)) is not None and "quaternion" in groups:
-        q = groups["quaternion"]
-        if found.quat == "xyzw":
-            p, q = np.roll(p, 1, axis=1), np.roll(q, 1, axis=1)
-        # of molecular dynamics: p = 2 q (0, L)
-        groups["momentum"] = (q[:, :1] * p[:, 1:] - p[:, :1] * q[:, 1:] - np.cross(q[:, 1:], p[:, 1:])) / 2
-        found.frame = "body"
 
 
 def _rigid(found: Trajectory, points: Array, com: Array) -> None:
@@ -559,17 +550,9 @@ def _rigid(found: Trajectory, points: Array, com: Array) -> None:
     now, right = (np.linalg.norm(a[..., pairs[0], :] - a[..., pairs[1], :], axis=-1) for a in (x, points))
     change = np.abs(now / right - 1)
     size = float(np.nanmedian(now / right))
-    unit = (
-        f" The points are {size:.4g} times as far apart as in the body: --units position=…?"
-        if abs(size - 1) > 0.1
-        else ""
-    )
-    lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
-    unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
-    far = (
-        f" They are {size:.4g} times as far apart as in the body: --units position={unit}?"
-        if abs(size - 1) > 0.1
-        else ""
-    )
     off = f"their distances are off by up to {np.nanmax(change):.2g} of their size"
-    found.notes.append(f"Rotations are those of {len(points)} points; {off}.{far}")
+    found.notes.append(f"Rotations are those of {len(points)} points; {off}.")
+    if abs(size - 1) > 0.1:
+        lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
+        unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
+        found.notes.append(f"They are {size:.4g} times as far apart as in the body: --units position={unit}?")

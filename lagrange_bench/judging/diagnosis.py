@@ -292,8 +292,7 @@ class Diagnosis:
         # noise changes from row to row, another start does not
         clear = [float(np.linalg.norm(v[0])) for v in off if size(v) > EACH * size(np.diff(v, axis=0))]
         if clear and max(clear) > ANOTHER_START:
-            elsewhere = ff.of_start(rows.R, rows.omega if rows.frame == fk.BODY else None, rows.x)
-            self.tell(elsewhere, max(clear), 0.0)
+            self.tell(say("other-start"), max(clear), 0.0)
 
     # ---------------------------------------------------------------- by the rows themselves
 
@@ -336,8 +335,10 @@ class Diagnosis:
         assert rows.R is not None
         choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.ways), floor)
         off = choice.misfits
-        if rows.angles is not None and blur < BLURRED and self.is_angles(omega, choice, max(floor, fk.BLURS * blur)):
-            return self.angles(rate, choice)
+        if rows.angles is not None and blur < BLURRED:
+            cause = self.angle_cause(rows.angles, omega, rate, choice, max(floor, fk.BLURS * blur))
+            if cause:
+                return None if cause == "angles-integrated" else rate
         if choice.winner is None:
             in_body = omega if rows.frame == fk.BODY else np.einsum("kji,kj->ki", rows.R, omega)
             self.is_clear = choice.now.misfit < UNCLEAR
@@ -370,24 +371,20 @@ class Diagnosis:
         # the exact motion turns as fast, but for what else is wrong
         return is_named and abs(factor * size(omega) / (size(self.exact(self.rows.t)[2]) or math.inf) - 1) < ALIKE["ms"]
 
-    def is_angles(self, omega: Array, choice: Choice, floor: float) -> bool:
-        """Whether ω is the rate of the angles, and that more clearly than anything else."""
-        assert self.rows.angles is not None
-        rival = (choice.winner or choice.now).score(floor)
-        models = fk.angle_rates(self.rows.t, self.rows.angles, omega)
-        return any(model.misfit < GOOD and model.score(floor) + math.log(CLEARLY) < rival for model in models)
+    def angle_cause(self, angles: Array, omega: Array, rate: Array, choice: Choice, floor: float) -> str:
+        """Which of ω and the angles is wrong if ω is the rate of the angles, more clearly than anything else; else "".
 
-    def angles(self, rate: Array, choice: Choice) -> Array | None:
-        """Say that ω is the rate of the angles: ω is wrong if the rotations obey the law, else the angles are."""
-        rows, inner = self.rows, slice(2, -2)
+        ω is wrong if the rotations obey the law, else the angles are.
+        """
+        rows, inner, now = self.rows, slice(2, -2), choice.winner or choice.now
         assert rows.R is not None
+        best = min(fk.angle_rates(rows.t, angles, omega), key=lambda model: model.score(floor))
+        if not (best.misfit < GOOD and best.score(floor) + math.log(CLEARLY) < now.score(floor)):
+            return ""
         rest, terms = balance(rows.t[inner], self.W @ rows.R[inner] @ self.B, rate @ self.B, self.body)
-        is_integrated = rest > GOOD * terms
-        assert rows.angles is not None
-        assert rows.omega is not None
-        after = min(model.misfit for model in fk.angle_rates(rows.t, rows.angles, rows.omega))
-        self.tell(say("angles-integrated" if is_integrated else "angle-rates"), choice.now.misfit, after)
-        return None if is_integrated else rate
+        cause = "angles-integrated" if rest > GOOD * terms else "angle-rates"
+        self.tell(say(cause), choice.now.misfit, best.misfit)
+        return cause
 
     def is_product(self, spin: fk.Spin, omega: Array) -> bool:
         """Whether ω in the body is right, but the rotations turn as if it were in the world: a product on the wrong side."""

@@ -6,27 +6,30 @@ from collections.abc import Mapping
 import numpy as np
 
 from lagrange_bench.judging.fits import steps
-from lagrange_bench.judging.frames import UNITS, Exact, Frames
+from lagrange_bench.judging.frames import Exact, Frames
 
 Array = np.ndarray
 # points of a curve
 POINTS = 2000
-# rows that are compared at once
-BLOCK = 1 << 16
 # Sums of steps are rounded: times that are as near to decimals of DECIMALS places, relative to the last time, may be these.
 DECIMALS, NEAR = 8, 1e-10
 
 
-def by_the_better_clock(frames: Frames, rows: dict[str, Array]) -> tuple[dict[str, Array], Array, list[str]]:
+def by_the_better_clock(frames: Frames, rows: Mapping[str, Array]) -> tuple[dict[str, Array], Array, list[str]]:
     """The errors of all rows, (n,) each, the times (n, 1) of them, and what to say of these.
 
     A sum of steps is rounded, so the decimals near to the times may be the right ones: those with the smaller errors are taken.
     """
+
+    def errors_at(t: Array) -> dict[str, Array]:
+        exact = None if frames.case is None else frames.exact(t[:, 0])
+        return frames.errors({**rows, "time": t}, exact)
+
     t, rounded = rows["time"], _decimals(rows["time"])
-    errors, off = errors_of(frames, rows), float(np.max(np.abs(rounded - t)))
+    errors, off = errors_at(t), float(np.max(np.abs(rounded - t)))
     if off == 0 or off > NEAR * float(np.max(np.abs(t))):
         return errors, t, []
-    others = errors_of(frames, {**rows, "time": rounded})
+    others = errors_at(rounded)
     judged = [name for name in ("rotation", "position", "omega", "kinematics") if name in errors]
     before, after = (max((float(np.median(each[name])) for name in judged), default=0.0) for each in (errors, others))
     if after >= before:
@@ -42,22 +45,6 @@ def _decimals(t: Array) -> Array:
     # per second; a power of ten, so that decimals are its multiples
     unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0
     return np.asarray(np.round(t * unit) / unit)
-
-
-def errors_of(frames: Frames, rows: Mapping[str, Array]) -> dict[str, Array]:
-    """The error of each quantity in each row, in parts, to save memory; slopes need two rows before a part and one after it."""
-    n, parts = len(rows["time"]), list[dict[str, Array]]()
-    for first in range(0, n, BLOCK):
-        begin, end = max(0, first - 2), min(n, first + BLOCK + 1)
-        part = {name: values[begin:end] for name, values in rows.items()}
-        exact = None if frames.case is None else frames.exact(part["time"][:, 0])
-        kept = slice(first - begin, min(n, first + BLOCK) - begin)
-        parts.append({name: error[kept] for name, error in frames.errors(part, exact).items()})
-    names = [name for name in UNITS if any(name in part for part in parts)]
-    missing = [np.full(min(BLOCK, n - first), np.nan) for first in range(0, n, BLOCK)]
-    return {
-        name: np.concatenate([part.get(name, nan) for part, nan in zip(parts, missing, strict=True)]) for name in names
-    }
 
 
 def curve(t: Array, error: Array) -> Array:

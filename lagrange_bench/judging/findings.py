@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
@@ -11,108 +12,68 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.fits import NEAR, Array, is_axes, name_of, rotvec
 
-MOMENTS = "give the program the moments of the body"
-GRAVITY = "give the program the gravity of the body"
-SMALLER = "take smaller steps, or another integrator"
-# cause, and a second word if it has several sentences → the sentence, and the option or the change that mends it
+# cause, and a second word if it has several sentences | the sentence | the option or the change that mends it
+TABLE = """
+time-unit | the times are in {name}: {mend} | --units t={unit}
+time-shift | the first row is the start of the case: {mend}, or subtract {first:.9g} s from the times | --t0 0
+rows-late | the times are shifted: each row holds the state {rows} | write the row on the other side of the step
+other-start | the rows start elsewhere than the case: {mend} | --start first-row
+quaternion-order | the quaternions are in the other order: {mend} | {option}
+rotation-angles | the angles are in degrees, or about other axes: {mend} | {option}
+rotation-transposed | the rotations are transposed: they take the world to the body; {mend} | write R transposed, or the conjugate
+rotation-product | ω is right as it is read, but the rotations turn as if it were in the {frame}: multiply on the other side |
+    q ← q δq for ω in the body, q ← δq q for ω in the world
+left-handed | the world is left-handed: write {axes} for positions (x, y, z), and for the vector part of quaternions, rotation
+    vectors and ω −{axes} | write {axes} for (x, y, z)
+left-handed matrix | a row or column of the matrices has the wrong sign: their determinant is negative | change the sign of a
+    row or a column
+world-axes | the axes of the world have other names: {mend} | write {axes} for (x, y, z)
+world-axes option | the axis {axis} points up: {mend} | --up={axis}
+world-axes turned | the axes of the world are others: {mend} | turn the world of the rows by the rotation vector ({turn}) rad
+world-axes gravity | gravity pulls along {down}: the axis {axis} points up: {mend} | --up={axis}
+body-axes | the axes of the body have other names: {mend} | the axes (x, y, z) of the body are {axes} in the rows
+body-axes option | the axis of symmetry is {axis}: {mend} | --axis={axis}
+body-axes turned | the axes of the body are others: {mend} | turn the body of the rows by the rotation vector ({turn}) rad
+body-axes moments | the body has other axes, {axes} of the rows, or its moments have changed places: {moments} | give the
+    program the moments of the body
+omega-lag | ω is in the frame of the body of the row before: {mend} | turn ω by the rotation of its own row
+omega-frame | ω is in the {frame} frame: {mend}, from Python omega_frame | --omega {frame}
+omega-half-step | ω is {time}: it is what turns {step} | take the mean of two rows, or shift the times of ω by half a step
+omega-row | ω is {time}: {mend} | write ω and rotation of one time
+omega-unit | omega is in {name}: {mend} | --units omega={unit}
+omega-unit unnamed | ω has the factor {factor:.4g} | another unit of ω
+omega-sign | omega is of the other sign | change the sign of ω
+omega-axes | ω is in other axes: {mend} | write {axes} for (x, y, z)
+omega-turned | ω is in other axes, as of a gyroscope that is mounted askew: {mend} | turn ω by the rotation vector ({turn}) rad
+angles-integrated | the angles are the integrals of ω (φ' = p, θ' = q, ψ' = r): ω is taken for the rates of the angles |
+    integrate q' = q ω/2, or R' = R ω
+angle-rates | the columns of ω are the rates of the angles, not ω | write ω, or leave these columns out
+cap | |ω| falls from {before:.4g} to {after:.5g} rad/s ({degrees:.4g} °/s) in the first step, and not below: a cap | lift the
+    cap on angular velocities
+moments | the rows {verb} of a body with moments {moments} and {rest} | give the program the moments of the body
+moments left-out | the products of inertia are left out | give the program the moments of the body
+moments sign | the products of inertia have the other sign | give the program the moments of the body
+moments point | the moments of inertia about the {one} were taken for those about the {other} | give the program the moments
+    of the body
+gyroscopic-torque | the program leaves out the gyroscopic torque ω × I ω: an option of many engines | switch the gyroscopic
+    torque on
+damping | L decays like exp(−{rate:.3g} t): damping | switch the damping off
+explicit-step | the gyroscopic torque is that of {late:.3g} s {side}: an explicit step | take smaller steps, or another integrator
+explicit-step grows | L grows like exp({rate:.3g} t): an explicit step | take smaller steps, or another integrator
+gravity none | the program has no gravity | give the program the gravity of the body
+gravity reversed | gravity is reversed: it points up | give the program the gravity of the body
+gravity share | gravity is {length:.4g} m/s², {share:.3g} of that of the body | give the program the gravity of the body
+gravity | gravity is ({g}) m/s², not ({was}) | give the program the gravity of the body
+length-unit | position is in {name}: {mend} | --units position={unit}
+length-unit unnamed | positions have the factor {factor:.4g} | another unit of length
+displacement | the position is a displacement from the start: {mend} | name it ux, uy, uz
+origin | the positions are off by {shift}: another origin | subtract {shift}
+origin point | the positions are those of {point}, not of the centre of mass | write the centre of mass
+"""
 SENTENCES = {
-    "time-unit": ("the times are in {name}: {mend}", "--units t={unit}"),
-    "time-shift": (
-        "the first row is the start of the case: {mend}, or subtract {first:.9g} s from the times",
-        "--t0 0",
-    ),
-    "rows-late": (
-        "the times are shifted: each row holds the state {rows}",
-        "write the row on the other side of the step",
-    ),
-    "other-start": ("the rows start elsewhere than the case: {mend}", "--start first-row"),
-    "other-start named": ("this is the start of the case {case}", "--case {case}"),
-    "quaternion-order": ("the quaternions are in the other order: {mend}", "{option}"),
-    "rotation-angles": ("the angles are in degrees, or about other axes: {mend}", "{option}"),
-    "rotation-transposed": (
-        "the rotations are transposed: they take the world to the body; {mend}",
-        "write R transposed, or the conjugate",
-    ),
-    "rotation-product": (
-        "ω is right as it is read, but the rotations turn as if it were in the {frame}: multiply on the other side",
-        "q ← q δq for ω in the body, q ← δq q for ω in the world",
-    ),
-    "left-handed": (
-        "the world is left-handed: write {axes} for positions (x, y, z), and for the vector part of quaternions,"
-        " rotation vectors and ω −{axes}",
-        "write {axes} for (x, y, z)",
-    ),
-    "left-handed matrix": (
-        "a row or column of the matrices has the wrong sign: their determinant is negative",
-        "change the sign of a row or a column",
-    ),
-    "world-axes": ("the axes of the world have other names: {mend}", "write {axes} for (x, y, z)"),
-    "world-axes option": ("the axis {axis} points up: {mend}", "--up={axis}"),
-    "world-axes turned": (
-        "the axes of the world are others: {mend}",
-        "turn the world of the rows by the rotation vector ({turn}) rad",
-    ),
-    "world-axes gravity": ("gravity pulls along {down}: the axis {axis} points up: {mend}", "--up={axis}"),
-    "body-axes": (
-        "the axes of the body have other names: {mend}",
-        "the axes (x, y, z) of the body are {axes} in the rows",
-    ),
-    "body-axes option": ("the axis of symmetry is {axis}: {mend}", "--axis={axis}"),
-    "body-axes turned": (
-        "the axes of the body are others: {mend}",
-        "turn the body of the rows by the rotation vector ({turn}) rad",
-    ),
-    "body-axes moments": (
-        "the body has other axes, {axes} of the rows, or its moments have changed places: {moments}",
-        MOMENTS,
-    ),
-    "omega-lag": ("ω is in the frame of the body of the row before: {mend}", "turn ω by the rotation of its own row"),
-    "omega-frame": ("ω is in the {frame} frame: {mend}, from Python omega_frame", "--omega {frame}"),
-    "omega-half-step": (
-        "ω is {time}: it is what turns {step}",
-        "take the mean of two rows, or shift the times of ω by half a step",
-    ),
-    "omega-row": ("ω is {time}: {mend}", "write ω and rotation of one time"),
-    "omega-unit": ("omega is in {name}: {mend}", "--units omega={unit}"),
-    "omega-unit unnamed": ("ω has the factor {factor:.4g}", "another unit of ω"),
-    "omega-sign": ("omega is of the other sign", "change the sign of ω"),
-    "omega-axes": ("ω is in other axes: {mend}", "write {axes} for (x, y, z)"),
-    "omega-turned": (
-        "ω is in other axes, as of a gyroscope that is mounted askew: {mend}",
-        "turn ω by the rotation vector ({turn}) rad",
-    ),
-    "angles-integrated": (
-        "the angles are the integrals of ω (φ' = p, θ' = q, ψ' = r): ω is taken for the rates of the angles",
-        "integrate q' = q ω/2, or R' = R ω",
-    ),
-    "angle-rates": (
-        "the columns of ω are the rates of the angles, not ω",
-        "write ω, or leave these columns out",
-    ),
-    "cap": (
-        "|ω| falls from {before:.4g} to {after:.5g} rad/s ({degrees:.4g} °/s) in the first step, and not below: a cap",
-        "lift the cap on angular velocities",
-    ),
-    "moments": ("the rows {verb} of a body with moments {moments} and {rest}", MOMENTS),
-    "moments left-out": ("the products of inertia are left out", MOMENTS),
-    "moments sign": ("the products of inertia have the other sign", MOMENTS),
-    "moments point": ("the moments of inertia about the {one} were taken for those about the {other}", MOMENTS),
-    "gyroscopic-torque": (
-        "the program leaves out the gyroscopic torque ω × I ω: an option of many engines",
-        "switch the gyroscopic torque on",
-    ),
-    "damping": ("L decays like exp(−{rate:.3g} t): damping", "switch the damping off"),
-    "explicit-step": ("the gyroscopic torque is that of {late:.3g} s {side}: an explicit step", SMALLER),
-    "explicit-step grows": ("L grows like exp({rate:.3g} t): an explicit step", SMALLER),
-    "gravity none": ("the program has no gravity", GRAVITY),
-    "gravity reversed": ("gravity is reversed: it points up", GRAVITY),
-    "gravity share": ("gravity is {length:.4g} m/s², {share:.3g} of that of the body", GRAVITY),
-    "gravity": ("gravity is ({g}) m/s², not ({was})", GRAVITY),
-    "length-unit": ("position is in {name}: {mend}", "--units position={unit}"),
-    "length-unit unnamed": ("positions have the factor {factor:.4g}", "another unit of length"),
-    "displacement": ("the position is a displacement from the start: {mend}", "name it ux, uy, uz"),
-    "origin": ("the positions are off by {shift}: another origin", "subtract {shift}"),
-    "origin point": ("the positions are those of {point}, not of the centre of mass", "write the centre of mass"),
+    name: (sentence, mend)
+    for line in re.split(r"\n(?=\S)", TABLE.strip())
+    for name, sentence, mend in [" ".join(line.split()).split(" | ")]
 }
 
 

@@ -15,8 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lagrange_bench.integrators import CASES, RigidBody
-from lagrange_bench.integrators.problem.rotation import as_rotation
+from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, numbers, of_axes, of_unit, say, triple
 from lagrange_bench.judging.fits import (
     EACH,
@@ -210,22 +209,6 @@ def of_shift(shift: float, first: float, step: float) -> Finding:
         return say("time-shift", first=first)
     count, side = "row" if abs(k) == 1 else "rows", "later" if k > 0 else "earlier"
     return say("rows-late", rows=f"{abs(k)} {count} {side}")
-
-
-def of_start(R: Array | None, omega: Array | None, x: Array | None) -> Finding:
-    """Another start, perhaps of a named case; rows of rotations, ω in the body and positions."""
-    for name, case in CASES.items():
-        rotation = as_rotation(case.rotation).as_matrix()
-        position = rotation @ case.body.com if case.body.fixed else np.asarray(case.position)
-        starts = [(R, rotation), (omega, np.asarray(case.omega_body)), (x, position)]
-        known = [
-            np.abs(rows[0] - start).max() < 1e-6 * max(1.0, np.abs(start).max())
-            for rows, start in starts
-            if rows is not None
-        ]
-        if omega is not None and len(known) > 1 and all(known):
-            return say("other-start named", case=name)
-    return say("other-start")
 
 
 def of_place(word: str, value: Array, body: RigidBody) -> Iterator[Finding]:

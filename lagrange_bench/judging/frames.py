@@ -150,24 +150,21 @@ class Frames:
         wxyz : the option for the other order of quaternions, where their names tell an order.
         """
         group = next((name for name in ATTITUDES if name in trajectory), "")
-        how, degrees = self.convention, "--units angle=deg"
-        values = trajectory[group] if group else np.empty((0, 3))
-        readings: dict[str, Rotation] = {}
+        convention, readings = self.convention, dict[str, Rotation]()
         if group == "quaternion":
-            other = "xyzw" if how.quat == "wxyz" else "wxyz"
-            readings[wxyz or f"--quat {other}"] = Rotation.from_quat(_unit(values), scalar_first=other == "wxyz")
-        elif group == "angles":
-            values, other = np.nan_to_num(values), how.angles.swapcase()
-            readings[degrees] = Rotation.from_euler(how.angles, np.deg2rad(values))
-            readings[f"--angles {other}"] = Rotation.from_euler(other, values)
-            readings[f"--angles {other} {degrees}"] = Rotation.from_euler(other, np.deg2rad(values))
-        elif group == "rotation vector":
-            values = np.nan_to_num(values)
-            readings[degrees] = Rotation.from_rotvec(np.deg2rad(values))
-            for axes in ("XYZ", "xyz"):
-                option = f"--columns angle1=…,angle2=…,angle3=… --angles {axes}"
-                readings[option] = Rotation.from_euler(axes, values)
-                readings[f"{option} {degrees}"] = Rotation.from_euler(axes, np.deg2rad(values))
+            other = "xyzw" if convention.quat == "wxyz" else "wxyz"
+            turns = Rotation.from_quat(_unit(trajectory[group]), scalar_first=other == "wxyz")
+            readings[wxyz or f"--quat {other}"] = turns
+        elif group in ("angles", "rotation vector"):
+            values, axes = np.nan_to_num(trajectory[group]), {"": convention.angles}
+            axes[f"--angles {convention.angles.swapcase()}"] = convention.angles.swapcase()
+            if group == "rotation vector":
+                axes = {f"--columns angle1=…,angle2=…,angle3=… --angles {each}": each for each in ("XYZ", "xyz")}
+                readings["--units angle=deg"] = Rotation.from_rotvec(np.deg2rad(values))
+            for option, each in axes.items():
+                if option:
+                    readings[option] = Rotation.from_euler(each, values)
+                readings[f"{option} --units angle=deg".strip()] = Rotation.from_euler(each, np.deg2rad(values))
         return {option: self.to_world @ turns.as_matrix() @ self.from_body for option, turns in readings.items()}
 
     def motion(self, trajectory: Mapping[str, Array]) -> tuple[Array, Array | None]:

@@ -135,14 +135,12 @@ def unit_of(text: str) -> Unit | None:
 
 def page() -> str:
     """The text of docs/names.md."""
-    told = {
+    others = {
         "": "not judged",
         "never": "not judged, whatever else the name says",
         "point": "position, if no other word is known",
     }
-    meanings = [
-        f"| {' '.join(text.split())} | {told.get(quantity, quantity)} |" for quantity, text in QUANTITIES.items()
-    ]
+    meanings = [f"| {' '.join(text.split())} | {others.get(name, name)} |" for name, text in QUANTITIES.items()]
     frames = [f"| {', '.join(words)} | ω in the {frame} |" for frame, words in FRAMES.items()]
     units = [
         f"| {', '.join(names.split())} | {factor:.10g} {kind} |"
@@ -152,7 +150,7 @@ def page() -> str:
     orders_of: dict[str, dict[str, None]] = {}  # of each shape, in the order of SHAPES
     for forms in SHAPES.values():
         for shape, orders in forms:
-            orders_of.setdefault(shape.removeprefix("momentum of "), {}).update(dict.fromkeys(orders))
+            orders_of.setdefault(shape, {}).update(dict.fromkeys(orders))
     shapes_of: dict[str, list[str]] = {}
     for shape, found in orders_of.items():
         shapes_of.setdefault("; ".join(sorted(found)), []).append(shape)
@@ -335,7 +333,7 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "axis and angle": (("axis and angle", tuple(f"{order} angle" for order in VECTORS)),),
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
     "gyro": (("gyro", ("x y z",)),),
-    "momentum": (("momentum of quaternion", QUATERNIONS), ("momentum", VECTORS)),
+    "momentum": (("momentum", VECTORS),),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),
     "angles": (("angles", ROLES),),
     "qpos7": (("position", ("0 1 2",)), ("quaternion", ("3 4 5 6",))),  # of MuJoCo, of a free and of a ball joint

@@ -1,11 +1,10 @@
 """Tables of numbers in files that any program wrote: where the rows and the names of the columns are, and the numbers."""
 
-import bz2
+import codecs
 import csv
 import gzip
 import itertools
 import json
-import lzma
 import math
 import re
 import zipfile
@@ -46,6 +45,8 @@ OTHERS = {
     b"#ROSBAG": "a bag of ROS: write its topic as .csv",
     b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
     b"(\xb5/\xfd": "packed by zstd: unpack it",
+    b"\xfd7zXZ": "packed by xz: unpack it",
+    b"BZh": "packed by bzip2: unpack it",
 }
 
 
@@ -189,10 +190,7 @@ class Text:
 
     def __init__(self, path: Path, start: bytes):
         self.path = path
-        self.open_bytes: Callable[..., Any] = open
-        for magic, opener in ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ", lzma.open)):
-            if start.startswith(magic):
-                self.open_bytes = opener
+        self.open_bytes: Callable[..., Any] = gzip.open if start.startswith(b"\x1f\x8b") else open
         with self.open_bytes(path, "rb") as file:
             start = file.read(HEAD)
         self.encoding = _encoding(start)
@@ -402,18 +400,13 @@ def _encoding(start: bytes) -> str:
     """utf-8-sig, utf-16, or the one-byte code of old programs; empty for what is no text."""
     if start.startswith((b"\xff\xfe", b"\xfe\xff")):
         return "utf-16"
-    if b"\0" in start:
-        even, odd = start[::2].count(0), start[1::2].count(0)
-        kind = "be" if even else "le"
-        return f"utf-16-{kind}" if max(even, odd) > 0.4 * len(start) and not (even and odd) else ""
+    if any(byte < 9 or 13 < byte < 32 for byte in start):
+        return ""
     try:
-        start[:-4].decode("utf-8-sig") if len(start) == HEAD else start.decode("utf-8-sig")
-        return "utf-8-sig"
-    except UnicodeDecodeError as error:
-        if len(start) == HEAD and error.start > len(start) - 8:
-            return "utf-8-sig"
-        strange = sum(byte < 9 or 13 < byte < 32 for byte in start)
-        return "" if strange else "cp1252"
+        codecs.getincrementaldecoder("utf-8-sig")().decode(start)  # the last letter may be cut
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8-sig"
 
 
 def _words(line: str, separator: str | None) -> list[str]:
