@@ -28,7 +28,7 @@ smallest turn leads from there to the frames of the case; if that is half a turn
 Sums of steps are rounded: times near to decimals of nine digits (1e-10 of the last time) are taken for these if that makes errors
 smaller. q and -q are the same rotation. If a file has quaternions and matrices, or positions and displacements, the larger error
 counts. Angles beside these are not read without --angles. A NaN in a row makes the error NaN, and so does a matrix that is no
-rotation. A row needs some 0.4 kB of memory, so ten million rows need 4 GB.
+rotation. A row needs some 0.6 kB of memory, so ten million rows need 6 GB.
 
 Without a start, --body compares the energy and all else that the motion conserves with the first row, and judges whether ω fits
 the rotations (kinematics, of fourth order in the distance of the rows). With --bounds, a file also fails if a number in it is not

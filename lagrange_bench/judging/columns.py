@@ -555,4 +555,4 @@ def _rigid(found: Trajectory, points: Array, com: Array) -> None:
     if abs(size - 1) > 0.1:
         lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
         unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
-        found.notes.append(f"They are {size:.4g} times as far apart as in the body: --units position={unit}?")
+        found.notes.append(f"The points are {size:.4g} times as far apart as in the body: --units position={unit}?")

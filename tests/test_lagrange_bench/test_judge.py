@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import judge
 from lagrange_bench.integrators import CASES, RigidBody, integrate
-from lagrange_bench.judging import errors, find
+from lagrange_bench.judging import find
 from lagrange_bench.judging import rows as reading_rows
 
 BRUELS = CASES["bruels"]
@@ -127,11 +127,6 @@ FILES = {  # what is in it → exit code, what is said
     "t,qw,qx,qy,qz\n0,0,0,0,0": (0, "1 of 1 rows have a number that is missing or not finite, a matrix or quaternion"),
     "t,x,y,z\n0,0,1,0\n0.1,0,1,0": (0, "The last row is at t = 0.1 s; the case runs to 2 s."),
     "t [ms],x (mm),y (mm),z (mm)\n0,0,1000,0": (0, "is right, as far as the file says: it has no angular velocity."),
-    "t,x,y,z\n0,0,1,0\n1,0,1,0\n200,0,1,0": (
-        0,
-        "The times go to 200, the case to 2 s: perhaps they are no seconds: --units t=ms.",
-    ),
-    "t,J1,J2,J3,x1,x2,x3\n0,0,1,0,1,0,0": (2, "a run of the bench in J and x has no position or rotation"),
     gzip.compress(b"t,x,y,z\n0,0,1,0\n", mtime=0)[:-9]: (2, "run.csv: Compressed file ended before"),
 }
 
@@ -200,15 +195,9 @@ def test_no_row_of_a_long_file_is_lost(head, tmp_path, answer, monkeypatch):
     assert late.curves["position"][0] == pytest.approx(T[:n], abs=1e-15)
 
 
-@pytest.mark.parametrize(("parts", "end"), [(1024, 8.0), (60, 6.0)])
-def test_times_that_are_no_decimals_are_not_rounded(parts, end):
-    t = np.arange(round(parts * end) + 1) / parts
-    motion = BRUELS.solution(t)
-    exact = judge(t, rotation=motion.rotation, omega=motion.omega_body, case="bruels")
-    assert (exact.rotation.max, exact.omega.max) < (1e-12, 1e-10)
-
-
 def test_of_times_near_decimals_the_better_reading_counts():
+    thirds = np.arange(361) / 60
+    assert judge(thirds, rotation=BRUELS.solution(thirds).rotation, case="bruels").rotation.max < 1e-12
     t = np.linspace(0, 2, 201) * (1 + 4e-11)
     exact, nearly = (
         judge(t, rotation=BRUELS.solution(at).rotation, case="bruels") for at in (t, np.linspace(0, 2, 201))
@@ -216,21 +205,6 @@ def test_of_times_near_decimals_the_better_reading_counts():
     assert (exact.rotation.max < 1e-12, exact.notes) == (True, [])
     assert nearly.rotation.max < 1e-12
     assert "The times are taken for the decimals near to them, by up to 8.0e-11 s" in nearly.notes[0]
-
-
-def test_what_needs_neighbours_does_not_depend_on_the_parts(monkeypatch):
-    """Neither ω as the slope of rotations nor the number of turns; one bad matrix mirrors nothing."""
-    body, t, attitude, omega, bad = BRUELS.body, T[:101], R[:101], OMEGA[:101], M[:101].copy()
-    bad[50, 0] *= -1
-    whole = judge(t, rotation=attitude, omega=omega, body=body)
-    for size in (1, 2, 16, 50, 100):
-        monkeypatch.setattr(errors, "BLOCK", size)
-        part = judge(t, rotation=attitude, omega=omega, body=body)
-        assert (*part.kinematics, part.turns) == pytest.approx((*whole.kinematics, whole.turns), rel=1e-12)
-        mirrored = judge(t, rotation=bad, case="bruels")
-        assert "1 of 101 rows" in mirrored.notes[1]
-        assert not any("determinant" in hint.text for hint in mirrored.findings)
-    assert judge(t, rotation=attitude, body=body).turns == pytest.approx(whole.turns, rel=1e-3)
 
 
 def test_rows_of_one_body_are_chosen_from_a_long_file(monkeypatch, tmp_path, answer):
@@ -317,10 +291,6 @@ SPIN = BOX.rotation.apply(BOX.omega_body)
         ({"omega": SPIN}, "--omega world"),
         ({"omega": SPIN, "omega_frame": "world"}, ""),
         ({"rotation": BOX.rotation.as_quat(), "omega": SPIN, "omega_frame": "world"}, "--quat xyzw"),
-        ({"rotation": BOX.rotation.inv()}, "transposed"),
-        ({"omega": CASES["box"].solution(BOX.t - 1 / 480).omega_body}, "half a step late"),
-        ({"omega": CASES["box"].solution(BOX.t + 1 / 480).omega_body}, "half a step early"),
-        ({"omega": np.rad2deg(BOX.omega_body)}, "--units omega=deg/s"),
         ({"t": 1e3 * BOX.t}, "--units t=ms"),
     ],
 )
@@ -409,18 +379,15 @@ def test_a_start_is_found_by_the_rows(tmp_path, answer):
 
 
 def test_a_momentum_is_an_angular_velocity(tmp_path, answer):
-    """In the world, in the body, or times 2 q as in molecular dynamics."""
+    """In the world, or in the body."""
     box, t = CASES["box"], np.arange(50) / 20
     motion = box.solution(t)
     q, L = motion.rotation.as_quat(scalar_first=True), motion.momentum
     in_body = motion.rotation.inv().apply(L)
-    w, v = q[:, :1], q[:, 1:]
-    p = 2 * np.hstack([-np.sum(v * in_body, 1, keepdims=True), w * in_body + np.cross(v, in_body)])
     for names, values, words in (
         ("Lx Ly Lz", L, ()),
         ("L_body_x L_body_y L_body_z", in_body, ()),
         ("Lx Ly Lz", in_body, ("--omega", "body")),
-        ("angmom[0] angmom[1] angmom[2] angmom[3]", p, ()),
     ):
         file = write(tmp_path / "run.csv", f"t qw qx qy qz {names}", t, q, values)
         (found,) = answer("judge", file, "--case", "box", *words)["files"]

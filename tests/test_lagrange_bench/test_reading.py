@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import constants
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
@@ -16,6 +17,7 @@ from lagrange_bench.integrators import CASES, integrate
 from lagrange_bench.judging import names
 from lagrange_bench.judging.columns import Options, read
 from lagrange_bench.judging.names import unit_of
+from lagrange_bench.judging.rows import number
 
 T = np.arange(12) / 10
 X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)
@@ -72,6 +74,7 @@ MATLAB | t pos_~123 omega_~123 | t x w |
 Xsens | // Start Time: 12¶PacketCounter SampleTimeFine Quat_q~0123 Gyr_~XYZ Acc_~XYZ | k t wxyz w - |
 pandas | ,t x y z | k t x |
 axis and angle | t axis_~xyz angle[deg] | t v dangle |
+a rotation vector in degrees | t r~xyz | t dv | units=angles:deg
 vector r beside a quaternion | t r_~xyz q~wxyz | t x wxyz |
 vector r of a robot | t ~xyz r~xyz | t x v |
 vector r that changes its length | t r_~xyz w_~xyz | t v w |
@@ -111,11 +114,21 @@ a time stamp | header.stamp.secs header.stamp.nsecs ~x,y,z | sec nanosec x | t0=
 no names | | t x | columns=t:0,x:1,y:2,z:3
 """
 NUMBERS = {"t": T, "k": K, "ns": K * 1e8, "sec": 1700000000 + K // 10, "nanosec": K % 10 * 1e8, "late": 1700 + T}
-NUMBERS |= {"x": X, "mm": 1e3 * X, "-": X - W, "w": W, "dw": W * DEG, "rpm": W * 30 / np.pi, "m": M, "v": V}
+NUMBERS |= {
+    "x": X,
+    "mm": 1e3 * X,
+    "-": X - W,
+    "w": W,
+    "dw": W * DEG,
+    "rpm": W * 30 / np.pi,
+    "m": M,
+    "v": V,
+    "dv": V * DEG,
+}
 NUMBERS |= {"wxyz": Q, "xyzw": R.as_quat(), "mrp": R.as_mrp(), "rxyz": R.as_euler("xyz"), "dangle": R.magnitude() * DEG}
 NUMBERS |= {"dtheta": R.as_euler("ZXZ", degrees=True)[:, [1, 0, 2]], "ks": 20 * K}
 NUMBERS |= {f"d{axes}": R.as_euler(axes, degrees=True) for axes in ("xyz", "YXZ", "ZYX", "ZXZ")}
-VECTOR = dict.fromkeys(("dtheta", "v", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
+VECTOR = dict.fromkeys(("dtheta", "v", "dv", "mrp", "rxyz", "dxyz", "dYXZ", "dZYX", "dZXZ"), "rotation vector")
 GROUP = {**VECTOR, "x": "position", "mm": "position", "w": "omega", "dw": "omega", "rpm": "omega", "m": "matrix"}
 GROUP |= {"wxyz": "quaternion", "xyzw": "quaternion"}
 
@@ -353,7 +366,7 @@ def test_points_of_a_body_are_a_rotation(tmp_path):
     ]
     file = tmp_path / "run.xyz"
     file.write_text("".join(frames))
-    assert "times as far apart as in the body: --units position=å?" in read(file, points=points).notes[0]
+    assert "times as far apart as in the body: --units position=å?" in read(file, points=points).notes[1]
     assert read(file, Options(units={"position": "å"}), points).arrays["matrix"] == pytest.approx(M, abs=1e-12)
     file.write_text("".join(frames)[:-90])
     with pytest.raises(ValueError, match="no XYZ file with 4 atoms in each frame"):
@@ -374,19 +387,24 @@ def test_the_page_of_words_is_the_table():
     ]
 
 
-def test_angles_are_rotation_vectors_too(tmp_path):
-    file = tmp_path / "run.csv"
-    file.write_text("t,rx,ry,rz\n0,0,0,90\n1,0,90,0\n", encoding="utf-8")
-    assert read(file, Options(units={"angles": "deg"})).arrays["rotation vector"].max() == pytest.approx(np.pi / 2)
+SI = {  # of one word for each unit: the kind and the factor of an independent table
+    "s": {"s": 1.0, "ms": constants.milli, "us": constants.micro, "ns": constants.nano, "ps": constants.pico},
+    "m": {"m": 1.0, "cm": constants.centi, "mm": constants.milli, "um": constants.micron, "nm": constants.nano},
+    "rad": {"rad": 1.0, "mrad": constants.milli, "deg": constants.degree, "rev": 2 * np.pi},
+    "rad/s": {"rpm": 2 * np.pi / constants.minute, "dps": constants.degree, "hz": 2 * np.pi, "1/s": 1.0},
+    "1": {"-": 1.0},
+}
+SI["s"] |= {"fs": constants.femto, "min": constants.minute, "h": constants.hour, "d": constants.day}
+SI["m"] |= {"å": constants.angstrom, "km": constants.kilo, "in": constants.inch, "ft": constants.foot}
+SI["rad/s"] |= {"deg s^-1": constants.degree, "degrees per second": constants.degree, "rad/ms": 1 / constants.milli}
+SI["rad/s"] |= {"°/min": constants.degree / constants.minute, "rad s^-1": 1.0}
+SI["m/s"] = {"km/h": constants.kmh}
 
 
-def test_units():
-    factors = {
-        **dict.fromkeys(("deg/s", "°/s", "degrees per second"), 1 / DEG),
-        "rad s^-1": 1,
-        "1/s": 1,
-        "rpm": np.pi / 30,
-    }
-    for word, factor in {**factors, "µs": 1e-6, "rad/ms": 1e3}.items():
-        assert unit_of(word).factor == pytest.approx(factor)
+def test_units_and_clocks_have_the_factors_of_an_independent_table():
+    for kind, units in SI.items():
+        for word, factor in units.items():
+            assert unit_of(word) == (kind, pytest.approx(factor, rel=1e-15)), word
+    assert {unit_of(word) for word in names.UNITS} <= {unit_of(word) for units in SI.values() for word in units}
     assert unit_of("furlong") is None
+    assert number("02:03:04.5") == 2 * constants.hour + 3 * constants.minute + 4.5
