@@ -317,8 +317,8 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
 def test_digits_of_times_and_positions(tmp_path):
     file = tmp_path / "run.csv"
     ways = (np.arange(20) / 7.5, "{:.6f}", 5e-7), (np.arange(20) / 10, "{:.6f}", 0), (1.7e9 + T, "{:.17g}", 1.2e-7)
-    for times, number, floor in ways:
-        file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=number), encoding="utf-8")
+    for times, digits, floor in ways:
+        file.write_text(table("t,x,y,z", times, np.ones((len(times), 3)), number=digits), encoding="utf-8")
         assert read(file).floor["time"] == pytest.approx(floor, rel=0.01)
     # x moves by 0.1 a row: the digits of y and z tell how all are printed
     file.write_text(table("t,x,y,z", T, T, X[:, :2], number="{:.9g}"), encoding="utf-8")
