@@ -12,10 +12,10 @@ import sys
 import tempfile
 import threading
 import tomllib
+from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -43,16 +43,14 @@ def tested(home: Path, tests: Iterable[str]) -> int:
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests, "-m"]
     codes = []
     for marks, more in (("interpreted", {"NUMBA_DISABLE_JIT": "1"}), ("not interpreted", {})):
+        words, environment = [*command, f"{marks} and not slow"], {**settings, **more}
         try:
-            done = subprocess.run(
-                [*command, f"{marks} and not slow"],
-                cwd=home, env={**settings, **more}, capture_output=True, timeout=LIMIT, check=False,
-            )  # fmt: skip
+            done = subprocess.run(words, cwd=home, env=environment, capture_output=True, timeout=LIMIT, check=False)
         except subprocess.TimeoutExpired:
             return FAILED
         codes.append(done.returncode)
-        if codes[-1] not in (PASSED, NO_TESTS):
-            return codes[-1]
+        if done.returncode not in (PASSED, NO_TESTS):
+            return done.returncode
     return PASSED if PASSED in codes else NO_TESTS
 
 
@@ -79,21 +77,18 @@ def main(names: list[str]) -> int:
     table = [mutant for mutant in mutants() if not names or mutant["name"] in names]
     if not table:
         sys.exit(f"no mutation is called {' or '.join(names)}: see tests/mutants.toml")
-    words, passing = [], dict[tuple[str, ...], bool]()
-    own, cores = threading.local(), os.cpu_count()
+    words, passing, local = Counter[str](), dict[tuple[str, ...], bool](), threading.local()
 
-    def begin() -> None:
-        own.home = copy(Path(tempfile.mkdtemp(dir=folder)))
+    def one(mutant: dict[str, Any]) -> str:
+        if not hasattr(local, "home"):  # each thread has a copy
+            local.home = copy(Path(tempfile.mkdtemp(dir=folder)))
+        return outcome(local.home, mutant, passing)
 
-    def one(mutant: dict[str, Any]) -> tuple[str, float]:
-        start = perf_counter()
-        return outcome(own.home, mutant, passing), perf_counter() - start
-
-    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(cores, initializer=begin) as pool:
-        for number, (mutant, (word, seconds)) in enumerate(zip(table, pool.map(one, table), strict=True), 1):
-            words.append(word)
-            print(f"{number}/{len(table)} {word}: {mutant['name']} ({seconds:.0f} s)", flush=True)
-    killed, survived = words.count("killed"), words.count("SURVIVED")
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(os.cpu_count()) as pool:
+        for number, (mutant, word) in enumerate(zip(table, pool.map(one, table), strict=True), 1):
+            words[word] += 1
+            print(f"{number}/{len(table)} {word}: {mutant['name']}", flush=True)
+    killed, survived = words["killed"], words["SURVIVED"]
     print(f"{killed} of {len(table)} killed, {survived} survived, {len(table) - killed - survived} not tested")
     return 0 if killed + survived == len(table) and killed >= ENOUGH * len(table) else 1
 

@@ -31,8 +31,6 @@ def script(path: Path):
 
 
 outputs = script(DOCS / "outputs.py")
-
-
 LONG = ("pose-your-own-problem", "a-top-in-a-field", "a-long-run", "an-ensemble")  # they compile or draw much
 LONG += ("reading-figures", "read-the-paper-with-the-code", "your-own-figures")
 MARKED = [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in outputs.PAGES]
@@ -52,22 +50,16 @@ def test_pages_print_what_they_show(page, folder):
 
 
 AGREE = [  # what is printed, what is shown, and whether they agree
-    ("energy 2.84e-14", "energy 1.78e-14", True),
-    ("energy  2.91e-13\nmomentum", "energy 0.0\nmomentum", True),
-    ("[ 1.0 -3e-17]", "[1.0  2e-16]", True),
+    ("energy  2.84e-14\nx", "energy 0.0\nx", True),
     ("error 3.2e-12", "error 1.1e-12", False),  # above round-off
     ("error 1.78e-05", "error 1.77e-05", True),
     ("error 1.78e-05", "error 1.75e-05", False),
     ("x3 = 0.6400000000000001", "x3 = 0.64", True),
     ("x3 = 0.6312345678901234", "x3 = 0.64", False),
-    ("9.99e-05", "0.0001", True),
-    ("0.123456789012345", "0.123456789012245", True),
     ("0.12345678901", "0.12345678921", False),
-    ("20 claims hold, 0 fail", "20 claims hold, 1 fail", False),
     ("1000 steps", "1001 steps", False),
     ("energy −1.25", "energy 1.25", False),
     ("energy 1e-15", "momentum 1e-15", False),
-    ("1e-15", "1e-15 2e-15", False),
 ]
 
 
@@ -170,12 +162,6 @@ def functions():
         if name in RESULTS:
             words = (word for word, _ in inspect.getmembers(item, inspect.isfunction) if word[0] != "_")
             yield from (f"{item.__module__}.{name}.{word}" for word in words)
-
-
-def test_signatures_can_be_read():
-    public = (getattr(lagrange_bench, name) for name in lagrange_bench.__all__)
-    long = {item.__name__ for item in public if inspect.isfunction(item) and len(str(inspect.signature(item))) > 400}
-    assert long == set()
 
 
 def test_docstrings_say_parameters_and_results():

@@ -16,7 +16,7 @@ import numbers
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 
-SCHEMA = 1  # of the records; every schema has one JSON object a line, with "schema" and "sha256"
+SCHEMA = 1  # of the records
 ADDED = ("key", "status", "failure")  # columns that `rows` adds to the columns of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of row fields that may be lists of numbers: raw timings
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
@@ -48,17 +48,15 @@ class StoreError(RuntimeError):
 def default_results(profile: str | None = None) -> Path:
     """The folder of results if the user names none. profile : of a run; None: the results that the report shows.
 
-    A run in a clone writes to lagrange_bench/results/local/<profile>, from any folder; the report shows the published
-    results. An installed package writes to ./results/<profile>. Its report shows ./results/full, else ./results/quick, else the
-    published results. Profiles have folders of their own, or they would be drawn into one figure.
+    A run in a clone writes to lagrange_bench/results/local/<profile>, from any folder, and the report shows the published
+    results. An installed package writes to ./results/<profile>, and its report shows the latest of these, if there is one.
     """
     root = provenance.checkout()
-    if root is not None:
-        return REFERENCE if profile is None else root / "lagrange_bench" / "results" / "local" / profile
-    results = Path("results")
+    results = Path("results") if root is None else root / "lagrange_bench" / "results" / "local"
     if profile is not None:
         return results / profile
-    return next((results / name for name in ("full", "quick") if (results / name).is_dir()), REFERENCE)
+    own = [results / name for name in ("full", "quick") if root is None and (results / name).is_dir()]
+    return own[0] if own else REFERENCE
 
 
 def folder_of(word: str) -> Path:
@@ -86,21 +84,12 @@ def find_results(chosen: str | Path | None) -> Path:
         if name := name_of(folder):
             command = f"lagrange-bench run --profile {name}"
             raise FileNotFoundError(f"there is no {name} run yet in {os.path.abspath(folder)}: compute it, {command}")
-        close = suggestion(str(folder), NAMES)
-        if folder.name in NAMES:
-            close = f"; the name {folder.name} alone means {folder_of(folder.name)}."
-        raise FileNotFoundError(f"no such folder of results: {folder}{close} Known: {', '.join(NAMES)}")
+        raise FileNotFoundError(
+            f"no such folder of results: {folder}{suggestion(str(folder), NAMES)} Known: {', '.join(NAMES)}"
+        )
     if not any(path.stat().st_size for path in folder.glob("*.jsonl")):
         raise FileNotFoundError(f"nothing is stored in {folder}: give a folder that lagrange-bench run wrote to")
     return folder
-
-
-def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
-    """A frame whose texts are Python's, whether or not pyarrow is installed."""
-    import pandas as pd
-
-    with pd.option_context("mode.string_storage", "python"):
-        return pd.DataFrame(table, columns=columns)
 
 
 def cell_key(experiment: str, version: int, cell: Mapping[str, Any], own_sources: str | None = None) -> str:
@@ -154,8 +143,10 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
 
 def clean(value: Any) -> Any:
     """`value` in plain JSON types: NumPy scalars become Python's, tuples lists, NaN and ±inf {"float": "nan"}."""
-    if value is None or isinstance(value, str):
-        return None if value is None else _unicode(value)
+    if value is None:
+        return None
+    if isinstance(value, str):
+        return _unicode(value)
     if isinstance(value, Mapping):
         if bad := [name for name in value if not isinstance(name, str)]:
             raise TypeError(f"field names must be strings; got {bad[0]!r}")
@@ -190,9 +181,7 @@ def _unicode(text: str) -> str:
 def restore(value: Any) -> Any:
     """Undoes what `clean` does to NaN and ±inf."""
     if isinstance(value, dict):
-        if set(value) == {"float"}:
-            return float(value["float"])
-        return {k: restore(v) if isinstance(v, (dict, list)) else v for k, v in value.items()}
+        return float(value["float"]) if set(value) == {"float"} else {k: restore(v) for k, v in value.items()}
     return [restore(v) for v in value] if isinstance(value, list) else value
 
 
@@ -205,11 +194,10 @@ def latest(records: Sequence[Record], version: float | None = None) -> list[Reco
     versions = {record["version"] for record in records}
     taken = version if version in versions else max(versions, default=None)
     chosen: dict[str, Record] = {}
-    for record in records:
-        if record["version"] == taken:
-            cell = _canonical(record["cell"])
-            if _counts(record, chosen.get(cell)):
-                chosen[cell] = record
+    for record in (record for record in records if record["version"] == taken):
+        cell = _canonical(record["cell"])
+        if _counts(record, chosen.get(cell)):
+            chosen[cell] = record
     return [chosen[cell] for cell in sorted(chosen, key=lambda cell: (chosen[cell]["position"], cell))]
 
 
@@ -272,6 +260,14 @@ class Journal(NamedTuple):
         return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in self.latest])
 
 
+def _frame(table: list[dict[str, Any]], columns: list[str] | None = None) -> pd.DataFrame:
+    """A frame whose texts are Python's, whether or not pyarrow is installed."""
+    import pandas as pd
+
+    with pd.option_context("mode.string_storage", "python"):
+        return pd.DataFrame(table, columns=columns)
+
+
 class Store:
     """The journals in one folder. A store reads and creates nothing before one of its methods is called.
 
@@ -295,9 +291,13 @@ class Store:
         for record in records:
             line = _canonical({**record, "sha256": _digest(record)}).encode("ascii") + b"\n"
             journals.setdefault(record["experiment"], []).append(line)
-        for experiment, lines in journals.items():
-            with self._explained():
+        try:
+            for experiment, lines in journals.items():
                 _append(self.path(experiment), b"".join(lines))
+        except OSError as error:
+            what = f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept."
+            advice = "help this folder, or choose another with --results DIR, and run the same command again."
+            raise StoreError(f"{what} To go on: {advice}") from error
 
     def experiments(self) -> list[str]:
         """Names of the experiments that have a journal here."""
@@ -306,9 +306,7 @@ class Store:
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
         """Every record of an experiment, oldest first, and what is wrong with damaged lines.
 
-        Raises
-        ------
-        StoreError : the journal cannot be read, or has records of another schema.
+        StoreError if the journal cannot be read.
         """
         path, records, problems = self.path(experiment), [], []
         try:
@@ -321,10 +319,6 @@ class Store:
             raise StoreError(f"cannot read {path}: {error.strerror}") from error
         for number, line in enumerate([*lines, last], 1):
             record = _parse(line)
-            if record is not None and record["schema"] != SCHEMA:
-                read = f"written with schema {record['schema']}, this version reads {SCHEMA}"
-                advice = "update lagrange-bench, or choose another folder with --results"
-                raise StoreError(f"{path}, line {number}: {read}: {advice}")
             if record is not None and record["experiment"] == experiment:
                 records.append(record)
             elif line:
@@ -356,16 +350,6 @@ class Store:
     def rows(self, experiment: str) -> pd.DataFrame:
         """All measured rows of an experiment; see `Journal.rows`."""
         return self.open(experiment).rows()
-
-    @contextlib.contextmanager
-    def _explained(self) -> Iterator[None]:
-        """Turn an OSError into a StoreError that says what to do."""
-        try:
-            yield
-        except OSError as error:
-            what = f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept."
-            advice = "help this folder, or choose another with --results DIR, and run the same command again."
-            raise StoreError(f"{what} To go on: {advice}") from error
 
 
 def _parse(line: bytes) -> Record | None:

@@ -19,11 +19,10 @@ from faults import python
 from lagrange_bench import LagrangeTop, PerturbedTop, integrate, integrators
 from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import integrate as command
-from lagrange_bench.experiments import EXPERIMENTS, phase
+from lagrange_bench.experiments import phase
 from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
 from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.integrators.truth import truths
 from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.runner import engine
 from tests.mutants import ROOT
@@ -100,25 +99,16 @@ JUDGE = "judge run.csv --case bruels"
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
-    "integrate --times 0:1:1e10": "--times: must be t0:t1:n, with n from 2 to 10^7",
-    f"{JUDGE} --bounds axis=low": "--bounds: axis must be a number; got 'low'",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
     "figure": "one of the arguments NAME --all --list is required",
     "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
-    f"{I} --option pin=1 --option pin=0": "--option: each name once",
     f"{T} --physical mass=1,distance=1,A=2,C=1,theta=30,dpsi=3": "theta = 30 is in rad, not in degrees",
     f"{I} --output folder.csv": "folder.csv: this is not a file",
     f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
-    f"{I} --top magnet": "no exact one is known here; name one, such as taylor",
     f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "(these take it: backlund_splitting, taylor, ",
-    f"{JUDGE} --bounds omega=1": "no columns to judge omega by",
     f"{JUDGE} --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
-    "case --until 3": "--until belongs to the NAME of a case",
     "paper --top generic": "--top belongs to a SECTION: ",
-    "figure --list --width page": "--width is for figures that are drawn",
-    "integrate --times 1,2 --every 5": "got --times and --every",
     "case kovalevskaya --code c": "no closed form",
-    "case box --digits 25 --code c": "--digits is for rows",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run drift --methods mine.py": "method mine.py: write mine:METHOD",
     "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",
@@ -153,32 +143,17 @@ def test_bad_input(run, words, folder, monkeypatch):
         (MemoryError(), 1, "error: out of memory: record fewer states \\(--every\\), or take fewer times"),
         (OSError(28, "No space left", "run.csv"), 2, "error: run.csv: No space left"),
         (KeyboardInterrupt(), 130, "interrupted"),
-        (ZeroDivisionError("a bug"), None, ""),
     ],
 )
 def test_errors_and_exit_codes(run, monkeypatch, error, code, line):
-
     def fails(*_, **__):
+        sys.stderr.write(warnings.formatwarning("two\nlines", UserWarning, "file.py", 1))
         raise error
 
     monkeypatch.setattr(integrators, "integrate", fails)
-    if code is None:
-        with pytest.raises(type(error)):
-            run(*SHORT, "--method", "rk4")
-    else:
-        found, out, err = run(*SHORT, "--method", "rk4")
-        assert (found, out) == (code, "")
-        assert re.fullmatch(f"lagrange-bench: {line}\n", err), err
-
-
-def test_a_warning_is_one_line(run, monkeypatch):
-    def warns(*_, **__):
-        sys.stderr.write(warnings.formatwarning("two\nlines", UserWarning, "file.py", 1))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(integrators, "integrate", warns)
-    assert run(*SHORT, "--method", "rk4")[2] == "lagrange-bench: warning: two lines\nlagrange-bench: interrupted\n"
-    assert "file.py" in warnings.formatwarning("later", UserWarning, "file.py", 1)
+    found, out, err = run(*SHORT, "--method", "rk4")
+    assert (found, out) == (code, "")
+    assert re.fullmatch(f"lagrange-bench: warning: two lines\nlagrange-bench: {line}\n", err), err
 
 
 def test_json_is_alone_on_stdout(run, folder):
@@ -206,20 +181,6 @@ def test_stdout_that_cannot_be_written_to():
     done = python(*program, "run", "--help", env={**os.environ, "PYTHONIOENCODING": "ascii"})
     assert (done.returncode, done.stderr) == (0, "")
     assert r"\xb7" in done.stdout
-
-
-def test_run_takes_all_experiments_by_default(run, monkeypatch):
-    asked = {}
-
-    def instead(names, profile, results, jobs, show, **more):
-        asked.update(names=names, profile=profile, results=results.name, jobs=jobs, show=show, **more)
-        return engine.Summary(results, profile)
-
-    monkeypatch.setattr(engine, "run", instead)
-    assert run("run", "--profile", "full")[0] == 0
-    assert asked.items() >= {"names": EXPERIMENTS, "profile": "full", "results": "full", "again": False}.items()
-    assert run("run", "--again", "--scheduler", "local:2", "--jobs", "3", "--no-timings")[0] == 0
-    assert asked.items() >= {"scheduler": "local:2", "again": True, "jobs": 3, "timings": False}.items()
 
 
 # an experiment of somebody's own, in which other tests define some functions anew
@@ -269,8 +230,6 @@ def test_all_there_is_is_listed(run, answer, command, known):
 def test_the_archive_is_left_out_of_lists_and_quick_runs_of_many_methods(run):
     last = run("methods")[1].splitlines()[-1]
     assert last.startswith(f"{len(registry.ARCHIVE)} more are in the archive")
-    assert registry.without_archive(METHODS) == [name for name in METHODS if name not in registry.ARCHIVE]
-    assert 20 <= len(registry.without_archive(registry.BUILT_IN)) <= 25
     few = [*registry.ARCHIVE][: registry.MANY]
     assert registry.without_archive(few) == few
     cells = [{"part": part, "method": name} for part in ("order", "time") for name in METHODS]
@@ -303,14 +262,6 @@ def test_methods_of_a_top(run, answer):
     assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
 
 
-def test_a_file_of_doubles(run, tmp_path):
-    path = tmp_path / "ref.csv"
-    assert run("case", "bruels", "--until", "2", "--every", "0.1", "--output", str(path))[0] == 0
-    table = np.loadtxt(path, delimiter=",", skiprows=6)
-    assert table[:, 0].tolist() == [k / 10 for k in range(21)]
-    assert np.array_equal(table, CASES["bruels"].doubles(table[:, 0]))
-
-
 @pytest.mark.parametrize("name", CASES)
 def test_the_reference_files(name, run):
     text, sums = ((ROOT / "docs" / "cases" / file).read_bytes() for file in (f"{name}.csv", "SHA256SUMS"))
@@ -324,13 +275,10 @@ def test_the_reference_files(name, run):
 
 def test_check_a_method_that_does_not(run, monkeypatch):
     monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
-    words = ("check", "toys.lies:METHOD", "--quick")
-    code, out, err = run(*words, "--json")
-    assert (code, err) == (1, "")
+    code, out, err = run("check", "toys.lies:METHOD", "--quick", "--json")
     data = json.loads(out)
-    assert (data["method"], data["passed"]) == ("lies", False)
+    assert (code, err, data["method"], data["passed"]) == (1, "", "lies", False)
     assert ("symmetric", False) in {(verdict["claim"], verdict["passed"]) for verdict in data["verdicts"]}
-    assert re.search(r"^fail +symmetric .* \w+, h_scaled = 3$", run(*words)[1], re.MULTILINE)  # in the table
 
 
 IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
@@ -365,19 +313,16 @@ def test_a_problem_of_ones_own(answer, run, folder):
     (folder / "posed.py").write_text(
         "from lagrange_bench import Problem\nP = Problem('own', 'so3', lambda t, y, p: y[0] ** 2 + y[2])\n"
     )
-    words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--method", "rk4")
-    data = answer(*words, "--h", "0.01", "--steps", "10")
+    words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--h", "0.01", "--steps", "10")
+    data = answer(*words, "--method", "rk4")
     assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
-    assert "J1  " in run(*words, "--h", "0.01", "--steps", "10")[1]
     for more, said in (
-        ("--draw x.svg", "no axis on a sphere"),
-        ("--top slow", "not allowed with argument --state"),
+        ("--method rk4 --draw x.svg", "no axis on a sphere"),
         ("--method backlund", "(these take it: taylor, "),
+        ("--problem posed:Q", "problem posed:Q cannot be loaded"),
     ):
-        code, _, err = run(*words, "--h", "0.01", "--steps", "10", *more.split())
+        code, _, err = run(*words, *more.split())
         assert (code, said in err) == (2, True)
-    code, _, err = run("integrate", "--problem", "posed:Q", "--state", "1,2,3", "--h", "1", "--steps", "1")
-    assert (code, "problem posed:Q cannot be loaded" in err) == (2, True)
 
 
 def test_where_and_when_a_trajectory_is(answer):
@@ -401,25 +346,19 @@ NOT_JUDGED = {  # and why
     "--h 1 --steps 1000 --option lam=0.02j": "lam given: one step is the flow over another time than h, and a turn",
     "--top weightless --method backlund_paper --h 1e13 --steps 10000": "hardly resolve",  # 1e16 and more: beyond doubles
     "--h 1 --steps 3000 --top axisymmetric --method strang": "longer than 2000 time scales",
-    "--method strang --h 0.1 --steps 5 --top magnet": "chaotic",
 }
 
 
 @pytest.mark.parametrize("words", NOT_JUDGED)
-def test_a_run_without_a_truth_is_not_judged(run, answer, monkeypatch, words):
-    if NOT_JUDGED[words] == "chaotic":
-        monkeypatch.setattr(truths, "LOST", 0.0)
+def test_a_run_without_a_truth_is_not_judged(answer, words):
     error = answer("integrate", *words.split())["error"]
     assert (error["final"], error["largest"], NOT_JUDGED[words] in error["note"]) == (None, None, True)
-    out = run("integrate", *words.split())[1]
-    assert not re.search("against the (exact|reference) solution", out)
 
 
 def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):
     path, link = tmp_path / "run.csv", tmp_path / "link.csv"
     link.symlink_to(path)
-    assert run(*SHORT, "--output", path, "--top", "figure2", "--option", "lam=0.1+0.5j")[2] == f"written: {path}\n"
-    assert re.search('^# top: "figure2"\n(.*\n)*# options: .*0.1\\+0.5j', path.read_text("utf-8"), re.MULTILINE)
+    assert run(*SHORT, "--output", path)[2] == f"written: {path}\n"
     assert run(*SHORT, "--output", link, "--every", "20")[2] == f"replaced: {link}\n"
     before = path.read_bytes()
     monkeypatch.setattr(os, "fsync", lambda file: os.close(-1))

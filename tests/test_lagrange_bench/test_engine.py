@@ -107,10 +107,8 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
     ghost = Method("ghost", "", "", 1, "", lambda: None, requires="no_such_package")
-    engine._missing_package.cache_clear()
     with registry.METHODS.temporarily_registered(ghost):
         summary = toy(squares(1, 2, method="ghost") + squares(3))
-    engine._missing_package.cache_clear()
     assert (tally(summary), summary.experiments[TOY].unavailable, summary.exit_code) == ((1, 0, 0), 2, 0)
     assert str(summary).count("ghost needs no_such_package") == 1
 
@@ -141,10 +139,9 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
     for cells, message in ((squares(1, 1), "twice"), (squares(1, status=0), "'status'")):
         with pytest.raises(ValueError, match=message):
             toy(cells)
-    for text in ("0", "inf", "nan", "four"):
-        monkeypatch.setenv(workers.MEMORY, text)
-        with pytest.raises(ValueError, match=f"LAGRANGE_BENCH_MEMORY must be a positive number of GB.*got '{text}'"):
-            toy(squares(1))
+    monkeypatch.setenv(workers.MEMORY, "four")
+    with pytest.raises(ValueError, match=r"LAGRANGE_BENCH_MEMORY must be a positive number of GB.*got 'four'"):
+        toy(squares(1))
 
 
 def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_path):
@@ -155,7 +152,7 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
         with progress.follow({"drift": 300}, show=show) as bar:
             for i in range(300):
                 bar.begin("drift")
-                now[0] += 11 if i == 0 else 0.5  # the first one is compiled
+                now[0] += 0.5
                 bar.advance("drift", failed=i == 100)
         with progress.drawing(tmp_path, show=show) as drawn:
             drawn(1, 2)
@@ -163,10 +160,9 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
 
     begin, *lines, drawing, last = shown().splitlines()
     assert begin.startswith("drift: 300 cells; the first ones")
-    assert 10 <= len(lines) <= 17  # 160 s, one in 10 s
-    assert lines[-1] == "drift: 300/300 cells, 1 failed"
-    assert drawing.startswith("drawing")
-    assert last == f"drawn from {tmp_path}"
+    assert 10 <= len(lines) <= 17  # 150 s, one in 10 s
+    assert (lines[2], lines[-1]) == ("drift: 60/300 cells", "drift: 300/300 cells, 1 failed")
+    assert (drawing, last) == ("drawing 2 parts", f"drawn from {tmp_path}")
     assert shown(False) == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")

@@ -14,7 +14,6 @@ from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import INVARIANTS, METHODS, POTENTIALS
 from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.results import store
 from lagrange_bench.results.store import Store, make_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "example_plugin"
@@ -76,15 +75,6 @@ def test_packages_join(answer):
         more = ("--parameters", "0.1") if option == "--potential" else ()
         one, other = (answer(*words, option, name, *more)["y_final"] for name in names)
         assert one == other
-
-
-def test_built_in_methods_keep_their_keys(monkeypatch):
-    monkeypatch.setattr(store, "_packages", lambda: {"numpy": "2.0"})
-    golden = {
-        "rk4": "6d8442c1de6ff5ea2133bc23150e855a869c81875ae628560e5ff26e54e2ca84",
-        "backlund": "f1ca553e558d5c6df57f18019433672e27472e89b505b113dfb6de80444d2edc",
-    }
-    assert {name: store.cell_key("drift", 3, {"method": name, "h": 0.125}) for name in golden} == golden
 
 
 MODULE = f"""

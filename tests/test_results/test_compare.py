@@ -181,7 +181,9 @@ def test_ratios_of_times_are_those_of_claims(run, answer, monkeypatch):
     pytest.importorskip("heyoka")
     bounds = ["≥ 25 ×", "≤ 5000 steps", "≥ 8 ×", "≥ 1.7 ×", "≥ 50 ×"]
     monkeypatch.setattr(times, "SIGNS", dict.fromkeys("≤≥", lambda value, limit: value > 0))
-    assert [(ratio["required"], ratio["passed"]) for ratio in answer("verify", "--times")] == [(b, True) for b in bounds]
+    assert [(ratio["required"], ratio["passed"]) for ratio in answer("verify", "--times")] == [
+        (b, True) for b in bounds
+    ]
     monkeypatch.setattr(times, "SIGNS", dict.fromkeys("≤≥", lambda value, limit: limit == 25))
     code, out, _ = run("verify", "--times")
     assert (code, out.count("not as claimed")) == (1, 4)
