@@ -85,10 +85,13 @@ class Comparison:
     invariants: tuple[str, ...] = INVARIANTS
 
     def __repr__(self) -> str:
-        tops = list(dict.fromkeys(self.frame["top"])) if "top" in self.frame else []
         names = textwrap.shorten(", ".join(dict.fromkeys(_methods(self.frame))), 60, placeholder=" …")
-        plural = "" if len(tops) == 1 else "s"
-        return f"<Comparison of {names} on {len(tops)} top{plural}: {self.y} against {self.x}>"
+        tops = self.frame["top"].nunique() if "top" in self.frame else 0
+        return f"<Comparison of {names} on {tops} top{'' if tops == 1 else 's'}: {self.y} against {self.x}>"
+
+    def _repr_html_(self) -> str:
+        """The rows as a notebook shows them."""
+        return str(self.frame._repr_html_())  # type: ignore[operator]
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as a frame of its own.
@@ -153,17 +156,17 @@ class Comparison:
         axes = _axes(ax, panels)
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
         with METHODS.temporarily_registered(*self.methods):
-            for place, one in enumerate(axes):
+            for place, panel in enumerate(axes):
                 here = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
-                self._draw(one, here, x, y, look)
+                self._draw(panel, here, x, y, look)
                 if names and ax is not None:
-                    one.legend()
+                    panel.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
-                twins = [each for each in one.figure.axes if each is not one and each.bbox.bounds == one.bbox.bounds]
+                twins = [each for each in panel.figure.axes if each is not panel and each.bbox.bounds == panel.bbox.bounds]
                 if any(twin.get_title() == title for twin in twins):
                     title = ""  # twice in one place it would look bold
-                one.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
-                style.set_limits(one, limits)
+                panel.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
+                style.set_limits(panel, limits)
             if names and ax is None:
                 style.legend_below(axes[0].figure)
         return axes[0] if len(axes) == 1 else np.array(axes)
@@ -179,21 +182,20 @@ class Comparison:
                 hint = f"{suggestion(str(name), numbers)} There are {', '.join(numbers)}"
                 raise ValueError(f"{word} must be a column of numbers; got {name!r}{hint}")
         rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "", method=_methods(rows))
-        for word, column, wanted in (("methods", "method", _listed(methods)), ("tops", "top", _listed(tops))):
-            if wanted is None:
-                continue
+        for column, wanted in (("method", _listed(methods)), ("top", _listed(tops))):
             known = list(dict.fromkeys(rows[column]))
-            if unknown := [name for name in wanted if name not in known]:
+            if unknown := [name for name in wanted or () if name not in known]:
                 close = suggestion(str(unknown[0]), known)
-                raise ValueError(f"{word}: no rows of {unknown[0]!r}{close} There are {', '.join(known)}")
-            rows = rows[rows[column].isin(wanted)]
+                raise ValueError(f"{column}s: no rows of {unknown[0]!r}{close} There are {', '.join(known)}")
+            rows = rows if wanted is None else rows[rows[column].isin(wanted)]
         both = rows[x].notna() & rows[y].notna()
         if not both.any():
             raise ValueError(f"no row has both {x} and {y}")
         if "part" in rows:
             if len(parts := list(dict.fromkeys(rows["part"][both]))) > 1:
                 choose = f"choose one, as frame[frame.part == {parts[0]!r}], or NAME_{parts[0]} on the command line"
-                raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {choose}")
+                hint = "; time is an error here, the time of a run is t_scaled" if x == "time" else ""
+                raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {choose}{hint}")
             rows = rows[rows["part"] == parts[0]]
         return rows[rows["top"].isin(rows["top"][both])]
 
@@ -267,22 +269,22 @@ def _methods(rows: pd.DataFrame) -> pd.Series:
 
 
 def _axes(ax: Any, tops: list[str]) -> list[Any]:
-    if ax is None or callable(ax):
-        from matplotlib import pyplot as plt
+    from matplotlib import pyplot as plt
 
-        if len(tops) > MOST:
-            raise ValueError(f"tops: there are {len(tops)}; choose at most {MOST}, such as {','.join(tops[:2])}")
-        if ax is not None:
-            return list(np.ravel(ax(tops)))
-        columns = min(len(tops), 2)
-        rows = -(-len(tops) // columns)
-        width, height = plt.rcParams["figure.figsize"]
-        size = (width * (1.15 if columns == 1 else 1.9), height * (1 if rows == 1 else 0.8 * rows))
-        _, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
-        for spare in grid.flat[len(tops) :]:
-            spare.remove()
-        return list(grid.flat[: len(tops)])
-    axes = list(np.ravel(np.array(ax, dtype=object)))
-    if len(axes) not in (1, len(tops)):
-        raise ValueError(f"ax: give one, or one for each of {len(tops)} tops; got {len(axes)}")
-    return axes
+    if ax is not None and not callable(ax):
+        axes = list(np.ravel(np.array(ax, dtype=object)))
+        if len(axes) not in (1, len(tops)):
+            raise ValueError(f"ax: give one, or one for each of {len(tops)} tops; got {len(axes)}")
+        return axes
+    if len(tops) > MOST:
+        raise ValueError(f"tops: there are {len(tops)}; choose at most {MOST}, such as {','.join(tops[:2])}")
+    if ax is not None:
+        return list(np.ravel(ax(tops)))
+    columns = min(len(tops), 2)
+    rows = -(-len(tops) // columns)
+    width, height = plt.rcParams["figure.figsize"]
+    size = (width * (1.15 if columns == 1 else 1.9), height * (1 if rows == 1 else 0.8 * rows))
+    _, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
+    for spare in grid.flat[len(tops) :]:
+        spare.remove()
+    return list(grid.flat[: len(tops)])

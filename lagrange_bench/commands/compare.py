@@ -46,19 +46,17 @@ def run(options: argparse.Namespace) -> Answer:
     lines = table(rows)
     for name, c in result.experiments.items():
         for which, cells in c.missing.items():
-            what = f"missing in {which}"
-            lines += listed(name, what, cells, None) if options.verbose else _counted(name, what, cells)
+            if cells and not options.verbose:
+                lines.append(f"missing in {which}: {len(cells)} of {name}{_parts(cells)}; --verbose lists them")
+            lines += listed(name, f"missing in {which}", cells, None) if options.verbose else []
         lines += changed_columns(name, c.changed)
     lines += [*result.notes, "the same" if result.same else "not the same"]
     return Answer("\n".join(lines), {"same": result.same, **vars(result)}, 0 if result.same else 1)
 
 
-def _counted(experiment: str, what: str, cells: Sequence[dict[str, Any]]) -> list[str]:
-    if not cells:
-        return []
+def _parts(cells: Sequence[dict[str, Any]]) -> str:
     parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
-    shares = f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
-    return [f"{what}: {len(cells)} cell{'' if len(cells) == 1 else 's'} of {experiment}{shares}; --verbose lists them"]
+    return f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
 
 
 def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:

@@ -57,8 +57,6 @@ def run(options: argparse.Namespace) -> Answer:
     results = find_results(options.results)
     choice = choice_of(options, None if options.x else results)
     if options.list:
-        if extra := [word for word in ("output", "format", "width") if getattr(options, word)]:
-            raise ValueError(f"--{extra[0]} is for figures that are drawn, and --list draws none")
         with progress.waiting("figures are drawn to see which there are", show=not (options.quiet or options.json)):
             figures = export.names(results, choice)
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})
@@ -105,11 +103,8 @@ def _columns(options: argparse.Namespace, results: Path, choice: Any, kind: str)
 
 
 def _format(options: argparse.Namespace) -> str:
-    """The format: of --format, else the suffix of --output, else SVG. ValueError if the two contradict each other."""
+    """The format: of --format, else the suffix of --output, else SVG. ValueError if the suffix is of another."""
     suffix = "" if options.output is None or options.all else options.output.suffix.removeprefix(".").lower()
-    if suffix and suffix not in FORMATS:
-        raise ValueError(f"--output {options.output}: the name must end in {' or '.join(PICTURES)}")
-    if options.format and suffix and suffix != options.format:
-        both = f"--format {options.format} and --output {options.output}"
-        raise ValueError(f"{both} contradict each other: give one format")
+    if suffix and suffix not in ([options.format] if options.format else FORMATS):
+        raise ValueError(f"--output {options.output}: the name must end in .{options.format or ' or .'.join(FORMATS)}")
     return str(options.format or suffix or "svg")

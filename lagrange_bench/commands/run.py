@@ -72,29 +72,35 @@ def run(options: argparse.Namespace) -> Answer:
             raise ValueError("a TOML file is run alone: its results have a folder of their own")
         file = sweep.read(Path(names[0]))
         if file.name in NAMES and not options.results:
-            raise ValueError(
-                f"{names[0]}: {file.name} are results of the bench: rename the file, or give --results DIR"
-            )
+            raise ValueError(f"{names[0]}: {file.name} are results of the bench: rename it, or give --results DIR")
         names = [file.experiment]
     results = options.results or default_results(file.name if file else options.profile)
-    where = {"scheduler": options.scheduler, "timings": not options.no_timings, "again": options.again}
-    where |= {"time_limit": options.time_limit, "cells": {file.experiment: file.cells} if file else None}
     choice = choice_of(options)
-    summary = engine.run(names, options.profile, results, options.jobs, not options.quiet, choice=choice, **where)
+    summary = engine.run(
+        names,
+        options.profile,
+        results,
+        options.jobs,
+        not options.quiet,
+        time_limit=options.time_limit,
+        scheduler=options.scheduler,
+        timings=not options.no_timings,
+        again=options.again,
+        choice=choice,
+        cells={file.experiment: file.cells} if file else None,
+    )
     drawn = [path for name in (names if options.draw or file else ()) for path in _draw(name, results, choice)]
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
+    command, place = shlex.join(["lagrange-bench", *options.words]), shlex.quote(name_of(results) or str(results))
     if summary.exit_code:
-        lines.append(f"again, the failed cells only: {shlex.join(['lagrange-bench', *options.words])}")
+        lines.append(f"again, the failed cells only: {command}")
     if summary.old and not options.again:
-        lines.append(f"again, the old cells: {shlex.join(['lagrange-bench', *options.words, '--again'])}")
-        lines.append(
-            f"or whether they still hold: lagrange-bench verify {shlex.quote(name_of(results) or str(results))} --old"
-        )
-    report = f"lagrange-bench report --results {shlex.quote(name_of(results) or str(results))}"
-    modules = _own_modules(names, file.cells if file else ())
-    report += "".join(f" --module {module}" for module in modules) + choice.words
+        lines.append(f"again, the old cells: {command} --again")
+        lines.append(f"or whether they still hold: lagrange-bench verify {place} --old")
+    modules = "".join(f" --module {module}" for module in _own_modules(names, file.cells if file else ()))
+    report = f"lagrange-bench report --results {place}{modules}{choice.words}"
     data = {**vars(summary), "results": str(results), "exit_code": summary.exit_code, "next": report}
-    data["drawn"] = [str(path) for path in drawn]
+    data["drawn"] = list(map(str, drawn))
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
 
 

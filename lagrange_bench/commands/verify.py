@@ -28,10 +28,8 @@ from lagrange_bench.support.output import Answer, table
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    where = command.add_mutually_exclusive_group()
     text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
-    where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
-    where.add_argument("--results", type=results_folder, metavar="DIR", help="the same; other commands have it, too")
+    command.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
     command.add_argument("--times", action="store_true", help="measure ratios of times instead, here and now")
     text = "how many cells (default: 60, which take a minute or a little more on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
@@ -49,9 +47,9 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.runner import verify
 
     if options.times:
-        return _times(options.folder or options.results)
-    folder, show = options.folder or options.results, not options.quiet
-    result = verify.verify(folder, options.sample, options.seed, options.longest, options.jobs, show, options.old)
+        return _times(options.folder)
+    asked = options.sample, options.seed, options.longest, options.jobs, not options.quiet, options.old
+    result = verify.verify(options.folder, *asked)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])
@@ -60,8 +58,8 @@ def run(options: argparse.Namespace) -> Answer:
     ages = Counter(each["sources"] for each in result.changed)
     labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
     words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
-    sum_up = "; ".join([sum_up, *words])
-    return Answer("\n".join([*lines, *result.notes, sum_up]), vars(result), 1 if result.changed else 0)
+    text = "\n".join([*lines, *result.notes, "; ".join([sum_up, *words])])
+    return Answer(text, vars(result), 1 if result.changed else 0)
 
 
 def _times(folder: Path | None) -> Answer:

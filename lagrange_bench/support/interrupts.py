@@ -14,7 +14,7 @@ def interrupt_held_back() -> Iterator[None]:
 
     These processes inherit the blocked signal. This one also needs a handler, because any thread of a library may get the signal.
     """
-    if not hasattr(signal, "pthread_sigmask") or threading.current_thread() is not threading.main_thread():
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
     from multiprocessing import resource_tracker

@@ -8,11 +8,14 @@ import re
 from collections.abc import Callable, Iterable
 from typing import Any
 
+SYNONYMS = {"heyoka": "taylor", "midpoint": "implicit_midpoint"}  # what others call a method
+
 
 def suggestion(name: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: the closest known name, if one is close. Capitals do not matter."""
     lower = {word.lower(): word for word in known}
-    close = difflib.get_close_matches(name.lower(), lower, n=1)
+    word = SYNONYMS.get(name.lower(), name.lower())
+    close = [word] if word in lower else difflib.get_close_matches(word, lower, n=1)
     return f"; did you mean {lower[close[0]]!r}?" if close else "."
 
 

@@ -98,6 +98,7 @@ T = "integrate --times 0,1"
 JUDGE = "judge run.csv --case bruels"
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
+    "integrate --method heyoka --h 1 --steps 1": "unknown method 'heyoka'; did you mean 'taylor'?",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
     "figure": "one of the arguments NAME --all --list is required",

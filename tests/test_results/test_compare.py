@@ -53,7 +53,7 @@ def test_what_is_missing_and_changed(run, answer, old, tmp_path):
     error, steps = changed["columns"]["error"], changed["columns"]["steps"]
     assert (error.rows, error.relative, error.absolute) == (1, pytest.approx(1e-3, rel=1e-2), pytest.approx(1e-12))
     assert (changed["cell"], steps.old, steps.new) == ({"i": 0}, 8, 9)
-    assert "missing in old: 5 cells of toy.none (4 of a, 1 of b); " in run("compare", old, new)[1]
+    assert "missing in old: 5 of toy.none (4 of a, 1 of b); " in run("compare", old, new)[1]
     assert 'missing in new: toy.none {"i": 3}\n' in run("compare", old, new, "--verbose")[1]
     assert run("compare", old, new)[0] == 1
 
