@@ -45,7 +45,7 @@ def run(options: argparse.Namespace) -> Answer:
     installed = results == REFERENCE and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else results / "page")
     choice = choice_of(options, results)
-    page.linked_files(output)  # no page of somebody else's: this is known before the drawing
+    page.refuse_foreign(output)  # before the drawing
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, choice, beside, drawn)
         path = page.write(report, output).resolve()

@@ -38,7 +38,6 @@ FACTS = ("commit", "cpu", "cores", "platform", "python")  # first in the table o
 POWER = re.compile(r"(?<=\w)\^(?:(\w)\b|\(([^()]*)\))")  # t^p and t^(3/2)
 PICTURE = "The axis of a top from above: the exact step is in every ring, Strang’s splitting is not"
 OURS = "<title>Lagrange top benchmark</title>"  # in every page that was ever made
-LINK = re.compile(r'<a href="((?:figures|tables)/[\w.-]+\.(?:svg|md|tex|csv))"')
 MEASURED_WHEN = ("key", "seconds", "utc", "dirty")
 
 
@@ -197,37 +196,26 @@ def _counts(judged: list[Judged]) -> dict[str, int]:
 
 
 def write(report: Report, output: Path) -> Path:
-    """Writes a report, each file whole or not at all; files of the page before it that it has not are removed.
+    """Writes a report, each file whole or not at all: figures and tables first, then index.html, which links to them.
 
     Raises
     ------
     ValueError : another's index.html is there. OSError : a file cannot be written.
     """
     output = Path(output)
-    before = linked_files(output)
-    written = {path for section in report.sections for path in write_section(section, output)}
+    refuse_foreign(output)
+    for section in report.sections:
+        write_section(section, output)
     if len(report.answers):
-        written.add(write_file(output / "tables" / "answers.csv", tables.csv(report.answers)))
-    index = write_file(output / "index.html", html(report))
-    for old in before - written:
-        old.unlink(missing_ok=True)
-    return index
+        write_file(output / "tables" / "answers.csv", tables.csv(report.answers))
+    return write_file(output / "index.html", html(report))
 
 
-def linked_files(output: Path) -> set[Path]:
-    """The files of the page in a folder: a page links to each. No other file there is ours to remove.
-
-    Raises
-    ------
-    ValueError : its index.html is not a page of the bench.
-    """
+def refuse_foreign(output: Path) -> None:
+    """ValueError: the index.html in a folder is not a page of the bench."""
     index = output / "index.html"
-    if not index.is_file():
-        return set()
-    text = index.read_text(encoding="utf-8", errors="replace")
-    if OURS not in text:
+    if index.is_file() and OURS not in index.read_text(encoding="utf-8", errors="replace"):
         raise ValueError(f"{index} is not a page of lagrange-bench and stays: give another folder with --output")
-    return {output / link for link in LINK.findall(text)}
 
 
 def _errata() -> pd.DataFrame:

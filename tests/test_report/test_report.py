@@ -240,38 +240,11 @@ def test_a_page_of_some_methods(results, undrawn):
     assert " --methods rk45 --highlight rk45" in some.sections[0].redraw("first")
 
 
-@pytest.fixture
-def fewer(report):
-    good = report.sections[0]
-    return replace(report, sections=[replace(good, figures=good.figures[:1], tables=good.tables[:1])])
-
-
-def test_files_of_the_page_before_go_and_all_others_stay(report, fewer, tmp_path):
-    page.write(report, tmp_path)
-    mine = tmp_path / "figures" / "toy.good_mine.svg"
-    mine.write_text("mine")
-    page.write(fewer, tmp_path)
-    tables = {f"toy.good_all.{kind}" for kind in ("md", "tex", "csv")}
-    assert {path.name for path in tmp_path.rglob("*.*")} == {"index.html", "toy.good_first.svg", *tables, mine.name}
-
-
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
     (tmp_path / "index.html").write_text("<!doctype html><title>My home page</title>")
     code, out, err = run("report", "--results", results, "--output", tmp_path)
     assert (code, out, "is not a page of lagrange-bench" in err) == (2, "", True)
     assert "My home page" in (tmp_path / "index.html").read_text()
-
-
-def test_a_write_that_is_interrupted_leaves_the_old_page_whole(report, fewer, tmp_path, monkeypatch):
-    files = {path: path.read_bytes() for path in page.write(report, tmp_path).parent.rglob("*.*")}
-
-    def stop(*_):
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(page, "html", stop)
-    with pytest.raises(KeyboardInterrupt):
-        page.write(fewer, tmp_path)
-    assert {path: path.read_bytes() for path in tmp_path.rglob("*.*")} == files
 
 
 def test_a_write_is_on_disk_before_it_replaces_the_old_file_under_a_name_of_its_own(tmp_path, monkeypatch):
