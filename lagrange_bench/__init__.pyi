@@ -18,6 +18,7 @@ from .integrators import (
     Claims as Claims,
     EnsembleTrajectory as EnsembleTrajectory,
     GaudinMagnet as GaudinMagnet,
+    LagrangeTop as LagrangeTop,
     Method as Method,
     NamedTop as NamedTop,
     PerturbedTop as PerturbedTop,

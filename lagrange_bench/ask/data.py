@@ -12,7 +12,7 @@ import pandas as pd
 
 from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.experiments.measuring import states
-from lagrange_bench.integrators.registry import POTENTIALS, find_stored
+from lagrange_bench.integrators.registry import find_stored
 from lagrange_bench.results.store import Store, find_results
 from lagrange_bench.support.words import suggestion
 
@@ -116,6 +116,6 @@ def in_both_units(
 def _unit(row: Any) -> float:
     """The time scale of the top of a row, in the top's own unit; NaN if the top is not known here."""
     with contextlib.suppress(ValueError):
-        top, y0 = states.of_cell({**row, "state": row["top"]}, lambda name: find_stored(name, POTENTIALS))
+        top, y0 = states.of_cell({**row, "state": row["top"]}, find_stored)
         return float(top.scales(y0)[2])
     return math.nan

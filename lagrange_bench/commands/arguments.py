@@ -131,11 +131,12 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
 
 def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
     """The problem `module:PROBLEM` and its state. ValueError if it cannot be loaded, or if there is no state."""
+    from lagrange_bench.integrators import Problem
     from lagrange_bench.integrators.registry import Registry, find
 
     if state is None:
         raise ValueError("--problem needs --state, the numbers of a state")
-    problem = find(word, Registry("problem", "lagrange_bench.integrators:Problem", dict))
+    problem = find(word, Registry("problem", Problem, {}))
     return problem, problem.check_state(state, "--state")
 
 
@@ -149,7 +150,7 @@ def add_potential(command: Any) -> None:
 def in_potential(top: Any, options: argparse.Namespace) -> Any:
     """The top in the potential that --potential and --parameters give, or the top itself."""
     from lagrange_bench.integrators import PerturbedTop
-    from lagrange_bench.integrators.registry import find_potential
+    from lagrange_bench.integrators.registry import POTENTIALS, find
 
     if options.potential is None:
         if options.parameters is not None:
@@ -157,7 +158,7 @@ def in_potential(top: Any, options: argparse.Namespace) -> Any:
         return top
     if not kinds.uniform(top):
         raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
-    return PerturbedTop(top, find_potential(options.potential), tuple(options.parameters or ()))
+    return PerturbedTop(top, find(options.potential, POTENTIALS), tuple(options.parameters or ()))
 
 
 def add_module(command: argparse.ArgumentParser) -> None:

@@ -16,7 +16,7 @@ examples:
 reading what --output wrote, without losing a bit:
   pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
   file = numpy.load("run.npz"); file["t"], file["y"], json.loads(file["metadata"].item())
-  pyarrow.parquet.read_table("run.parquet")   # metadata in its schema, as JSON texts
+  pandas.read_parquet("run.parquet").attrs    # the metadata
 """
 
 import argparse
@@ -169,7 +169,7 @@ def _follow(word: str, method: Any, top: Any, y0: Any, settings: dict[str, Any])
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     from lagrange_bench.integrators import LagrangeTop
     from lagrange_bench.integrators.checks import check_state
-    from lagrange_bench.integrators.registry import find_top
+    from lagrange_bench.integrators.registry import NAMED_TOPS, find
 
     if options.problem is not None:
         for word in ("top", "physical", "alpha", "potential", "parameters"):
@@ -185,7 +185,7 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     elif options.physical is not None:
         top, state = _of_body(**options.physical)
     else:
-        named = find_top(options.top or "generic")
+        named = find(options.top or "generic", NAMED_TOPS)
         name, top, state = named.name, named.top, named.state
     return name, arguments.in_potential(top, options), state
 

@@ -26,9 +26,9 @@ from lagrange_bench.support.output import Answer, table
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators import INVARIANTS, METHODS, available
     from lagrange_bench.integrators.interface import needed
-    from lagrange_bench.integrators.registry import ARCHIVE, find_top
+    from lagrange_bench.integrators.registry import ARCHIVE, NAMED_TOPS, find
 
-    problem = in_potential(find_top(options.top or "generic").top, options)
+    problem = in_potential(find(options.top or "generic", NAMED_TOPS).top, options)
     data: list[dict[str, Any]] = []
     for name, method, error in METHODS.each():
         if error:

@@ -109,7 +109,7 @@ def _measure_headline(cell: dict) -> list[dict]:
     h = t / steps
     raw, natural = raw_heyoka(top, y0), prepare(top, y0, t, "taylor")
     runs = {
-        "backlund": lambda: integrate(top, y0, h, steps, "backlund").y[-1],
+        "backlund": lambda: integrate(top, y0, h, steps, "backlund", every=steps).y[-1],
         "heyoka": lambda: raw(t),
         "adapter": lambda: natural.advance(y0, 1),
     }

@@ -88,7 +88,7 @@ def measure(cell: dict) -> list[dict]:
     top, method = LagrangeTop(alphas), METHODS[cell["method"]]
 
     def run() -> Any:
-        return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options)
+        return integrate_ensemble(top, Y, span / steps, steps, cell["method"], threads=1, **options).y[-1]
 
     if method.name == "taylor":
         run = follow_in_batches(alphas, Y, span, **options)

@@ -5,7 +5,6 @@ from .backward_error.prediction import PredictedPhase as PredictedPhase, predict
 from .cases import CASES as CASES, Case as Case
 from .compiling.expression import cos as cos, exp as exp, log as log, sin as sin, sqrt as sqrt
 from .ensemble import integrate_ensemble as integrate_ensemble
-from .ensemble_trajectory import EnsembleTrajectory as EnsembleTrajectory
 from .interface import (
     INVARIANTS as INVARIANTS,
     Claims as Claims,
@@ -25,5 +24,5 @@ from .problem.rigid_body import RigidBody as RigidBody
 from .problem.top import TOPS as TOPS, LagrangeTop as LagrangeTop, NamedTop as NamedTop
 from .problem.vibrating_pivot import vibrating_pivot as vibrating_pivot
 from .registry import METHODS as METHODS, POTENTIALS as POTENTIALS, available as available
-from .trajectory import Trajectory as Trajectory
+from .trajectory import EnsembleTrajectory as EnsembleTrajectory, Trajectory as Trajectory
 from .truth import exact as exact, reference as reference

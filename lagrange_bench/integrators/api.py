@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -11,9 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.cases import Case
-from lagrange_bench.integrators.checks import check_grid, check_state, check_step, check_times_or_grid
-from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper
+from lagrange_bench.integrators.checks import (
+    check_count,
+    check_grid,
+    check_state,
+    check_step,
+    check_times_or_grid,
+    warn_caller,
+)
+from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning, Work
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
 from lagrange_bench.integrators.problem.problem import Problem
@@ -23,7 +28,9 @@ from lagrange_bench.integrators.start import Start, check_problem
 from lagrange_bench.integrators.torus import any_parameter
 from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 
-FEW = 8  # with so few numbers Python is quicker than NumPy
+# steps of a run that records each of them by default, and the most states that a longer run records
+LONG = 100_000
+MOST_STATES = 1000
 
 
 def prepare(
@@ -84,10 +91,10 @@ def integrate(
 ) -> Trajectory:
     """Follow a top, or a problem of your own, from y0.
 
-    Give either `h` and `steps`, or `t`. With `h` and `steps`, one state in `every` is recorded (default: only the start and the
-    end). With `t`, the method's dense output gives the states at these times, which count from y0. For this `backlund` takes one
-    map from y0 to each time: a jump, not a sequence of steps. With `t` and `tol`, `backlund_splitting` halves its step until two
-    runs agree, and reports the step in `work.notes`.
+    Give either `h` and `steps`, or `t`. With `h` and `steps`, one state in `every` is recorded. With `t`, the method's dense
+    output gives the states at these times, which count from y0. For this `backlund` takes one map from y0 to each time: a jump,
+    not a sequence of steps. With `t` and `tol`, `backlund_splitting` halves its step until two runs agree, and reports the step
+    in `work.notes`.
 
     Parameters
     ----------
@@ -104,7 +111,8 @@ def integrate(
         A name in METHODS, or a record. By default `backlund`, the exact step; of a free body `theta_functions`, the closed form.
         Other problems need a name.
     every : int
-        Record every so many steps; must divide `steps`.
+        Record every so many steps; must divide `steps`. By default 1; a run of 100 000 steps or more keeps at most 1000 states
+        after the start, and a warning says so.
     t : (N,)
         Finite times, in the unit of h.
     h_scaled : float
@@ -134,25 +142,33 @@ def integrate(
         record.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
     if times is not None:
-        run = _evaluate(record, problem, state, times, options)
+        y, work = _evaluate(record, problem, state, times, options)
     else:
-        run = _advance(record, problem, state, check_step(h), *check_grid(steps, every, "steps"), options)
+        h = check_step(h)
+        steps, every = check_grid(steps, recorded(steps) if every is None else every, "steps")
+        stepper = _prepare(record, problem, state, h, options)
+        if not math.isfinite(h * steps):
+            raise StepError(record.name, "the time n h is beyond the largest double", h=h)
+        y, work = stepper.record(state, steps, every), stepper.work
+        times = grid_times(h, every, len(y))
+    step = h if record.control == "step" and t is None else None
+    inputs = RunInputs(state, record, step, options, start.flight)
     if start.flight is not None:
-        inputs = replace(run.start, flight=start.flight)  # type: ignore[type-var]
-        return replace(run, y=np.hstack((run.y, problem.flight_at(start.flight, run.t))), start=inputs)
-    return run
+        y = np.hstack((y, problem.flight_at(start.flight, times)))
+    return Trajectory(problem, record.name, times, y, work, inputs)
 
 
-def _advance(
-    record: Method, top: Any, state: Array, h: float, steps: int, every: int, options: dict[str, Any]
-) -> Trajectory:
-    """`integrate` by steps of h."""
-    start = RunInputs(state, record, h if record.control == "step" else None, options)
-    stepper = _prepare(record, top, state, h, options)
-    if not math.isfinite(h * steps):
-        raise StepError(record.name, "the time n h is beyond the largest double", h=h)
-    y = stepper.record(state, steps, every)
-    return Trajectory(top, record.name, grid_times(h, every, len(y)), y, stepper.work, start=start)
+def recorded(steps: Any) -> int:
+    """How many steps there are by default from one recorded state to the next. It divides `steps`; a long run gets a warning."""
+    steps = check_count(steps, "steps")
+    if steps < LONG:
+        return 1
+    every = steps // max(rows for rows in range(1, MOST_STATES + 1) if steps % rows == 0)
+    warn_caller(
+        f"one state in {every} of {steps} steps is recorded, {steps // every + 1} in all; set every= for others",
+        StepWarning,
+    )
+    return every
 
 
 def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
@@ -209,8 +225,6 @@ def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
 
 def grid_times(h: float, every: int, rows: int) -> Array:
     """0, every·h, 2 every·h, …"""
-    if rows <= FEW:
-        return np.array([h * (float(every) * k) for k in range(rows)])
     return h * (every * np.arange(rows, dtype=np.float64))
 
 
@@ -231,27 +245,19 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     """`prepare` with arguments that have been checked."""
     build = method.prepare_for(top, options)
     start = perf_counter()
-    before = y0.tobytes()
     try:
-        built = build(top, y0, h, **options)
+        stepper = checked_stepper(method.name, build(top, y0, h, **options), len(y0))
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise
-    kind = type(built)
-    if isinstance(built, FixedStepper) and kind.record is FixedStepper.record and kind.advance is Stepper.advance:
-        stepper: Stepper = built  # of our loop
-    else:
-        stepper = checked_stepper(method.name, built, len(y0))
-    if y0.tobytes() != before:
-        raise ValueError(f"{method.name}: prepare wrote to y0")
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
 
 
-def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> Trajectory:
+def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> tuple[Array, Work]:
     evaluate = method.evaluate_for(top, options)
     if evaluate is None:
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
-    return Trajectory(top, method.name, times, y, work, start=RunInputs(y0, method, None, options))
+    return y, work

@@ -20,14 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
 from lagrange_bench.integrators.api import default_method, grid_times, integrate, own_step
-from lagrange_bench.integrators.ensemble_trajectory import EnsembleTrajectory
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.start import check_problem
-from lagrange_bench.integrators.trajectory import RunInputs
+from lagrange_bench.integrators.start import check_problem, split_state
+from lagrange_bench.integrators.trajectory import EnsembleTrajectory, RunInputs
 from lagrange_bench.support import machine
 
 CHUNK = 1024  # tops in one call, at most: their constants stay in the processor's cache
@@ -75,7 +74,7 @@ def integrate_ensemble(
     Returns
     -------
     EnsembleTrajectory
-        t (rows,) and y (rows, n, 6). As an array it is y; of the end alone (n, 6).
+        t (rows,) and y (rows, n, 6); by default one row, the end.
 
     Raises
     ------
@@ -98,7 +97,7 @@ def integrate_ensemble(
         h = checks.check_step(h)
         record.prepare_for(sample, options)
         steps, stride = checks.check_grid(steps, every, "steps")
-        grid: dict[str, Any] = {"h": h, "steps": steps, "every": every}
+        grid: dict[str, Any] = {"h": h, "steps": steps, "every": stride}
         times = grid_times(h, stride, steps // stride + 1)[-1 if every is None else 0 :]
     else:
         if record.evaluate_for(sample, options) is None:
@@ -111,7 +110,7 @@ def integrate_ensemble(
         more = f"; {len(work.failures)} of {n} tops fail" if len(work.failures) > 1 else ""
         raise StepError(record.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
     start = RunInputs(states, record, grid.get("h") if record.control == "step" else None, options)
-    return EnsembleTrajectory(top, record.name, times, work.out, t is None and every is None, start)
+    return EnsembleTrajectory(top, record.name, times, work.out, start)
 
 
 @dataclass
@@ -172,7 +171,7 @@ class _Work:
         uniform = kinds.uniform(self.problem)
         if not (self.method.many and uniform and steps and math.isfinite(self.grid["h"] * steps)):
             return done
-        every = self.grid["every"] or steps
+        every = self.grid["every"]
         alphas = np.broadcast_to(self.problem.alpha, len(self.states))[chunk]
         out[0] = states  # if only the end is recorded, it replaces this
         arguments = alphas, states, self.grid["h"], steps, every, out[len(out) - steps // every :]
@@ -185,35 +184,24 @@ class _Work:
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop not copied if Y0 is that already."""
-    problem = check_problem(top)
-    if not kinds.uniform(problem):
-        try:
-            rows: list[Any] = list(Y0)  # type: ignore[arg-type]
-        except TypeError:
-            raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
-        _check_numbers(problem, len(rows))
-        checked = [_check_state(problem.motion(i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
-        return np.array(checked) if rows else np.empty((0, problem.space.size))
+    problem, states = check_problem(top), np.asarray(Y0) if isinstance(Y0, np.ndarray) else None
+    if states is not None and kinds.uniform(problem) and states.ndim == 2 and states.shape[1] == 6:
+        _check_numbers(problem, len(states))
+        # along one axis only, `all` takes many times as long
+        if states.dtype.kind in "iuf" and np.isfinite(states).all() and states[:, 3:].any(axis=1).all():
+            return np.ascontiguousarray(states, dtype=np.float64)
     try:
-        states = np.asarray(Y0)
-    except ValueError as error:
-        raise ValueError(f"Y0 must be states (n, 6): {error}") from None
-    if states.ndim != 2 or states.shape[1] != 6:
-        raise ValueError(f"Y0 must have shape (n, 6), a row (J1, J2, J3, x1, x2, x3) for each top; got {states.shape}")
-    if states.dtype.kind not in "iuf":
-        raise ValueError(f"Y0 must be real numbers; got dtype {states.dtype}")
-    states = np.ascontiguousarray(states, dtype=np.float64)
-    if not np.isfinite(states).all():  # along one axis only, `all` takes many times as long
-        _refuse(np.any(~np.isfinite(states), axis=1), "is not finite", states)
-    vertical = (states[:, 3] == 0.0) & (states[:, 4] == 0.0)
-    _refuse(vertical & (states[:, 5] == 0.0), "has x = 0: the axis of a top needs |x| > 0", states)
-    _check_numbers(problem, len(states))
-    return states
+        rows: list[Any] = list(Y0)  # type: ignore[arg-type]
+    except TypeError:
+        raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
+    _check_numbers(problem, len(rows))
+    checked = [_check_state(problem.motion(i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
+    return np.array(checked) if rows else np.empty((0, problem.space.size))
 
 
 def _check_state(problem: Any, y: Any, name: str) -> Array:
     """A state, checked as `integrate` does."""
-    y, flight = problem.split_state(y)
+    y, flight = split_state(problem, y)
     state: Array = problem.check_state(y, name)
     return state if flight is None else np.concatenate((state, flight))
 
@@ -224,11 +212,4 @@ def _check_numbers(problem: Any, n: int) -> None:
     values |= {f"parameters[{i}]": value for i, value in enumerate(getattr(problem, "parameters", ()))}
     for name, value in values.items():
         if np.ndim(value) and len(value) != n:
-            raise ValueError(f"top holds {len(value)} values of {name}, Y0 {n} states")
-
-
-def _refuse(bad: NDArray[np.bool_], why: str, states: Array) -> None:
-    if bad.any():
-        first = int(np.argmax(bad))
-        more = f", and so do {int(bad.sum()) - 1} others" if bad.sum() > 1 else ""
-        raise ValueError(f"Y0[{first}] = {states[first].tolist()} {why}{more}")
+            raise ValueError(f"Y0 has {n} states, and the top {len(value)} values of {name}")

@@ -18,9 +18,6 @@ from lagrange_bench.integrators.checks import Array, check_options, keyword_opti
 
 INVARIANTS = ("H", "J3", "C1", "C2")
 ENGINES = ("numba", "heyoka", "scipy", "python")
-FAMILIES = (
-    "backlund", "closed-form", "taylor", "runge-kutta", "splitting", "integrable", "implicit", "lie-group", "whole-body",
-)  # fmt: skip
 
 
 class StepError(RuntimeError):
@@ -122,31 +119,8 @@ def needed(need: Need) -> str:
     return (need.__doc__ or need.__name__) if callable(need) else NEEDS[need]
 
 
-# what fields of `Method` must be, in words and as a test, and their names
-KINDS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "a text": (lambda value: isinstance(value, str), "name label family source"),
-    "a whole number from 1 on, or None": (lambda value: value is None or (type(value) is int and value > 0), "order"),
-    "a function": (callable, "prepare"),
-    "a function or None": (lambda value: value is None or callable(value), "evaluate many"),
-    "a dict": (lambda value: isinstance(value, Mapping), "kernels_for"),
-    "a record such as Claims(symmetric=True, conserves={'J3'})": (lambda value: isinstance(value, Claims), "claims"),
-}
-# likewise, of `Claims`
-KINDS_OF_CLAIMS: dict[str, tuple[Callable[[Any], bool], str]] = {
-    "True or False": (lambda value: isinstance(value, bool), "symmetric poisson"),
-    "a set, such as {'J3'}": (lambda value: isinstance(value, (set, frozenset)), "conserves conserves_if_quadratic"),
-    "a dict": (lambda value: isinstance(value, Mapping), "conserves_own"),
-}
-
-
 Quantity = Callable[[Any, float, Array], tuple[Array, float]]
-
-
-def _check_kinds(record: Any, kinds: Mapping[str, tuple[Callable[[Any], bool], str]]) -> None:
-    for what, (fits, names) in kinds.items():
-        for name in names.split():
-            if not fits(value := getattr(record, name)):
-                raise ValueError(f"{name} must be {what}; got {value!r}")
+Builder = Callable[..., Stepper]
 
 
 @dataclass(frozen=True)
@@ -171,7 +145,7 @@ class Claims:
     Raises
     ------
     ValueError
-        A field of a wrong type, or an invariant that is no word.
+        An invariant that is no word.
     """
 
     symmetric: bool = False
@@ -181,11 +155,11 @@ class Claims:
     conserves_own: Mapping[str, Quantity] = field(default_factory=dict, hash=False)
 
     def __post_init__(self) -> None:
-        _check_kinds(self, KINDS_OF_CLAIMS)
         for name in ("conserves", "conserves_if_quadratic"):
-            if unknown := [word for word in getattr(self, name) if not (isinstance(word, str) and word.isidentifier())]:
-                raise ValueError(f"{name} names invariants by words, such as 'J3'; got {sorted(map(str, unknown))}")
-            object.__setattr__(self, name, frozenset(getattr(self, name)))  # can be hashed
+            words = getattr(self, name)
+            if isinstance(words, str) or not all(isinstance(word, str) and word.isidentifier() for word in words):
+                raise ValueError(f"{name} names invariants by words, as {{'J3'}}; got {words!r}")
+            object.__setattr__(self, name, frozenset(words))  # can be hashed
 
 
 @dataclass(frozen=True)
@@ -199,7 +173,7 @@ class Method:
     label : str
         The name in legends.
     family : str
-        Colour and grouping: one of FAMILIES, or a plug-in's own.
+        Colour and grouping, such as "splitting".
     order : int or None
         None: exact in time.
     source : str
@@ -227,7 +201,7 @@ class Method:
     Raises
     ------
     ValueError
-        A field of a wrong type, or an unknown word.
+        An order that is none, no claims, or an unknown word.
     """
 
     name: str
@@ -235,28 +209,29 @@ class Method:
     family: str
     order: int | None
     source: str
-    prepare: Callable[..., Stepper]
+    prepare: Builder
     claims: Claims = Claims()
     control: str = "step"
     needs: Need = "uniform"
-    kernels_for: Mapping[Need, Callable[..., Stepper]] = field(default_factory=dict, hash=False)
+    kernels_for: Mapping[Need, Builder] = field(default_factory=dict, hash=False)
     evaluate: Callable[..., tuple[Array, Work]] | None = None
     many: Callable[..., NDArray[np.bool_]] | None = None
     requires: str | None = None
     engine: str = "numba"
 
     def __post_init__(self) -> None:
-        _check_kinds(self, KINDS)
-        for name, needs in (("needs", (self.needs,)), ("kernels_for", self.kernels_for)):
-            for need in needs:
-                if not callable(need) and need not in (*NEEDS,):
-                    raise ValueError(
-                        f"{name} must be one of {', '.join(NEEDS)}, or a predicate of problems; got {need!r}"
-                    )
-        if self.control not in ("step", "tolerance"):
-            raise ValueError(f"control must be 'step' or 'tolerance', not {self.control!r}")
-        if self.engine not in ENGINES:
-            raise ValueError(f"engine must be one of {', '.join(ENGINES)}; got {self.engine!r}")
+        if self.order is not None and not (type(self.order) is int and self.order > 0):
+            raise ValueError(f"order must be a whole number from 1 on, or None; got {self.order!r}")
+        if not isinstance(self.claims, Claims):
+            raise ValueError(f"claims must be a record such as Claims(conserves={{'J3'}}); got {self.claims!r}")
+        words = [need for need in (self.needs, *self.kernels_for) if not callable(need)]
+        for name, word, known in (
+            *(("needs", word, tuple(NEEDS)) for word in words),
+            ("control", self.control, ("step", "tolerance")),
+            ("engine", self.engine, ENGINES),
+        ):
+            if word not in known:
+                raise ValueError(f"{name} must be one of {', '.join(known)}; got {word!r}")
 
     @cached_property
     def options(self) -> tuple[str, ...]:
@@ -265,7 +240,7 @@ class Method:
 
     def takes(self, problem: Any) -> str | None:
         """None if the method can follow this problem, else the reason why not."""
-        if meets(problem, self.needs) or self._kernel_for(problem):
+        if self._builder(problem):
             return None
         if self.needs != "uniform":
             return f"{self.name} needs {needed(self.needs)}, which {problem.description} is not"
@@ -273,17 +248,19 @@ class Method:
         advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and problem.is_top else ""
         return f"{self.name} does not take {problem.description}: {reason}{advice}"
 
-    def _kernel_for(self, problem: Any) -> Callable[..., Stepper] | None:
-        return next((build for need, build in self.kernels_for.items() if meets(problem, need)), None)
+    def _builder(self, problem: Any) -> Builder | None:
+        """The kernel for this problem, the one place where kernels are chosen; None if the method does not take it."""
+        special = next((build for need, build in self.kernels_for.items() if meets(problem, need)), None)
+        return special or (self.prepare if meets(problem, self.needs) else None)
 
-    def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., Stepper]:
+    def prepare_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Builder:
         """The builder of a stepper for this problem: (problem, y0, h, **options) → Stepper.
 
         ValueError if the method does not take the problem, or has no such option.
         """
-        if reason := self.takes(problem):
-            raise ValueError(f"method: {reason}")
-        build = self._kernel_for(problem) or self.prepare
+        build = self._builder(problem)
+        if build is None:
+            raise ValueError(f"method: {self.takes(problem)}")
         check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
         return build
 
@@ -294,10 +271,8 @@ class Method:
 
         ValueError if the method does not take the problem, or its dense output has no such option.
         """
-        if reason := self.takes(problem):
-            raise ValueError(f"method: {reason}")
+        by_steps = self.prepare_for(problem)
         if self.evaluate is not None:
-            by_steps = self._kernel_for(problem) or self.prepare
             check_options(f"{self.name} at given times", self.evaluate, options or {}, by_steps, "runs by h and steps")
         return self.evaluate
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import io
 import json
 import textwrap
-import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +14,6 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.interface import Array
-from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.files import write_file
 
 if TYPE_CHECKING:
@@ -24,12 +22,12 @@ if TYPE_CHECKING:
 
 # a quarter of an ulp of 1: where a logarithmic axis shows smaller errors and 0
 LEAST = 2.0**-54
-# rows a nutation, from which on they are joined
+# rows in a turn of the motion (2π of its time scale), from which on a line joins them
 JOINED = 8
-# points a nutation of a smooth orbit
+# points in a turn of a smooth line through fewer rows, which is drawn for at most MOST_TURNS turns
 SMOOTH = 48
-# most nutations of a smooth orbit
 MOST_TURNS = 500
+DOTS = {"marker": "o", "ms": 3.5, "linestyle": "none"}
 KINDS = ("components", "invariants", "error", "axis")
 FORMATS = (".csv", ".npz", ".parquet")
 
@@ -43,8 +41,9 @@ def plot(run: Any, what: str, ax: Axes | None, look: dict[str, Any]) -> Axes:
         return _plot_axis(run, ax or plt.figure().add_subplot(projection="3d"), look)
     ax = ax or plt.figure(layout="constrained").add_subplot()
     if what == "components":
-        for name, values in zip(run.columns(), run.states.T, strict=True):
-            ax.plot(run.t, values, **{"label": name, **look})
+        t, states = _line(run)
+        for k, name in enumerate(run.columns()):
+            _plot_rows(ax, (run.t, run.states[:, k]), (t, states[:, k]), {"label": name, **look})
         ax.set_ylabel("components")
     elif what == "invariants":
         first, scales = run.problem.invariants(run.start.state, 0.0), run.problem.invariant_scales(run.start.state)
@@ -66,7 +65,7 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
         raise ValueError(f"what: {run.top!r} has no axis x on a sphere")
     if not hasattr(ax, "set_zlabel"):
         raise ValueError("ax: the axis is drawn in space: give axes made with projection='3d'")
-    x, orbit = run.y[:, 3:], _orbit(run)
+    x, line = run.y[:, 3:], _line(run)[1][:, 3:]
     radius = float(np.linalg.norm(x[0]))
     around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
     sphere = (
@@ -78,11 +77,8 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
     ax.set_proj_type("ortho")
     elevation, azimuth = np.radians((ax.elev, ax.azim))
     towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    in_front = [np.where((points @ towards > 0)[:, None], points, np.nan) for points in (x, orbit)]
-    rows = {"marker": "o", "ms": 3.5, "linestyle": "none"} if len(orbit) != len(x) else {}
-    (dots,) = ax.plot(*in_front[0].T, **{"label": run.method, **rows, **look})
-    if len(orbit) != len(x):
-        ax.plot(*in_front[1].T, color=dots.get_color(), linewidth=0.6, alpha=0.6)
+    rows, joined = (np.where((points @ towards > 0)[:, None], points, np.nan) for points in (x, line))
+    _plot_rows(ax, rows.T, joined.T, {"label": run.method, **look})
     ax.plot(*x[:1].T, "o", color="black", ms=4, label="start")
     ends = [-radius, 0.0, radius]
     ax.set(
@@ -92,26 +88,26 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
     return ax  # type: ignore[no-any-return]
 
 
-def _orbit(run: Any) -> Array:
-    """The axis along the run (N, 3): the rows if there are enough to be joined, else by dense output, or nothing (0, 3)."""
-    from lagrange_bench.integrators.truth import exact
-
-    if not kinds.uniform(run.problem):
-        return run.y[:, 3:]
-    turns = abs(run.t[-1] - run.t[0]) / exact.nutation_period(run.problem, run.y[0])
+def _line(run: Any) -> tuple[Array, Array]:
+    """Times and states that may be joined by a line: the rows if they are close together, else by dense output, or none."""
+    turns = np.ptp(run.t) / (2 * np.pi * run.problem.scales(run.states[0])[2]) if len(run.t) else 0.0
     if len(run.t) >= JOINED * turns:
-        return run.y[:, 3:]
-    nothing = np.empty((0, 3))
-    if turns > MOST_TURNS:
-        return nothing
-    try:
-        return run.sol(np.linspace(run.t[0], run.t[-1], int(SMOOTH * turns) + 2))[:, 3:]
-    except ValueError:  # the method steps on a grid only
-        text = (
-            f"plot: {len(run.t) / turns:.1f} rows a nutation are drawn as dots; record {JOINED} to join them (every=…)"
-        )
-        warnings.warn(text, stacklevel=5)
-        return nothing
+        return run.t, run.states
+    if turns <= MOST_TURNS:
+        times = np.linspace(run.t[0], run.t[-1], int(SMOOTH * turns) + 2)
+        with suppress(ValueError):  # the method steps on a grid only
+            return times, run.sol(times)[:, : run.states.shape[1]]
+    return run.t[:0], run.states[:0]
+
+
+def _plot_rows(ax: Any, rows: Sequence[Array], line: Sequence[Array], look: dict[str, Any]) -> None:
+    """Draw rows (coordinates, each (N,)) as a line if it joins them, else as dots, with the line through them, if any."""
+    if len(rows[0]) == len(line[0]):
+        ax.plot(*rows, **look)
+        return
+    (dots,) = ax.plot(*rows, **{**DOTS, **look})
+    if len(line[0]):
+        ax.plot(*line, color=dots.get_color(), linewidth=0.6, alpha=0.6)
 
 
 def save(
@@ -120,15 +116,20 @@ def save(
     """Write arrays (.npz) or a table (.csv, .parquet), and the facts of the run, each as JSON; see `Trajectory.save`."""
     kind = check_choice(path.suffix.lower(), "the ending of the file's name", FORMATS)
     texts = {key: _json(key, value) for key, value in facts.items()}
+    metadata = {key: json.loads(text) for key, text in texts.items()}
     if kind == ".npz":
-        buffer, metadata = io.BytesIO(), json.dumps({key: json.loads(text) for key, text in texts.items()})
-        named: dict[str, Any] = {**arrays(), "metadata": np.array(metadata)}
-        np.savez(buffer, **named)
+        buffer, named = io.BytesIO(), {**arrays(), "metadata": np.array(json.dumps(metadata))}
+        np.savez(buffer, **named)  # type: ignore[arg-type]
         return write_file(path, buffer.getvalue())
+    table = frame()
     if kind == ".parquet":
-        return write_file(path, _parquet(frame(), texts))
+        table.attrs = metadata
+        try:
+            return write_file(path, table.to_parquet(engine="pyarrow"))
+        except ImportError:
+            raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz") from None
     head = "".join(f"# {key}: {text}\n" for key, text in texts.items())
-    return write_file(path, head + frame().to_csv(index=False, na_rep="nan", lineterminator="\n"))
+    return write_file(path, head + table.to_csv(index=False, na_rep="nan", lineterminator="\n"))
 
 
 def _json(key: Any, value: Any) -> str:
@@ -139,15 +140,3 @@ def _json(key: Any, value: Any) -> str:
         return json.dumps(value, ensure_ascii=False, default=lambda v: v.tolist() if hasattr(v, "tolist") else repr(v))
     except (TypeError, ValueError) as error:  # such as a dict whose keys are no texts
         raise ValueError(f"metadata: {key} cannot be written as JSON: {error}") from None
-
-
-def _parquet(frame: pd.DataFrame, texts: Mapping[str, str]) -> bytes:
-    if importlib.util.find_spec("pyarrow") is None:
-        raise ValueError("pyarrow is not installed: pip install pyarrow; or write .csv or .npz")
-    import pyarrow
-    from pyarrow import parquet
-
-    table = pyarrow.table({name: pyarrow.array(frame[name].to_numpy()) for name in frame}, metadata=dict(texts))
-    buffer = io.BytesIO()
-    parquet.write_table(table, buffer)
-    return buffer.getvalue()

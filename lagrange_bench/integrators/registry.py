@@ -1,4 +1,4 @@
-"""METHODS, POTENTIALS and NAMED_TOPS: methods, in legend order, potentials and tops by name, loaded when first asked for.
+"""METHODS, POTENTIALS and NAMED_TOPS: methods, in legend order, potentials and tops by name.
 
 Other packages add theirs as entry points, name = `package.module:OBJECT`. The groups are `lagrange_bench.methods`,
 `lagrange_bench.potentials`, and `lagrange_bench.tops` for tops with a name and an initial state. An entry that cannot be loaded,
@@ -11,75 +11,23 @@ import importlib.util
 import multiprocessing
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any
 
+from lagrange_bench.integrators import methods
 from lagrange_bench.integrators.interface import Method, StepError
-from lagrange_bench.integrators.own_modules import import_own, in_own_file, no_exit
+from lagrange_bench.integrators.methods import ARCHIVE, BUILT_IN
+from lagrange_bench.integrators.own_modules import import_own, in_own_file
+from lagrange_bench.integrators.problem.potential import Potential
+from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, POTENTIALS_BUILT_IN
+from lagrange_bench.integrators.problem.top import TOPS, NamedTop
 from lagrange_bench.support.words import suggestion
 
-BUILT_IN = {
-    # backlund
-    "backlund": "backlund:EXACT",
-    "backlund_unpinned": "backlund:UNPINNED",
-    "backlund_paper": "backlund:PAPER",
-    "backlund_textbook": "backlund_textbook:METHOD",
-    "backlund_splitting": "backlund_splitting:METHOD",
-    # closed-form
-    "addition_theorem": "addition_theorem:METHOD",
-    "theta_functions": "theta_functions:METHOD",
-    # taylor
-    "taylor": "taylor:NATURAL",
-    "taylor_fixed": "taylor_fixed:METHOD",
-    # runge-kutta
-    "rk4": "runge_kutta:CLASSICAL",
-    "rk45_fixed": "runge_kutta:FIFTH",
-    "dop853_fixed": "runge_kutta:EIGHTH",
-    "verner9_fixed": "runge_kutta:NINTH",
-    "verner9_projected": "runge_kutta:PROJECTED",
-    "dop853": "dop853:METHOD",
-    "rk45": "scipy_ivp:RK45",
-    "scipy_dop853": "scipy_ivp:DOP853",
-    # splitting
-    "strang": "splitting:STRANG",
-    "blanes_moan4": "splitting:BLANES_MOAN4",
-    "force_gradient4": "splitting:FORCE_GRADIENT4",
-    "blanes_moan6": "splitting:BLANES_MOAN6",
-    "force_gradient6": "splitting:FORCE_GRADIENT6",
-    "kahan_li8": "splitting:KAHAN_LI8",
-    # integrable
-    "kahan": "kahan:METHOD",
-    "bobenko_suris": "bobenko_suris:METHOD",
-    # implicit
-    "implicit_midpoint": "implicit_midpoint:METHOD",
-    "gauss4": "gauss:GAUSS4",
-    "gauss6": "gauss:GAUSS6",
-    "gauss8": "gauss:GAUSS8",
-    # lie-group
-    "rkmk4": "lie_group:RKMK4",
-    # whole-body
-    "rattle": "whole_body:RATTLE",
-    "simo_wong": "whole_body:SIMO_WONG",
-    "lie_midpoint": "whole_body:LIE_MIDPOINT",
-    "generalized_alpha": "whole_body:GENERALIZED_ALPHA",
-}
-
-# Each of these has a better, or better known, method in its family. Their rows and claims are kept; figures and quick runs of
-# many methods leave them out.
-ARCHIVE = frozenset([
-    "backlund_unpinned", "backlund_paper", "backlund_textbook", "taylor_fixed", "rk45_fixed", "dop853_fixed", "scipy_dop853",
-    "force_gradient4", "gauss4", "gauss6", "lie_midpoint",
-])  # fmt: skip
 MANY = 8  # of so many methods, or fewer, none is left out
-
-POTENTIALS_BUILT_IN = {
-    name: f"lagrange_bench.integrators.problem.potentials:{name.upper()}"
-    for name in ("quadratic", "axisymmetric", "charge", "dipole", "tide")
-}
 
 
 def without_archive(names: Iterable[str]) -> list[str]:
@@ -89,29 +37,18 @@ def without_archive(names: Iterable[str]) -> list[str]:
 
 
 class Registry(Mapping[str, Any]):
-    """Name → Method, Potential or NamedTop. Listing the names of methods and potentials imports nothing.
+    """Name → record. Methods, and what other packages have, are imported when they are asked for.
 
-    word : "method", "potential" or "top", also in the name of the entry-point group. kind : the place of the type, "module:Type".
-    built_in : returns the names of the bench, each with "module:OBJECT" or with the object itself.
+    word : "method", "potential" or "top", also in the name of the entry-point group. kind : the type of the records.
+    built_in : the names of the bench, each with "module:OBJECT" or with the record itself.
     """
 
-    def __init__(self, word: str, kind: str, built_in: Callable[[], Mapping[str, Any]]):
-        self.word, self.group = word, f"lagrange_bench.{word}s"
-        self._kind, self._built_in = kind, built_in
-        self._loaded: dict[EntryPoint, Any] = {}
-
-    @cached_property
-    def kind(self) -> Any:
-        """The type of what is registered."""
-        return EntryPoint("", self._kind, "").load()
-
-    @cached_property
-    def built_in(self) -> Mapping[str, Any]:
-        """What the bench itself has."""
-        return self._built_in()
+    def __init__(self, word: str, kind: type, built_in: Mapping[str, Any]):
+        self.word, self.group, self.kind, self.built_in = word, f"lagrange_bench.{word}s", kind, built_in
 
     @cached_property
     def _entries(self) -> dict[str, Any]:
+        """Name → record, or the entry point that leads to it."""
         entries = {
             name: EntryPoint(name, value, self.group) if isinstance(value, str) else value
             for name, value in self.built_in.items()
@@ -135,21 +72,17 @@ class Registry(Mapping[str, Any]):
             known = f"All: lagrange-bench {self.word}s" if close.endswith("?") else f"Known: {names}"
             raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
         entry = self._entries[name]
-        if not hasattr(
-            entry, "load"
-        ):  # no isinstance: importlib_metadata, once imported, finds entry points of its own type
+        if isinstance(entry, self.kind):
             return entry
-        if entry not in self._loaded:
-            with no_exit():
-                record = entry.load()
-            if not isinstance(record, self.kind):
-                raise TypeError(
-                    f"{entry.value} is a {type(record).__name__}, not a lagrange_bench.{self.kind.__name__}"
-                )
-            if record.name != name and ":" not in name:
-                raise ValueError(f"{entry.value} calls itself {record.name!r} but is registered as {name!r}")
-            self._loaded[entry] = record
-        return self._loaded[entry]
+        try:
+            record = entry.load()
+        except SystemExit as end:
+            raise ImportError(f"it calls sys.exit({end.code!r})") from end
+        if not isinstance(record, self.kind):
+            raise TypeError(f"{entry.value} is a {type(record).__name__}, not a lagrange_bench.{self.kind.__name__}")
+        if record.name != name and ":" not in name:
+            raise ValueError(f"{entry.value} calls itself {record.name!r} but is registered as {name!r}")
+        return record
 
     def include(self, name: str) -> None:
         """Register `module:NAME` under these very words in this process, without an entry point; ValueError if it cannot be."""
@@ -191,79 +124,50 @@ class Registry(Mapping[str, Any]):
         return len(self._entries)
 
 
-def _methods() -> Mapping[str, Any]:
-    return {name: f"lagrange_bench.integrators.methods.{place}" for name, place in BUILT_IN.items()}
-
-
-def _tops() -> Mapping[str, Any]:
-    from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
-    from lagrange_bench.integrators.problem.top import TOPS
-
-    return {**TOPS, **PERTURBED_TOPS}
-
-
-METHODS = Registry("method", "lagrange_bench.integrators.interface:Method", _methods)
-POTENTIALS = Registry(
-    "potential", "lagrange_bench.integrators.problem.potential:Potential", lambda: POTENTIALS_BUILT_IN
-)
-NAMED_TOPS = Registry("top", "lagrange_bench.integrators.problem.top:NamedTop", _tops)
+METHODS = Registry("method", Method, {name: f"{methods.__name__}.{place}" for name, place in BUILT_IN.items()})
+POTENTIALS = Registry("potential", Potential, POTENTIALS_BUILT_IN)
+NAMED_TOPS = Registry("top", NamedTop, {**TOPS, **PERTURBED_TOPS})
 
 
 class NotInstalled(StepError):
     """A method cannot run here, because a package that it needs is not installed."""
 
 
-def find_method(method: str | Method) -> Method:
-    """The method of a name in METHODS or of `package.module:METHOD`, or the method itself, if it can run here.
+def find(thing: Any, registry: Registry) -> Any:
+    """The record that has a name in the registry, or is `module:NAME`, or `thing` itself; else ValueError."""
+    word, kind = registry.word, registry.kind.__name__
+    if isinstance(thing, registry.kind):
+        return thing
+    if not isinstance(thing, str):
+        raise ValueError(f"{word} must be a name, package.module:{word.upper()} or a {kind}; got {thing!r}")
+    path, colon, attribute = thing.partition(":")
+    if path.endswith(".py"):
+        raise ValueError(
+            f"{word} {thing}: write {Path(path).stem}:{attribute or word.upper()}, in the folder of {path}"
+        )
+    try:
+        record = getattr(import_own(path), attribute) if colon else registry[thing]
+    except KeyError as error:
+        if hint := in_own_file(thing, word):
+            raise ValueError(f"no {word} is registered as {thing!r}{hint}") from None
+        raise ValueError(str(error.args[0])) from None
+    except Exception as error:  # importing somebody else's module may raise anything
+        raise ValueError(f"{word} {thing} cannot be loaded: {type(error).__name__}: {error}") from error
+    if not isinstance(record, registry.kind):
+        raise ValueError(f"{word} {thing} is a {type(record).__name__}, not a lagrange_bench.{kind}")
+    return record
 
-    ValueError if there is none, or it cannot be loaded; NotInstalled if it needs another package.
-    """
-    record = find(method, METHODS) if isinstance(method, str) else method
-    if not isinstance(record, Method):
-        raise ValueError(f"method must be a name in METHODS, package.module:METHOD or a Method; got {method!r}")
+
+def find_method(method: str | Method) -> Method:
+    """`find` of a method that can run here; NotInstalled if it needs another package."""
+    record: Method = find(method, METHODS)
     if not available(record):
         raise NotInstalled(record.name, how_to_get(str(record.requires)))
     return record
 
 
-def find_potential(potential: str | Any) -> Any:
-    """The potential of a name in POTENTIALS or of `package.module:POTENTIAL`, or the potential itself; else ValueError."""
-    record = find(potential, POTENTIALS) if isinstance(potential, str) else potential
-    if not isinstance(record, POTENTIALS.kind):
-        raise ValueError(
-            f"potential must be a name in POTENTIALS, package.module:POTENTIAL or a Potential; got {potential!r}"
-        )
-    return record
-
-
-def find_top(name: str) -> Any:
-    """The named top of a name in NAMED_TOPS or of `package.module:TOP`; else ValueError."""
-    return find(name, NAMED_TOPS)
-
-
-def find(name: str, registry: Registry) -> Any:
-    """What has a name in the registry, or `module:NAME`; ValueError if there is none, or it cannot be loaded."""
-    word = registry.word
-    path, colon, attribute = name.partition(":")
-    if path.endswith(".py"):
-        file = Path(path)
-        where = "" if file.parent == Path() else f" in the folder {file.parent}"
-        raise ValueError(f"{word} {name}: write {file.stem}:{attribute or word.upper()}{where}")
-    try:
-        record = getattr(import_own(path), attribute) if colon else registry[name]
-    except KeyError as error:
-        if hint := in_own_file(name, word):
-            raise ValueError(f"no {word} is registered as {name!r}{hint}") from None
-        raise ValueError(str(error.args[0])) from None
-    except Exception as error:  # importing somebody else's module may raise anything
-        raise ValueError(f"{word} {name} cannot be loaded: {type(error).__name__}: {error}") from error
-    if not isinstance(record, registry.kind):
-        raise ValueError(f"{word} {name} is a {type(record).__name__}, not a lagrange_bench.{registry.kind.__name__}")
-    return record
-
-
 def find_stored(name: str, registry: Registry) -> Any:
-    """The method or potential of a name in stored results, else ValueError; it imports no module for `module:NAME`."""
+    """`find` of a name in stored results: it imports no module for `module:NAME`."""
     module, colon, _ = name.partition(":")
     if colon and module not in sys.modules:
         raise ValueError(f"unknown {registry.word} {name!r}; if it is your own, add --module {module}")

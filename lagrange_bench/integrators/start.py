@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.cases import CASES, Case
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import NamedTop
-from lagrange_bench.integrators.registry import NAMED_TOPS, find_top
+from lagrange_bench.integrators.registry import NAMED_TOPS, find
 
 TOP_TYPES = "a LagrangeTop, a PerturbedTop, a RigidBody or a Problem"
 
@@ -81,7 +82,7 @@ class Start:
             raise ValueError(
                 "y0: give the initial state; named tops and cases, such as 'generic' and 'bruels', have their own"
             )
-        state, flight = problem.split_state(state if y0 is None else y0)
+        state, flight = split_state(problem, state if y0 is None else y0)
         return cls(problem, problem.check_state(state), flight, name, label)
 
     @classmethod
@@ -114,6 +115,11 @@ class Start:
         return float(self.top.scales(self.state)[2])
 
 
+def split_state(problem: Any, y: Any) -> tuple[Any, Array | None]:
+    """A state, and for a flying body its position and velocity (6,), otherwise None."""
+    return problem.split_state(y) if kinds.rigid_body(problem) else (y, None)
+
+
 def check_problem(top: Any) -> Any:
     """`top` itself; ValueError if it is no problem."""
     if not isinstance(top, Problem):
@@ -139,4 +145,4 @@ def _named(name: str) -> Any:
 
     if name in examples.PROBLEMS:
         return examples.problem(name)
-    return examples.drawn_top(name) if examples.is_drawn(name) else find_top(name)
+    return examples.drawn_top(name) if examples.is_drawn(name) else find(name, NAMED_TOPS)

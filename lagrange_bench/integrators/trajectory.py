@@ -3,13 +3,14 @@
 run = integrate(top, y0, h=0.1, steps=1000, every=10)
 run.to_frame(), run.plot("axis"), run.error(), run.save("run.csv")
 
-`plot_and_save` draws and writes, `body_motion` is the part for rigid bodies, and `ensemble_trajectory` the result of ensembles.
+`plot_and_save` draws and writes, and `body_motion` is the part for rigid bodies. EnsembleTrajectory is the result of ensembles.
 """
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,7 @@ class Rows:
     method: str
     t: Array
     y: Array
+    start: RunInputs | None
 
     @property
     def problem(self) -> Any:
@@ -81,18 +83,9 @@ class Rows:
             return "J1", "J2", "J3"
         return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
 
-    def _places(self) -> dict[str, Array]:
-        """The first columns of the table."""
-        return {"t": self.t}
-
     def _motion(self) -> dict[str, Array]:
         """The motion of a body: names of MOTION_COLUMNS → arrays with a row for each time. Empty for other problems."""
         return {}
-
-    def _origin(self) -> dict[str, Any]:
-        """Facts of the run, for a file."""
-        parameters = getattr(self.top, "parameters", ())
-        return {"top": repr(self.top), **({"parameters": parameters} if len(parameters) else {})}
 
     @property
     def states(self) -> Array:
@@ -127,8 +120,12 @@ class Rows:
         import pandas as pd
 
         parts = {self.columns(): self.states, **{MOTION_COLUMNS[name]: part for name, part in self._motion().items()}}
-        parts |= {self.problem.names: self.invariants()} if invariants else {}
-        columns = self._places()
+        if invariants:
+            parts[self.problem.names] = self.invariants()
+        n = self.y.shape[1] if self.y.ndim == 3 else 1
+        columns = {"t": np.repeat(self.t, n)}
+        if self.y.ndim == 3:
+            columns["motion"] = np.tile(np.arange(n), len(self.t))
         for names, values in parts.items():
             columns |= dict(zip(names, values.reshape(-1, len(names)).T, strict=True))
         return pd.DataFrame(columns)
@@ -160,7 +157,12 @@ class Rows:
         """
         if metadata is not None and not isinstance(metadata, Mapping):
             raise ValueError(f"metadata must be a dict; got {metadata!r}")
-        facts = {"method": self.method, **self._origin(), **(metadata or {})}
+        facts: dict[str, Any] = {"method": self.method, "top": repr(self.top)}
+        if len(parameters := getattr(self.top, "parameters", ())):
+            facts["parameters"] = parameters
+        if self.start is not None and self.y.ndim == 2:
+            facts |= {"y0": self.start.state.tolist(), "h": self.start.h, "options": dict(self.start.options)}
+        facts |= metadata or {}
         return plot_and_save.save(
             Path(path), facts, lambda: {"t": self.t, "y": self.y, **self._motion()}, self.to_frame
         )
@@ -202,8 +204,6 @@ class Trajectory(BodyMotion, Rows):
         import html
 
         return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, index=False)}"
-
-    # ------------------------------------------------------------------ numbers
 
     def error(self) -> Array:
         """Distances to the exact or the reference solution, relative to the scales of the motion.
@@ -255,12 +255,6 @@ class Trajectory(BodyMotion, Rows):
             states = np.hstack((states, self.problem.flight_at(start.flight, np.atleast_1d(times))))
         return states.reshape(*times.shape, *self.y.shape[1:])
 
-    def _origin(self) -> dict[str, Any]:
-        origin = super()._origin()
-        if (start := self.start) is not None:
-            origin |= {"y0": start.state.tolist(), "h": start.h, "options": dict(start.options)}
-        return origin
-
     def _started(self, word: str) -> RunInputs:
         if self.start is None:
             raise ValueError(f"{word}: this trajectory does not know how it began")
@@ -299,7 +293,8 @@ class Trajectory(BodyMotion, Rows):
         ----------
         what : str
             "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
-            "error", see `error`; or "axis", the path of x on its sphere, of a top.
+            "error", see `error`; or "axis", the path of x on its sphere, of a top. States that are far apart are dots; the line
+            through them is dense output of the method, if it has any.
         ax : Axes, optional
             Axes to draw on, of a 3D projection for "axis"; by default those of a new figure.
         **look : dict
@@ -313,3 +308,71 @@ class Trajectory(BodyMotion, Rows):
         if what == "invariants":
             self._started("plot")
         return plot_and_save.plot(self, what, ax, look)
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class EnsembleTrajectory(Rows):
+    """Times and states of many motions: what `integrate_ensemble` returns.
+
+    Parameters
+    ----------
+    top : LagrangeTop, PerturbedTop, Problem, …
+        What was followed, with an array of alphas or parameters where the motions differ.
+    method : str
+        The method's name.
+    t : (rows,)
+        Times in the units of h.
+    y : (rows, n, 6)
+        States in the units of Y0; of a Problem (rows, n, size).
+    start : RunInputs
+        How the run began; its `state` (n, 6) is Y0.
+    """
+
+    top: Any
+    method: str
+    t: Array
+    y: Array
+    start: RunInputs
+
+    def __repr__(self) -> str:
+        rows, n, top = *self.y.shape[:2], textwrap.shorten(repr(self.top), 60, placeholder=" …")
+        span = f", t = {self.t[0]:.10g} … {self.t[-1]:.10g}" if rows else ""
+        return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
+
+    def motion(self, place: int) -> Trajectory:
+        """One of the motions, with its own `error()`, `plot()` and `sol()`.
+
+        Y0 is not copied, so do not change it before this call.
+
+        Parameters
+        ----------
+        place : int
+            Its row in Y0.
+
+        Returns
+        -------
+        Trajectory
+            The motion.
+
+        Raises
+        ------
+        ValueError, IndexError
+            `place` is no whole number, or there are not so many motions.
+        """
+        if not isinstance(place, (int, np.integer)):
+            raise ValueError(f"place must be a whole number, that of one motion; got {place!r}")
+        y, top = self.y[:, place], self.top.motion(place)  # or an IndexError
+        state, flight = np.split(self.start.state[place], [top.space.size])
+        return Trajectory(
+            top,
+            self.method,
+            self.t,
+            y,
+            Work(),
+            replace(self.start, state=state, flight=flight if len(flight) else None),
+        )
+
+    def _motion(self) -> dict[str, Array]:
+        rows = self.y.reshape(-1, self.y.shape[2])  # all motions are of the same body
+        motion = Trajectory(self.top, self.method, self.t, rows, Work())._motion()
+        return {name: part.reshape(*self.y.shape[:2], part.shape[1]) for name, part in motion.items()}

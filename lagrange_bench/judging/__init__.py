@@ -146,7 +146,7 @@ def find(case: str | Case, start: bool = True) -> Case:
     if isinstance(case, (str, Path)) and Path(case).suffix == ".toml":
         return read_case(Path(case), start)
     if isinstance(case, str) and ":" in case:
-        return registry.find(case, registry.Registry("case", "lagrange_bench.integrators.cases:Case", dict))
+        return registry.find(case, registry.Registry("case", Case, {}))
     if not isinstance(case, str | Case):
         raise ValueError(f"case must be a name or a Case; got {case!r}")
     try:

@@ -353,7 +353,7 @@ def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
 
 
 RECORDS = [
-    ('{"J3", "C1", "C2"}', '{"J 4"}', "conserves names invariants by words, such as 'J3'; got ['J 4']"),
+    ('{"J3", "C1", "C2"}', '{"J 4"}', "conserves names invariants by words, as {'J3'}; got {'J 4'}"),
     ("order=4", 'order=4, needs="force"', "needs must be one of uniform, rhs, "),
     ("order=4", "oder=4", "unexpected keyword argument 'oder'"),
 ]

@@ -47,19 +47,14 @@ TOPS_IN = {
 HEYOKA = pytest.mark.skipif(not available(METHODS["taylor"]), reason="heyoka is not installed")
 
 
-def one(problem, place):
-    """The top at this place of many."""
-    alpha, *parameters = (
-        float(value[place]) if isinstance(value, np.ndarray) else value
-        for value in (problem.alpha, *getattr(problem, "parameters", ()))
-    )
-    top = LagrangeTop(alpha)
-    return PerturbedTop(top, problem.potential, parameters) if parameters else top
+def together(*arguments, **run):
+    """Rows of many tops (rows, n, 6)."""
+    return integrate_ensemble(*arguments, **run).y
 
 
 def one_by_one(problem, states, **run):
     """Rows of many tops, each by itself."""
-    return np.stack([integrate(one(problem, i), y, **run).y for i, y in enumerate(states)], axis=1)
+    return np.stack([integrate(problem.motion(i), y, **run).y for i, y in enumerate(states)], axis=1)
 
 
 @pytest.mark.parametrize("h", [0.1, 5.0])
@@ -72,21 +67,21 @@ def test_every_named_top_and_any_size_has_the_bits_of_its_own_run(h):
     tops += [(math.ldexp(1.0, max(2 * b - a, -1074)), y * np.ldexp(1.0, [b, b, b, a, a, a])) for a, b in sizes]
     many, states = LagrangeTop(np.array([alpha for alpha, _ in tops])), np.array([state for _, state in tops])
     run = {"h": h, "steps": 40, "every": 40}
-    assert np.array_equal(integrate_ensemble(many, states, **run), one_by_one(many, states, method="backlund", **run))
+    assert np.array_equal(together(many, states, **run), one_by_one(many, states, method="backlund", **run))
 
 
 def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
     order = np.random.default_rng(2).permutation(SIZE)
     for h, steps in ((1.5, 16), (0.1, 64)):
-        end = integrate_ensemble(TOP, Y0, h, steps, threads=1)
-        assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[order]), Y0[order], h, steps), end[order])
-        assert np.array_equal(integrate_ensemble(LagrangeTop(ALPHAS[5]), Y0[5:6], h, steps)[0], end[5])
-    rows = integrate_ensemble(TOP, Y0, 0.1, 64, every=4)
+        end = together(TOP, Y0, h, steps, threads=1)[0]
+        assert np.array_equal(together(LagrangeTop(ALPHAS[order]), Y0[order], h, steps)[0], end[order])
+        assert np.array_equal(together(LagrangeTop(ALPHAS[5]), Y0[5:6], h, steps)[0, 0], end[5])
+    rows = together(TOP, Y0, 0.1, 64, every=4)
+    assert np.array_equal(rows[-1], end)
     for chunk, threads, stride in ((1, 3, 1 << 20), (37, 2, 100), (1000, 5, 7)):
         monkeypatch.setattr(ensemble, "CHUNK", chunk)
         monkeypatch.setattr(lanes, "INTERRUPTIBLE", stride)
-        assert np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 64, threads=threads), end)
-        assert np.array_equal(integrate_ensemble(TOP, Y0, 0.1, 64, every=4, threads=threads), rows)
+        assert np.array_equal(together(TOP, Y0, 0.1, 64, every=4, threads=threads), rows)
 
 
 @pytest.mark.parametrize(("h", "middle"), [(0.5, 2e-15), (-7.3, 5e-15)])
@@ -94,8 +89,8 @@ def test_ten_steps_against_jumps_in_double_double(h, middle):
     """Of tops with periods from 1.3 to 10."""
     alphas, states = draw(5000, 4)
     top = LagrangeTop(alphas)
-    jumps = integrate_ensemble(top, states, t=[10 * h])[0]
-    found = zip(alphas, states, integrate_ensemble(top, states, h, 10), jumps, strict=True)
+    jumps = together(top, states, t=[10 * h])[0]
+    found = zip(alphas, states, together(top, states, h, 10)[0], jumps, strict=True)
     error = [metrics.scaled_error(LagrangeTop(alpha), *rest) for alpha, *rest in found]
     assert np.median(error) < middle
     assert np.max(error) < 5e-14
@@ -129,12 +124,12 @@ def test_every_method_has_the_bits_of_one_top_alone(name, tops, grid, options, m
     problem, states = TOPS_IN[tops] if tops in TOPS_IN else (LagrangeTop(ALPHAS[:tops]), Y0[:tops])
     grid = grid if isinstance(grid, dict) else {"h": grid, "steps": 18, "every": 6}
     monkeypatch.setattr(lanes, "INTERRUPTIBLE", 7)  # several calls of a loop
-    rows = integrate_ensemble(problem, states, method=name, threads=2, **grid, **options)
+    rows = together(problem, states, method=name, threads=2, **grid, **options)
     assert np.array_equal(rows, one_by_one(problem, states, method=name, **grid, **options))
     if options:  # they are seen
         assert not np.array_equal(rows, one_by_one(problem, states, method=name, **grid))
     if tops in TOPS_IN:  # the potential is there
-        assert np.max(np.abs(rows - integrate_ensemble(LagrangeTop(problem.alpha), states, **grid))) > 1e-7
+        assert np.max(np.abs(rows - together(LagrangeTop(problem.alpha), states, **grid))) > 1e-7
 
 
 @pytest.mark.parametrize("name", ["backlund", "strang"])
@@ -145,7 +140,7 @@ def test_failures_among_others(name):
     states[40] *= np.repeat((1e7, 1e5), 3)
     states[50] *= 1e-170
     top, errors = LagrangeTop(np.abs(ALPHAS[:64])), {}
-    got = integrate_ensemble(top, states, 0.1, 20, name, threads=1, on_failure="nan")
+    (got,) = together(top, states, 0.1, 20, name, threads=1, on_failure="nan")
     for i, y in enumerate(states):
         try:
             assert np.array_equal(got[i], prepare(LagrangeTop(top.alpha[i]), y, 0.1, name).advance(y, 20))
@@ -162,10 +157,9 @@ def test_failures_among_others(name):
 
 def test_no_tops_and_no_steps():
     none = np.empty((0, 6))
-    assert integrate_ensemble(LagrangeTop(np.empty(0)), none, 0.1, 10, every=5).shape == (3, 0, 6)
-    assert integrate_ensemble(LagrangeTop(), none, t=[1.0]).shape == (1, 0, 6)
-    assert integrate_ensemble(TOP, Y0, t=[]).shape == (0, SIZE, 6)
-    assert integrate_ensemble(TOP, Y0, 0.1, 0, every=3).shape == (1, SIZE, 6)
+    assert together(LagrangeTop(np.empty(0)), none, 0.1, 10, every=5).shape == (3, 0, 6)
+    assert together(TOP, Y0, t=[]).shape == (0, SIZE, 6)
+    assert together(TOP, Y0, 0.1, 0, every=3).shape == (1, SIZE, 6)
 
 
 def test_a_top_with_many_alphas_is_for_ensembles_only():

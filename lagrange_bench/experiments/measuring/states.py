@@ -16,7 +16,8 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
-from lagrange_bench.integrators.registry import NAMED_TOPS, find_potential
+from lagrange_bench.integrators.registry import NAMED_TOPS, POTENTIALS, Registry
+from lagrange_bench.integrators.registry import find as find_record
 from lagrange_bench.integrators.start import Start
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.support.words import numbers
@@ -35,17 +36,17 @@ def find(name: str) -> tuple[Any, Array]:
     return start.top, start.state
 
 
-def of_cell(cell: Mapping[str, Any], potential: Callable[[str], Any] = find_potential) -> tuple[Any, Array]:
+def of_cell(cell: Mapping[str, Any], look_up: Callable[[str, Registry], Any] = find_record) -> tuple[Any, Array]:
     """The top and initial state of a cell, by the name in its `state`; for a top of a TOML file, by the numbers in the cell.
 
-    potential : a function that finds a potential by its name. ValueError : the top or the potential is unknown.
+    look_up : finds a potential by its name. ValueError : the top or the potential is unknown.
     """
     if not isinstance(cell.get("y0"), str):  # NaN in a row of a frame
         return find(cell["state"])
     top: LagrangeTop | PerturbedTop = LagrangeTop(cell["alpha"])
     if isinstance(cell.get("potential"), str):
         parameters = tuple(numbers(cell["parameters"])) if cell["parameters"] else ()
-        top = PerturbedTop(LagrangeTop(cell["alpha"]), potential(cell["potential"]), parameters)
+        top = PerturbedTop(LagrangeTop(cell["alpha"]), look_up(cell["potential"], POTENTIALS), parameters)
     return top, top.check_state(numbers(cell["y0"]))
 
 
@@ -103,9 +104,9 @@ def _elsewhere(alpha: float, size: float, rate: float, place: str) -> Any:
     if place == PIVOT:
         return vibrating_pivot(alpha, 0.5 * alpha, rate)
     if place == TIDE:
-        return PerturbedTop(LagrangeTop(alpha), find_potential("tide"), (0.5 * alpha / size, 0.8, 0.0, 0.6))
+        return PerturbedTop(LagrangeTop(alpha), POTENTIALS["tide"], (0.5 * alpha / size, 0.8, 0.0, 0.6))
     parameters = (0.2 * alpha * size**2, 0.0, 0.0, 1.5 * size)
-    return PerturbedTop(LagrangeTop(alpha), find_potential("charge"), parameters, axisymmetric=True)
+    return PerturbedTop(LagrangeTop(alpha), POTENTIALS["charge"], parameters, axisymmetric=True)
 
 
 def prepared(method: Method, top: Any, y: Array, h: float) -> Stepper:

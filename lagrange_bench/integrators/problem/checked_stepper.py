@@ -1,4 +1,4 @@
-"""Checks the first calls of a stepper that a user wrote, so that wrong rows are refused.
+"""Checks what a stepper that a user wrote returns, so that wrong rows are refused.
 
 Steppers of the bench itself are not checked here: tests check them.
 """
@@ -14,15 +14,11 @@ from lagrange_bench.integrators.checks import Array, as_state, check_grid
 from lagrange_bench.integrators.interface import StepError, Stepper
 
 OWN = __name__.removesuffix("problem.checked_stepper")  # begins the names of the bench's own modules
-CALLS = 2  # checked calls of `advance`, and of `record`: a second call may return the array of the first
 
 
 def checked_stepper(name: str, stepper: Any, size: int = 6) -> Stepper:
-    """The stepper of `name`, for states of `size` numbers, with checks of its first calls unless it is our own.
-
-    ValueError : it is no stepper.
-    """
-    if _own(type(stepper)):  # type: ignore[arg-type]  # mypy takes no type[Any] for hashable
+    """The stepper of `name`, for states of `size` numbers, with checks unless it is our own; ValueError if it is no stepper."""
+    if _is_own(type(stepper)):  # type: ignore[arg-type]  # mypy takes no type[Any] for hashable
         return stepper  # type: ignore[no-any-return]
     for word in ("record", "advance", "work"):
         if getattr(stepper, word, None) is None or getattr(type(stepper), word, None) is Stepper.record:
@@ -31,13 +27,13 @@ def checked_stepper(name: str, stepper: Any, size: int = 6) -> Stepper:
 
 
 @cache
-def _own(kind: type) -> bool:
+def _is_own(kind: type) -> bool:
     methods = (getattr(kind, "record", None), getattr(kind, "advance", None))
     return all(getattr(method, "__module__", "").startswith(OWN) for method in methods)
 
 
 class CheckedStepper:
-    """A stepper whose first calls are checked. Everything else goes to the stepper itself, at no cost.
+    """A stepper whose results are checked. Everything else goes to the stepper itself.
 
     Raises
     ------
@@ -48,14 +44,12 @@ class CheckedStepper:
 
     def __init__(self, name: str, stepper: Stepper, size: int = 6):
         self.name, self.stepper, self.size, self.last = name, stepper, size, None
-        self.left = {"advance": CALLS, "record": CALLS}
 
     def __getattr__(self, word: str) -> Any:
         return getattr(self.stepper, word)
 
     def advance(self, y: Array, n: int) -> Array:
-        inherited = getattr(type(self.stepper), "advance", None) is Stepper.advance
-        if inherited:  # the last row of `record`, which is checked
+        if getattr(type(self.stepper), "advance", None) is Stepper.advance:  # the last row of `record`
             return self.record(y, n, max(n, 1))[-1]
         return self._call("advance", (self.size,), as_state(y, self.size), n)
 
@@ -78,9 +72,6 @@ class CheckedStepper:
         if not np.isfinite(rows).all():
             raise StepError(self.name, f"{word} returned a state that is not finite")
         self.last = rows
-        self.left[word] -= 1
-        if not self.left[word]:
-            setattr(self, word, getattr(self.stepper, word))
         return rows  # type: ignore[no-any-return]
 
 

@@ -106,6 +106,9 @@ TIDE = Potential(
 )  # fmt: skip
 
 
+POTENTIALS_BUILT_IN = {potential.name: potential for potential in (QUADRATIC, AXISYMMETRIC, CHARGE, DIPOLE, TIDE)}
+
+
 @dataclass(frozen=True)
 class NamedPerturbedTop(NamedTop):
     """A named top in a potential."""

@@ -232,10 +232,6 @@ class Problem:
         V = make_system(self.space, rest, constant=self.system.constant)
         return float(weight(*(0.0,) * 7, *self.numbers)[0]), V
 
-    def split_state(self, y: Any) -> tuple[Any, Array | None]:
-        """A state, and for a flying body its position and velocity (6,), otherwise None."""
-        return y, None
-
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state of any shape with n numbers as a fresh array (n,). ValueError: it is no state, or H or y' is not finite."""
         state = check_numbers(y, name, self.space.size)
