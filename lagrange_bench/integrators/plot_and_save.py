@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import json
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -100,14 +100,14 @@ def _line(run: Any) -> tuple[Array, Array]:
     return run.t[:0], run.states[:0]
 
 
-def _plot_rows(ax: Any, rows: Sequence[Array], line: Sequence[Array], look: dict[str, Any]) -> None:
+def _plot_rows(ax: Any, rows: Iterable[Array], line: Iterable[Array], look: dict[str, Any]) -> None:
     """Draw rows (coordinates, each (N,)) as a line if it joins them, else as dots, with the line through them, if any."""
-    if len(rows[0]) == len(line[0]):
+    rows, line = np.array([*rows]), np.array([*line])
+    if rows.shape == line.shape:
         ax.plot(*rows, **look)
         return
     (dots,) = ax.plot(*rows, **{**DOTS, **look})
-    if len(line[0]):
-        ax.plot(*line, color=dots.get_color(), linewidth=0.6, alpha=0.6)
+    ax.plot(*line, color=dots.get_color(), linewidth=0.6, alpha=0.6)
 
 
 def save(

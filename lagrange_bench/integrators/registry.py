@@ -43,7 +43,7 @@ class Registry(Mapping[str, Any]):
     built_in : the names of the bench, each with "module:OBJECT" or with the record itself.
     """
 
-    def __init__(self, word: str, kind: type, built_in: Mapping[str, Any]):
+    def __init__(self, word: str, kind: type[Any], built_in: Mapping[str, Any]):
         self.word, self.group, self.kind, self.built_in = word, f"lagrange_bench.{word}s", kind, built_in
 
     @cached_property
