@@ -17,15 +17,13 @@ from lagrange_bench import (
     TOPS,
     LagrangeTop,
     PerturbedTop,
-    Potential,
     Problem,
     StepError,
     cos,
-    exp,
     metrics,
     sin,
 )  # fmt: skip
-from lagrange_bench.integrators import integrate, prepare, reference
+from lagrange_bench.integrators import integrate, prepare
 from lagrange_bench.integrators.compiling.tape import bandwidth, record
 from lagrange_bench.integrators.interface import StepWarning
 from lagrange_bench.integrators.methods import backlund_splitting as bs
@@ -63,28 +61,6 @@ def test_schemes_integrate_the_perturbation_to_their_order(name):
     assert defects[order] > 1e-7  # and no more
 
 
-FIELDS = ["moderate_tide", pytest.param("axisymmetric", marks=pytest.mark.slow)]  # each has kernels of its own
-
-
-def test_processed6_has_order_six(monkeypatch):
-    whole, (top, y, unit) = bs.SCHEMES["processed6"], problem("strong_tide")
-    right = reference.solution(top, y, [16 * unit]).states[0]
-
-    def run():
-        """Errors after 16 units of time, with steps of 1/2 and of 1/4 unit."""
-        ends = [prepare(top, y, 16 * unit / n, NAME, scheme="processed6").advance(y, n) for n in (32, 64)]
-        return [float(metrics.scaled_error(top, y, end, right)) for end in ends]
-
-    coarse, fine = run()
-    assert math.log2(coarse / fine) == pytest.approx(6, abs=0.5)
-    # negative controls: without any of its parts it has order four or two
-    for part, wrong, order in (("c", (0.0, 0.0), 2), ("d", (), 4), ("second", 0.0, 4)):
-        monkeypatch.setitem(bs.SCHEMES, "processed6", whole._replace(**{part: wrong}))
-        worse = run()
-        assert math.log2(worse[0] / worse[1]) < order + 0.6, part
-        assert worse[1] > 3 * fine, part
-
-
 def test_degrees_of_the_tables(monkeypatch):
     monkeypatch.undo()  # tables of every degree
     text = (Path(__file__).parents[2] / "docs" / "perturbed.md").read_text("utf-8")
@@ -97,36 +73,27 @@ def test_degrees_of_the_tables(monkeypatch):
 
 
 @pytest.mark.parametrize("scheme", bs.SCHEMES)
-def test_tables_and_plain_doubles_agree(scheme):
+def test_outside_of_its_box_a_table_is_not_used(scheme, monkeypatch):
+    """And λ, computed in place, agrees with the one of the table."""
     top, y, unit = problem("weak_tide")
-    tabled, plain = (prepare(top, y, 0.25 * unit, NAME, scheme=scheme, table=table) for table in (True, False))
-    assert tabled.degree > 0
-    assert plain.degree == 0
-    a, b = tabled.advance(y, 400), plain.advance(y, 400)
-    assert tabled.work.iterations == 0  # no flow outside of the box
-    assert metrics.scaled_error(top, y, a, b) < 1e-12
-
-
-def test_outside_of_its_box_a_table_is_not_used(monkeypatch):
+    tabled = prepare(top, y, 0.25 * unit, NAME, scheme=scheme)
     monkeypatch.setattr(bs.kernels, "MARGIN", 0.2)
+    small = prepare(top, y, 0.25 * unit, NAME, scheme=scheme)
+    assert min(tabled.degree, small.degree) > 0
+    assert metrics.scaled_error(top, y, tabled.advance(y, 400), small.advance(y, 400)) < 1e-12
+    assert tabled.work.iterations == 0
+    assert 0 < small.work.iterations < 400 * len(bs.SCHEMES[scheme].b)
+
+
+@pytest.mark.parametrize("scheme", bs.SCHEMES)
+def test_it_is_poisson_and_symmetric(scheme):
     top, y, unit = problem("moderate_tide")
-    small, plain = (prepare(top, y, 0.25 * unit, NAME, table=table) for table in (True, False))
-    assert metrics.scaled_error(top, y, small.advance(y, 400), plain.advance(y, 400)) < 1e-12
-    assert 0 < small.work.iterations < 400
-
-
-@pytest.mark.parametrize("name", FIELDS)
-def test_it_is_poisson_and_symmetric(name):
-    top, y, unit = problem(name)
-    for options in ({}, {"scheme": "aba864"}, {"scheme": "processed6"}, {"table": False}):
-        for h in (0.5 * unit, -0.25 * unit):
-            defect = metrics.poisson_defect(
-                lambda z, h=h, o=options: prepare(top, z, h, NAME, **o).advance(z, 1), top, y
-            )
-            assert defect.defect < 1e-8
-            there = prepare(top, y, h, NAME, **options).advance(y, 5)
-            back = prepare(top, there, -h, NAME, **options).advance(there, 5)
-            assert metrics.scaled_error(top, y, back, y) < 1e-13
+    for h in (0.5 * unit, -0.25 * unit):
+        defect = metrics.poisson_defect(lambda z, h=h: prepare(top, z, h, NAME, scheme=scheme).advance(z, 1), top, y)
+        assert defect.defect < 1e-8
+        there = prepare(top, y, h, NAME, scheme=scheme).advance(y, 5)
+        back = prepare(top, there, -h, NAME, scheme=scheme).advance(there, 5)
+        assert metrics.scaled_error(top, y, back, y) < 1e-13
 
 
 def test_the_energy_error_does_not_grow():
@@ -178,27 +145,17 @@ def close_to_a_charge():
     return top, np.array([*J, -0.8623134313733983, -0.5055541329254171, -0.028819520382288254]), 176.20673867153934
 
 
-def in_resonance():
-    """A tenth of its nutation period is a step that beats slowly with the motion."""
-    third = Potential("third", lambda x1, x2, x3, p: p[0] * (0.6 * x1 * x2 - 0.4 * x3 * x3 + 0.3 * x1 * x1 * x3))
-    J, x = (-0.0233476, 0.0385728, 0.1539092), (-0.0064909713, 0.8459815766, -0.5331726169)
-    return PerturbedTop(LagrangeTop(-1.0), third, (1e-5,)), np.array([*J, *x]), 2154.47
-
-
-CASES = [
-    (problem("weak_tide", 300), 1e-9),
-    (problem("strong_tide", 300), 1e-6),
-    (problem("magnet", 300), 1e-6),
-    (problem("fast_tide", 300), 1e-12),
-    (problem("triaxial", 3000), 1e-6),  # unstable, late
-    (close_to_a_charge(), 1e-8),
-    (in_resonance(), 1e-6),
-]
-
-
-@pytest.mark.parametrize(("case", "tol"), CASES)
+@pytest.mark.parametrize(
+    ("case", "tol"),
+    [
+        (problem("strong_tide", 300), 1e-6),
+        (problem("fast_tide", 300), 1e-12),
+        (problem("triaxial", 3000), 1e-6),  # unstable, late
+        (close_to_a_charge(), 1e-8),
+    ],
+)
 def test_the_error_is_at_most_the_one_asked_for(case, tol):
-    """Also where a step is in resonance with the motion, or what perturbs it comes close, long after the start."""
+    """Also where what perturbs it comes close, long after the start."""
     top, y0, t = case
     assert error(top, y0, chosen(top, y0, t=[t], tol=tol)) <= tol
 
@@ -206,9 +163,7 @@ def test_the_error_is_at_most_the_one_asked_for(case, tol):
 @pytest.mark.parametrize(
     ("values", "runs", "difference"),
     [
-        ((1.0, 0.1, 0.01, 0.001, 9.5e-4, 5e-4), 5, 5e-5),
         ((1.0, 1.0 + 1e-9, 0.9, 0.89, 0.889, 0.88895), 6, 5e-5),  # two agree by chance
-        ((1.0, 0.9, 0.9 - 1.1e-4, 0.9 - 2.0e-4, 0.9 - 2.4e-4), 5, 4e-5),  # it falls too slowly at first
         ((None, None, 0.9, 0.9, 0.9), 5, 0.0),
         (((0.0, 0.0), (1.0, 0.0), (0.0, 0.0), (0.0, 0.0)), 4, 0.0),  # the second agrees at the end alone
     ],
@@ -240,22 +195,18 @@ def test_what_is_below_round_off_or_chaotic_is_refused():
         chosen(top, y0, t=[1500 * unit], tol=1e-8)
 
 
-@pytest.mark.parametrize("name", ["strong_tide", "axisymmetric"])
-def test_at_any_times(name):
+def test_at_any_times():
     """In any order, on both sides of 0, closer together than the step, or than a double can tell."""
-    top, y0, unit = problem(name)
+    top, y0, unit = problem("axisymmetric")
     t = unit * np.array([31.4, -2.0, 0.0, 1e-6, 0.013, 31.4, -77.7, 31.41])
     run = chosen(top, y0, t=[*t, 5e-324], tol=1e-8)
     assert error(top, y0, run) <= 1e-8
     assert np.array_equal(run.y[[2, 8]], [y0, y0])
     assert np.array_equal(run.y[0], run.y[5])
+    assert np.ptp(run.y[:, 2]) == 0.0
     assert re.fullmatch(
         r"(strang, h ≤ \S+ to t = \S+; twice the step makes a difference of \S+(; |$)){2}", run.work.notes
     )
-    close = chosen(top, y0, t=unit * np.linspace(0.0, 3.0, 601), tol=1e-8)
-    assert error(top, y0, close) <= 1e-8
-    if "J3" in top.conserved:
-        assert np.ptp(close.y[:, 2]) == 0.0
 
 
 def test_without_a_potential_it_is_the_exact_step():
@@ -267,14 +218,12 @@ def test_without_a_potential_it_is_the_exact_step():
 
 
 def test_where_there_is_little_to_follow():
-    tide = POTENTIALS["tide"]
-    resting = PerturbedTop(LagrangeTop(1.0), tide, (0.01, 1.0, 0.0, 0.0))
-    hanging = np.array([0.0, 0.0, 0.0, 0.0, 0.0, -1.0])
-    run = chosen(resting, hanging, t=[0.0, 1e6, -5.0])
+    top, hanging = PerturbedTop(LagrangeTop(1.0), POTENTIALS["tide"], (0.01, 1.0, 0.0, 0.0)), np.eye(6)[5] * -1.0
+    run = chosen(top, hanging, t=[0.0, 1e6, -5.0])
     assert np.array_equal(run.y, np.tile(hanging, (3, 1)))
     assert "an equilibrium" in run.work.notes
-    assert chosen(resting, hanging, t=[]).y.shape == (0, 6)
-    weightless = PerturbedTop(LagrangeTop(0.0), tide, (0.3, 0.6, 0.0, 0.8))
+    assert chosen(top, hanging, t=[]).y.shape == (0, 6)
+    weightless = PerturbedTop(LagrangeTop(0.0), POTENTIALS["tide"], (0.3, 0.6, 0.0, 0.8))
     for J in (0.0, 1e-155, 1e-170):  # squares of the last ones underflow
         y0 = np.array([J, J, 0.0, 1.0, 0.0, 0.0])
         assert error(weightless, y0, chosen(weightless, y0, t=[7.0, 9.5], tol=1e-7)) < 1e-7
@@ -290,30 +239,17 @@ def drive(t, y, p):
     return y[:3] @ y[:3] / 2.0 + p[6] * x3 + p[0] * cos(p[1] * t + p[2]) * form
 
 
-START = np.array((0.3, -0.2, 1.1, 0.48, 0.6, 0.64))
-
-
-def warned(problem, y0, span, steps):
-    """The end of a run, and whether it warned."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        end = integrate(problem, y0, h=span / steps, steps=steps, method=NAME).y[-1]
-    return end, any("near resonance" in str(warning.message) for warning in caught)
-
-
-def test_a_step_in_resonance_with_a_drive_warns():
-    """At h = 1/2 the drive is followed worse than if it were left out."""
-    problem = Problem("drive", "e3", drive, (1e-4, 9.0, 0.0, 1.0, 0.0, 0.0, 1.0))
-    right = np.array((0.036876828866816, 0.85101298330345, -0.50153718093250, 0.15568351997317))
-    long, short = (warned(problem, START, 64.0, steps) for steps in (128, 256))
-    assert np.max(np.abs(long[0][[0, 3, 4, 5]] - right)) > 9e-4
-    assert np.max(np.abs(short[0][[0, 3, 4, 5]] - right)) < 3e-8
-    assert (long[1], short[1]) == (True, False)
-
-
 def test_random_drives_are_followed_or_warned_about():
     """Frequencies from 0.1 to 50, steps from 0.01 to 1. Without a warning the error is a thousandth of what the drive does."""
     draw, silent = random.Random(1), 0
+
+    def warned(problem, y0, steps):
+        """The end of a run to t = 64, and whether it warned."""
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            end = integrate(problem, y0, h=64.0 / steps, steps=steps, method=NAME).y[-1]
+        return end, any("near resonance" in str(warning.message) for warning in caught)
+
     for _ in range(16):
         top = LagrangeTop(draw.choice((-1.0, 1.0)))
         J, x, form = (np.array([draw.gauss(0.0, 1.0) for _ in range(3)]) for _ in range(3))
@@ -322,7 +258,7 @@ def test_random_drives_are_followed_or_warned_about():
         problem = Problem("drive", "e3", drive, (size, frequency, 1.0, *form, top.alpha))
         right, still = (integrate(one, y0, t=[64.0], method="taylor").y[0] for one in (problem, top))
         try:
-            end, said = warned(problem, y0, 64.0, round(64 / 10.0 ** draw.uniform(-2, 0)))
+            end, said = warned(problem, y0, round(64 / 10.0 ** draw.uniform(-2, 0)))
         except StepError:
             continue
         silent += not said
@@ -332,14 +268,6 @@ def test_random_drives_are_followed_or_warned_about():
     assert silent >= 8
 
 
-@pytest.mark.parametrize(
-    ("formula", "most"),
-    [
-        (lambda t, p: cos(p * t + 1.0) ** 3 / (2.0 + sin(t)), 28.0),
-        (lambda t, p: 3.0 * sin(p * t) * cos(4.0 * t) + t * t, 13.0),
-        (lambda t, p: exp(-p * t) + p, 9.0),
-    ],
-)
-def test_frequencies_are_read_off_the_formula(formula, most):
-    program = record(lambda t, p: (formula(t, p),), 2)
-    assert bandwidth(program, 0, (np.linspace(0.0, 20.0, 999), 9.0)) == pytest.approx(most, rel=1e-3)
+def test_frequencies_are_read_off_the_formula():
+    program = record(lambda t, p: (cos(p * t + 1.0) ** 3 / (2.0 + sin(t)),), 2)
+    assert bandwidth(program, 0, (np.linspace(0.0, 20.0, 999), 9.0)) == pytest.approx(28.0, rel=1e-3)

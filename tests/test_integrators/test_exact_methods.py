@@ -16,16 +16,20 @@ from tests.test_integrators.test_exact import BOUND, STATES
 EPS = np.finfo(float).eps
 
 
-@pytest.mark.parametrize("name", [name for name in TOPS if name != "homoclinic"])
-def test_named_tops_follow_the_exact_solution(name):
-    """Errors stay far below (1e-13 + 1e-15 t) max(1, 1e-3/k'²) for 2000 steps; t in units of 1/(|J| + √(|alpha||x|))."""
-    top, y0 = TOPS[name].top, TOPS[name].state
-    rate, (z1, z2, z3) = top.scales(y0)[0], (z[0] for z in ts.nutation_roots(top.alpha, tuple(y0)))
-    close = (z1 - z2) / (z1 - z3) if z1 > z3 else 1.0  # k'² = (e1 − e2)/(e1 − e3)
-    for h in (0.03, 0.5, 2.0, 11.0, -0.7):
-        run = integrate(top, y0, h / rate, 2000, every=100)
-        bound = (1e-13 + 1e-15 * np.abs(run.t) * rate) * (max(1.0, 1e-3 / close) if close > 0 else math.inf)
-        assert np.all(run.error() <= bound)
+UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
+
+
+@pytest.mark.parametrize("method", ["backlund", "addition_theorem"])
+def test_map_follows_the_exact_solution(method):
+    """1000 steps, of named tops and random ones; long steps by whole periods. Next to the separatrix the bound grows."""
+    for name in (*(name for name in TOPS if method == "backlund" or name not in UNSTABLE), *WIDE[:5]):
+        top, y0 = find(name)
+        rate, (z1, z2, z3) = top.scales(y0)[0], (z[0] for z in ts.nutation_roots(top.alpha, tuple(y0)))
+        close = (z1 - z2) / (z1 - z3) if z1 > z3 else 1.0  # k'² = (e1 − e2)/(e1 − e3)
+        for h in (0.03, -0.7, 2.0, 300.0):
+            run = integrate(top, y0, h / rate, 1000, method, every=100)
+            bound = (1e-13 + 2e-15 * np.abs(run.t) * rate) * (max(1.0, 1e-3 / close) if close > 0 else math.inf)
+            assert np.all(run.error() <= bound)
 
 
 def drawn_with_pure_spin(number):
@@ -41,13 +45,12 @@ def drawn_with_pure_spin(number):
 DEPENDENT = {f"pure spin {number}": drawn_with_pure_spin(number) for number in range(8)}
 
 
-@pytest.mark.parametrize("steps", [10**6, pytest.param(10**7, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("name", [*TOPS, *DEPENDENT])
-def test_invariants_after_millions_of_steps(name, steps):
+def test_invariants_after_millions_of_steps(name):
     """8 eps, at most 16 ulps, of the scale of each; measured 1–2 ulps. J3 is never touched."""
     top, y0 = DEPENDENT.get(name) or (TOPS[name].top, TOPS[name].state)
     for h in (0.1, 2.0):
-        y = prepare(top, y0, h * top.scales(y0)[2]).advance(y0, steps)
+        y = prepare(top, y0, h * top.scales(y0)[2]).advance(y0, 10**6)
         assert np.all(drift(top, y0, y) <= 8 * EPS)
         assert y[2] == y0[2]
 
@@ -88,16 +91,6 @@ def test_next_to_a_root_of_q_the_map_keeps_the_invariants(name, lam):
     assert np.max(drift(named.top, named.state, image)) < 4e-15
 
 
-def test_papers_figures():
-    """On Figure 2, with a large λ, the paper's program loses more than nine digits of |x|²; the real form loses none."""
-    for name, lam, steps, lost in (("figure1", 0.02j, 1000, 0), ("figure2", 500 + 5000j, 4000, 1e-7)):
-        named = TOPS[name]
-        for method in ("backlund", "backlund_textbook"):
-            y = prepare(named.top, named.state, 1.0, method, lam=lam).record(named.state, steps, 1)
-            largest = np.max(drift(named.top, named.state, y))
-            assert largest < 1e-11 if method == "backlund" or not lost else largest > lost
-
-
 @pytest.mark.parametrize("h", [1e-300, 1e-30, 1e-12, 1e10, -1e13])
 def test_extreme_steps(h):
     named = TOPS["generic"]
@@ -118,22 +111,6 @@ def test_far_away_a_step_is_a_turn(angle, sheet):
 # ---------------------------------------------------------------- addition theorem and theta functions
 
 GENERIC = TOPS["generic"]
-UNSTABLE = ("sleeping_unstable", "near_separatrix", "homoclinic")
-
-
-@pytest.mark.parametrize("h", [0.03, -0.7, 300.0])
-def test_map_follows_the_exact_solution(h):
-    """The promise of the exact Bäcklund step, over 1000 steps; named tops, and random ones. Beyond T/2 by whole periods."""
-    for name in (*set(TOPS).difference(UNSTABLE), *WIDE[:5]):
-        top, y0 = find(name)
-        rate = top.scales(y0)[0]
-        run = integrate(top, y0, h / rate, 1000, "addition_theorem", every=100)
-        assert np.all(run.error() <= 1e-13 + 2e-15 * np.abs(run.t) * rate)
-
-
-def test_without_pins_the_map_leaves_its_torus_and_says_so():
-    with pytest.raises(StepError, match="left the torus"):
-        prepare(GENERIC.top, GENERIC.state, 0.4, "addition_theorem", pin=0).advance(GENERIC.state, 400)
 
 
 def test_map_refuses_what_it_cannot_do():

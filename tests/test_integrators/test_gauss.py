@@ -76,18 +76,6 @@ def test_step_is_what_the_tableau_says(name):
         assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h)
 
 
-def test_a_residual_that_rises_once_is_not_yet_round_off():
-    """Far from convergence it goes on to what Newton finds."""
-    top, y = LagrangeTop(1.0), np.array((-1.43, -0.64, 1.32, -0.99, -1.38, -1.31))
-    expected = newton_reference(top, y, 1.89, 3)[0]
-    assert metrics.scaled_error(top, y, prepare(top, y, 1.89, "gauss6").advance(y, 1), expected) < 64 * EPS
-    stepper = prepare(
-        top, y, 1.0, "gauss4"
-    )  # the fixed point alone would take thirty iterations, and stop before the solution
-    stepper.advance(y, 4)
-    assert stepper.work.iterations < 4 * 16
-
-
 @pytest.mark.parametrize("name", STAGES)
 def test_no_step_is_an_error(name):
     """A fast top turns ten times in a step, and the step is taken if it is unique."""

@@ -48,15 +48,14 @@ def random_torus(draw):
     return alpha, np.array(J + x)
 
 
-@pytest.mark.parametrize("count", [500, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_never_a_failure_on_any_torus(count):
+def test_never_a_failure_on_any_torus():
     """Every step size in (−3, 3) nutation periods finds its λ, λ stays moderate, and one step equals one jump.
 
     The step rounds, and passing the saddle amplifies that by up to 1/k' (measured 8.8 ulps of 1 + 1/k'); a jump is in
     double-double throughout, but has its λ from the same place: so every fiftieth is held against theta functions.
     """
     draw = random.Random(7)
-    for i in range(count):
+    for i in range(500):
         alpha, y = random_torus(draw)
         top = LagrangeTop(alpha)
         rate, size, _ = top.scales(y)
@@ -118,11 +117,10 @@ def drawn(n, seed):
         yield alpha, y, h, period
 
 
-@pytest.mark.parametrize("count", [1000, pytest.param(10_000, marks=pytest.mark.slow)])
-def test_the_clock_on_thousands_of_tori(count):
+def test_the_clock_on_a_thousand_tori():
     """2e-15 wherever ok; and ok wherever |h| < T_nut/2 and |m|² > C1/4, which all but few tori with |h| ≤ 0.4 T_nut are."""
     clocks, refused, near = [], 0, 0
-    for alpha, y, h, period in drawn(count, 7):
+    for alpha, y, h, period in drawn(1000, 7):
         found = plain_step(y, alpha, h)
         clock, turn, off_curve, branch = wrong_clock(alpha, y, h, found)
         assert found[4] == (branch >= ps.LEAST) or abs(branch - ps.LEAST) < 1e-9
@@ -136,13 +134,12 @@ def test_the_clock_on_thousands_of_tori(count):
             near += 1
             assert abs(clock) < 1e-15 / branch or branch < 1e-9
     assert np.max(clocks) < 2e-15  # `max` may drop NaN
-    assert refused < 0.08 * count
-    assert 0 < near < 0.08 * count
+    assert refused < 80
+    assert 0 < near < 80
 
 
 def test_half_a_period_is_the_limit():
     """ok is False from there on, whatever |m|; here the branch is large."""
     for alpha, y, _, period in drawn(100, 3):
         if period * LagrangeTop(alpha).scales(y)[0] < 100:
-            for part in (0.501, 0.75, 0.99, 1.01, 1.3, 2.2, 7.7):
-                assert not plain_step(y, alpha, part * period)[4]
+            assert not any(plain_step(y, alpha, part * period)[4] for part in (0.501, 0.75, 0.99, 1.01, 1.3, 2.2, 7.7))

@@ -29,7 +29,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_count
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import (
     add,
@@ -44,7 +43,7 @@ from lagrange_bench.integrators.compiling.double_double import (
     small_turn,
     sub,
 )
-from lagrange_bench.integrators.compiling.loops import NEVER, FixedStepper, Kernel
+from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -251,13 +250,10 @@ def constants(alpha, y, h):
     c[H], c[H_LO] = torus[0]
     c[C1], c[C1_LO] = torus[2]
     c[C2], c[C2_LO] = torus[3]
-    k = HALF_N
-    for number in reals:
-        c[k] = number[0]
-        k += 1
-    for number in complexes:
-        c[k], c[k + 1] = number[0][0], number[1][0]
-        k += 2
+    for k, number in enumerate(reals):
+        c[HALF_N + k] = number[0]
+    for k, (re, im) in enumerate(complexes):
+        c[G + 2 * k], c[G + 2 * k + 1] = re[0], im[0]
     least = 1.0
     if abs(r[0]) > UNSTABLE:
         least -= c[HALF_P] * (alpha * y[5] + ts.nutation_roots(alpha, y)[1][0])
@@ -270,28 +266,21 @@ class AdditionStepper(real_map.TorusStepper):
     def rows(self, out: Array, every: int) -> Array:
         on = real_map.rows_on_torus(out, self.constants, real_map.OFF_TORUS)
         if on < len(out):
-            reason = "the map has left the torus: h is too long so near the separatrix, or pins are too rare"
+            reason = "the map has left the torus: h is too long so near the separatrix"
             raise StepError(self.name, reason, h=self.h, step=on * every)
         return super().rows(out, every)
 
 
-def prepare(top: LagrangeTop, y0: Array, h: float, *, pin: int | None = None) -> FixedStepper:
-    """The exact step over h.
-
-    Parameters
-    ----------
-    pin : steps between two corrections onto the invariants; 0 for none, but then round-off grows exponentially. By default 8,
-        and 1 if |h| is about 1/(|J| + √(|alpha||x|)) or longer.
-    """
+def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+    """The exact step over h."""
     name = "addition_theorem"
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    block = (8 if abs(span) < LONG else 1) if pin is None else check_count(pin, "pin")
     c, least = constants(units.alpha, tuple(state.tolist()), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    onto_torus = real_map.restorer_of(state, units.alpha) if block else None
-    return AdditionStepper(name, h, Kernel(step, onto_torus, block or NEVER), c, units)
+    kernel = Kernel(step, real_map.restorer_of(state, units.alpha), 8 if abs(span) < LONG else 1)
+    return AdditionStepper(name, h, kernel, c, units)
 
 
 METHOD = Method(

@@ -116,10 +116,8 @@ def many(
         return np.zeros(n, dtype=bool)
     states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
     c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
-    real_map.many_constants(alphas, Y0, h, states, c, units, forms, turns)
     dependent = np.zeros(n, dtype=bool)
-    if pin:
-        real_map.many_nearly_dependent(states, c, dependent)
+    real_map.many_constants(alphas, Y0, h, states, c, units, forms, turns, dependent)
     for (form, step), precise in product(enumerate(real_map.KERNELS), (False, True)):
         tops = np.flatnonzero((forms == form) & (dependent == precise))
         if len(tops):

@@ -14,6 +14,7 @@ from typing import Any
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.splitting import torques
@@ -93,34 +94,23 @@ def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
 
 @cache
 def kick_of(V: System, gradients: int) -> Any:
-    """(s, q, weights) → the state after a kick by V and the first `gradients` of W and Z; q = (t, *p)."""
-    total, conserves_J3 = torques(V, gradients), 2 in V.constant
+    """(s, t, p, first, weights) → the state after a kick by V and the first `gradients` of W and Z. p[first] … : parameters."""
+    total, conserves_J3, parameters = torques(V, gradients), 2 in V.constant, tuple_loader(V.parameters)
 
     @jit(inline=True)
-    def kicked(s, q, weights):
-        t = total((s[3], s[4], s[5]), q, weights)
+    def kicked(s, time, p, first, weights):
+        q = (time,) + parameters(p, first)  # noqa: RUF005 - compiled code does not unpack
+        t = total(s[3:], q, weights)
         return s[0] + t[0], s[1] + t[1], s[2] if conserves_J3 else s[2] + t[2], s[3], s[4], s[5]
 
     return kicked
 
 
 @cache
-def numbers_of(V: System) -> Any:
-    """(c, first, t) → t and the parameters. c[first] is the time at the start, and the parameters follow it."""
-    at_start, parameters, timed = tuple_loader(1 + V.parameters), tuple_loader(V.parameters), V.timed
-
-    @jit
-    def run(c, first, t):
-        return (t,) + parameters(c, first + 1) if timed else at_start(c, first)  # noqa: RUF005 - as elsewhere
-
-    return run
-
-
-@cache
 def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
     """The step. degree : of the tables, 0 for none. single : one flow and one kick, at places that the compiler knows."""
     conserves_J3, timed = 2 in V.constant, V.timed
-    kicked, numbers, look = kick_of(V, gradients), numbers_of(V), look_up(degree or 1, conserves_J3)
+    kicked, look = kick_of(V, gradients), look_up(degree or 1, conserves_J3)
     first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
@@ -139,30 +129,29 @@ def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
                 if not ok:
                     counters[loops.FAILURE] = LOST
             t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
-            s = kicked(s, numbers(c, NUMBERS, t), (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
+            s = kicked(s, t, c, NUMBERS + 1, (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
         return s
 
     return step
 
 
-@jit
-def restore_casimirs(s, c):
-    """Move a state back onto C1 and C2: first x along x, then J along x."""
-    J1, J2, J3, x1, x2, x3 = s
-    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
-    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
-    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / c[C1]
-    return J1 + p * x1, J2 + p * x2, J3 + p * x3, x1, x2, x3
+@cache
+def restorer(conserves_J3: bool) -> Any:
+    """(s, c) → the state, moved back onto C1 and C2: first x along x, then J along x.
 
+    Where J3 is conserved, J moves in the horizontal plane, and not at all where x is vertical.
+    """
 
-@jit
-def restore_casimirs_at_fixed_J3(s, c):
-    """The same where J3 is conserved: J moves in the horizontal plane, and not at all where x is vertical."""
-    J1, J2, J3, x1, x2, x3 = s
-    f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
-    x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
-    p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / ((x1 * x1 + x2 * x2) + 2.0**-10 * c[C1])
-    return J1 + p * x1, J2 + p * x2, J3, x1, x2, x3
+    @jit
+    def restore_casimirs(s, c):
+        J1, J2, J3, x1, x2, x3 = s
+        f = 0.5 * (c[C1] - ((x1 * x1 + x2 * x2) + x3 * x3)) / c[C1]
+        x1, x2, x3 = x1 + f * x1, x2 + f * x2, x3 + f * x3
+        square = (x1 * x1 + x2 * x2) + 2.0**-10 * c[C1] if conserves_J3 else c[C1]
+        p = (c[C2] - ((x1 * J1 + x2 * J2) + x3 * J3)) / square
+        return J1 + p * x1, J2 + p * x2, J3 if conserves_J3 else J3 + p * x3, x1, x2, x3
+
+    return restore_casimirs
 
 
 RESTORE_EVERY = 16  # steps
@@ -175,7 +164,7 @@ def map_over(V: System) -> Any:
     numbers : alpha, t at the start and the parameters. times : t, dt, n; the first row is at the time t + n dt, the next at
     t + (n + 1) dt, and so on.
     """
-    kicked, numbers_at = kick_of(V, 0), numbers_of(V)
+    kicked = kick_of(V, 0)
     get, write = tuple_loader(6), tuple_storer(6)
 
     @jit
@@ -192,7 +181,7 @@ def map_over(V: System) -> Any:
                     if not ok:
                         counters[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
-                    s = kicked(s, numbers_at(numbers, 1, t), (parts[k, 1],))
+                    s = kicked(s, t, numbers, 2, (parts[k, 1],))
             write(row, 0, s)
 
     return run
@@ -208,19 +197,19 @@ MARGIN = 8.0  # the box is so many times as wide as the trial run: a slow motion
 @cache
 def trial_run(V: System) -> Any:
     """(y, c, h, steps) → least and largest 2H, then J3, along steps of one flow and one kick; H is without V."""
-    kicked, numbers = kick_of(V, 0), numbers_of(V)
+    kicked = kick_of(V, 0)
 
     @jit
     def run(y, c, h, steps):
         alpha = c[ALPHA]
-        s = (y[0], y[1], y[2], y[3], y[4], y[5])
+        s = load_tuple(y, 0, 6)
         low_h = high_h = invariants(s, alpha)[2]
         low_j = high_j = s[2]
         for k in range(steps):
             s, ok = exact_flow(s, alpha, h)
             if not ok:
                 break
-            s = kicked(s, numbers(c, NUMBERS, c[NUMBERS] + (k + 1) * h), (h,))
+            s = kicked(s, c[NUMBERS] + (k + 1) * h, c, NUMBERS + 1, (h,))
             h2 = invariants(s, alpha)[2]
             low_h, high_h = min(low_h, h2), max(high_h, h2)
             low_j, high_j = min(low_j, s[2]), max(high_j, s[2])

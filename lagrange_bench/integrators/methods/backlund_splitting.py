@@ -31,6 +31,7 @@ table, this corrector: this project.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 from itertools import chain, pairwise
 from typing import Any
@@ -57,7 +58,6 @@ from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import depends
-from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import tables
 
@@ -78,7 +78,6 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         chosen: Scheme,
         corrected: bool,
         modified: bool,
-        tabled: bool,
         after: float = 0.0,
     ):
         (alpha, V), start, n = problem.alpha_and_rest, problem.start + after, len(chosen.b)
@@ -86,19 +85,16 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         gradients = (1 + bool(chosen.d)) if modified else 0
-        groups = [[0.0] * kernels.GROUP for _ in range(n)]
-        for g, group in enumerate(groups):
-            group[kernels.TIME], group[kernels.KICK_V] = times[g], chosen.b[g] * h
-            if gradients > 0:
-                group[kernels.KICK_W] = chosen.c[g] * -(h * h * h)
-            if gradients > 1:
-                group[kernels.KICK_Z] = chosen.d[g] * (h * h * h * h * h)
-            if timed:
-                group[kernels.WHEN] = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
+        groups = []
+        for g, time in enumerate(times):
+            kick_W = chosen.c[g] * -(h * h * h) if gradients > 0 else 0.0
+            kick_Z = chosen.d[g] * (h * h * h * h * h) if gradients > 1 else 0.0
+            when = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
+            groups.append([time, chosen.b[g] * h, kick_W, kick_Z, when, 0.0])
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
             head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers[1:]))
         degree, made = 0, []
-        if tabled and kernels.set_box(head, top_without_V(problem).scales(y0), y0, kernels.trial_run(V), h):
+        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, kernels.trial_run(V), h):
             different = tuple(dict.fromkeys(times))
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
             degree, listed = tables(torus, box, different, conserves_J3)
@@ -113,8 +109,9 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         self.sweep: Problem | None = None  # if its frequencies in time change: then the end of a run counts, too
         preprocess, postprocess = ends_of(chosen, h, corrected)
         step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
-        restore = kernels.restore_casimirs_at_fixed_J3 if conserves_J3 else kernels.restore_casimirs
-        kernel = loops.Kernel(step, restore, kernels.RESTORE_EVERY, kernels.FAILURES, rhs_per_step=n, timed=timed)
+        kernel = loops.Kernel(
+            step, kernels.restorer(conserves_J3), kernels.RESTORE_EVERY, kernels.FAILURES, rhs_per_step=n, timed=timed
+        )
         super().__init__(
             NAME,
             h,
@@ -146,63 +143,51 @@ class ExactSplittingStepper(loops.ConjugateStepper):
 
 
 def prepare(
-    top: LagrangeTop,
+    problem: Any,
     y0: Array,
     h: float,
     *,
     scheme: str = "strang",
     corrector: bool | None = None,
     modified_kick: bool | None = None,
-    table: bool = True,
 ) -> Stepper:
-    """In a uniform field, V = 0, every scheme is the exact step."""
-    _check(scheme, corrector, modified_kick, table)
-    try:
-        stepper = backlund.EXACT.prepare(top, y0, h)
-    except StepError as error:
-        raise StepError(NAME, error.reason, h=h) from None
-    stepper.name = NAME  # type: ignore[attr-defined]
-    return stepper
-
-
-def prepare_in_field(
-    problem: Problem,
-    y0: Array,
-    h: float,
-    *,
-    scheme: str = "strang",
-    corrector: bool | None = None,
-    modified_kick: bool | None = None,
-    table: bool = True,
-) -> ExactSplittingStepper:
-    """Kicks by V, and exact flows of the top without V.
+    """Kicks by V, and exact flows of the top without V. In a uniform field, V = 0, every scheme is the exact step.
 
     Parameters
     ----------
     scheme : a name of SCHEMES.
     corrector, modified_kick : True by default for "strang" and "processed6". Other schemes have none.
-    table : True: λ from a table in (H, J3). False: λ computed at every flow.
     """
-    corrected, modified = _check(scheme, corrector, modified_kick, table)
+    check_choice(scheme, "scheme", SCHEMES)
+    corrected = _belongs("corrector", corrector, scheme)
+    modified = _belongs("modified_kick", modified_kick, scheme)
+    if kinds.uniform(problem):
+        stepper = _renamed(backlund.prepare_exact, problem, y0, h)
+        stepper.name = NAME
+        return stepper
     warn_strong(problem, y0)
     warn_long(problem, y0, h)
-    stepper = ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified, bool(table))
+    stepper = ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
     V = problem.alpha_and_rest[1]
     if V.timed and depends(phase_rates(V.energy, 0), [0]):
         stepper.sweep = problem
     return stepper
 
 
-def _check(scheme: str, corrector: Any, modified_kick: Any, table: Any) -> tuple[bool, bool]:
-    check_choice(scheme, "scheme", SCHEMES)
-    chosen = []
-    for name, value in (("corrector", corrector), ("modified_kick", modified_kick)):
-        flag = scheme in PROCESSED if value is None else check_flag(value, name)
-        if flag and scheme not in PROCESSED:
-            raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
-        chosen.append(flag)
-    check_flag(table, "table")
-    return chosen[0], chosen[1]
+def _belongs(name: str, value: bool | None, scheme: str) -> bool:
+    """Whether a part of a processed scheme is taken."""
+    flag = scheme in PROCESSED if value is None else check_flag(value, name)
+    if flag and scheme not in PROCESSED:
+        raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
+    return flag
+
+
+def _renamed(function: Callable[..., Any], *arguments: Any) -> Any:
+    """What a function of `backlund` returns; its StepError under the name of this method."""
+    try:
+        return function(*arguments)
+    except StepError as error:
+        raise StepError(NAME, error.reason, h=error.h) from None
 
 
 def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
@@ -212,10 +197,7 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
     """
     tol, notes = step_halving.check_tolerance(tol), []
     if kinds.uniform(problem):
-        try:
-            states, work = backlund.evaluate_exact(problem, y0, times)
-        except StepError as error:
-            raise StepError(NAME, error.reason) from None
+        states, work = _renamed(backlund.evaluate_exact, problem, y0, times)
         work.notes = "one exact step to each time"
         return states, work
     warn_strong(problem, y0)
@@ -255,7 +237,7 @@ def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, 
         if h == 0.0:  # it underflows: nothing moves in so short a time
             tracks.append(np.tile(y, (rows, 1)))
             continue
-        stepper = ExactSplittingStepper(problem, y, h, SCHEMES["strang"], True, True, True, start)
+        stepper = ExactSplittingStepper(problem, y, h, SCHEMES["strang"], True, True, start)
         tracks.append(stepper.record(y, rows * every, every)[1:])
         y = tracks[-1][-1]
         for name in ("steps", "rhs_evals", "iterations"):
@@ -270,8 +252,7 @@ METHOD = Method(
     order=4,
     claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
     source="this project; Wisdom and Holman, Astron. J. 102 (1991) 1528; corrector and modified kick: see the module",
-    prepare=prepare_in_field,
+    prepare=prepare,
     needs=kinds.driven_top,
-    kernels_for={"uniform": prepare},
     evaluate=evaluate,
 )

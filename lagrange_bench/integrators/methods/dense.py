@@ -31,12 +31,8 @@ class DenseStepper(Stepper):
     def __init__(
         self, name: str, top: Problem, y0: Array, h: float, runner: Callable[..., Run], options: Mapping[str, Any]
     ):
-        self._arguments = name, top, y0, h, runner, options
         self.name, self.h, self.run, self.farthest = name, h, runner(top, **options), farthest(top, y0)
         self.work, self.size, self.from_start = Work(), len(y0), top.system.timed
-
-    def __reduce__(self) -> tuple[Any, ...]:  # what a library made cannot be pickled
-        return type(self), self._arguments, {"work": self.work}
 
     def advance(self, y: Array, n: int) -> Array:
         # not by `record`, which takes 2 µs more; a library takes 1 µs per unit of time

@@ -8,7 +8,7 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.compiling.tape import Split, Tape
-from lagrange_bench.integrators.methods.runge_kutta import stepper, stepping
+from lagrange_bench.integrators.methods.runge_kutta import stepper
 from lagrange_bench.integrators.problem.system import System
 
 Rates = Callable[[Any, Sequence[Any]], tuple[Any, ...]]
@@ -40,10 +40,8 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
     ValueError
         `increment` gives more or fewer numbers than a state has.
     """
-    system = problem.system
-    split, calls = _recorded(increment, system)
-    step = stepping(f"explicit {split.moving.digest}", split, system)
-    return stepper(name, problem, h, split, step, calls)
+    split, calls = _recorded(increment, problem.system)
+    return stepper(name, problem, h, split, calls)
 
 
 @cache

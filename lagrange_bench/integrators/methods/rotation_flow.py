@@ -13,8 +13,13 @@ Source: this project.
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Any
+
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.double_double import two_sum
+from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.methods.runge_kutta import two_sums
+from lagrange_bench.integrators.problem.vectors import cross
 
 PART = 0.25  # largest z = (angle/2)² of one part: an angle of 1
 MOST = 128.0**2  # largest z of a turn: an angle of 256
@@ -36,44 +41,50 @@ def small_coefficients(z):
     return a, b
 
 
-@jit(inline=True)
-def turn(x1, x2, x3, v1, v2, v3, a, b, z):
+@unrolled
+def turn(x, v, a, b, z):
     """Change of x by the rotation about v, |v|² = z; a and b stand for a/z and b/z."""
-    u1, u2, u3 = v2 * x3 - v3 * x2, v3 * x1 - v1 * x3, v1 * x2 - v2 * x1
-    p1, p2, p3 = v2 * u3 - v3 * u2, v3 * u1 - v1 * u3, v1 * u2 - v2 * u1
-    r1, r2, r3 = v2 * p3 - v3 * p2, v3 * p1 - v1 * p3, v1 * p2 - v2 * p1
-    return (
-        (2.0 * (u1 + p1) + r1) + (a * (z * u1) + b * (z * p1)),
-        (2.0 * (u2 + p2) + r2) + (a * (z * u2) + b * (z * p2)),
-        (2.0 * (u3 + p3) + r3) + (a * (z * u3) + b * (z * p3)),
-    )
+    u = cross(v, x)
+    p = cross(v, u)
+    parts = zip(u, p, cross(v, p), strict=True)
+    return tuple((2.0 * (u + p) + r) + (a * (z * u) + b * (z * p)) for u, p, r in parts)
 
 
-@jit(inline=True)
-def add(x, lost, change, compensated):
-    """x + (change + what the last sum lost), and what this sum loses."""
-    return two_sum(x, change + lost) if compensated else (x + change, lost)
+@cache
+def adding(compensated: bool) -> Any:
+    """(x, lost, change) → x + change, and what the sums lose. Compensated sums add to each change what the last one lost."""
+
+    @unrolled
+    def plain(x, lost, change):
+        return tuple(a + d for a, d in zip(x, change, strict=True)), lost
+
+    @unrolled
+    def carrying(x, lost, change):
+        totals, lows = two_sums(x, [d + low for d, low in zip(change, lost, strict=True)])
+        return tuple(totals), tuple(lows)
+
+    return carrying if compensated else plain
 
 
-@jit(inline=True)
-def rotate(part, J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated):
-    """Turn x about v = part·J, |v| half the angle. Returns whether it is done (False: too far), x, and what its sums lose."""
-    v1, v2, v3 = part * J1, part * J2, part * J3
-    z = (v1 * v1 + v2 * v2) + v3 * v3
-    parts = 1
-    if z > PART:
-        if not z <= MOST:
-            return False, x1, x2, x3, l1, l2, l3
-        while z > PART:
-            v1, v2, v3, z, parts = 0.5 * v1, 0.5 * v2, 0.5 * v3, 0.25 * z, 2 * parts
-    a, b = small_coefficients(z)
-    d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-    x1, l1 = add(x1, l1, d1, compensated)
-    x2, l2 = add(x2, l2, d2, compensated)
-    x3, l3 = add(x3, l3, d3, compensated)
-    for _ in range(1, parts):
-        d1, d2, d3 = turn(x1, x2, x3, v1, v2, v3, a, b, z)
-        x1, l1 = add(x1, l1, d1, compensated)
-        x2, l2 = add(x2, l2, d2, compensated)
-        x3, l3 = add(x3, l3, d3, compensated)
-    return True, x1, x2, x3, l1, l2, l3
+@cache
+def rotation(compensated: bool) -> Any:
+    """(part, J, x, lost) → whether it is done (False: too far), x turned about v = part·J, |v| half the angle, and `lost`."""
+    add = adding(compensated)
+
+    @jit(inline=True)
+    def rotate(part, J, x, lost):
+        v = part * J[0], part * J[1], part * J[2]
+        z = (v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]
+        parts = 1
+        if z > PART:
+            if not z <= MOST:
+                return False, x, lost
+            while z > PART:
+                v, z, parts = (0.5 * v[0], 0.5 * v[1], 0.5 * v[2]), 0.25 * z, 2 * parts
+        a, b = small_coefficients(z)
+        x, lost = add(x, lost, turn(x, v, a, b, z))
+        for _ in range(1, parts):
+            x, lost = add(x, lost, turn(x, v, a, b, z))
+        return True, x, lost
+
+    return rotate

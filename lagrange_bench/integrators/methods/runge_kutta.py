@@ -31,19 +31,10 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
+from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.loops import (
-    CLOCK,
-    FAILURE,
-    MEMORY,
-    OWN_UNITS,
-    RESIDUAL,
-    FixedStepper,
-    Kernel,
-    StateUnits,
-    finite,
-)
+from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel, StateUnits
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -128,8 +119,8 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
 
     @jit
     def carrying(s, d, counters):
-        new, lost = sums(s, d, get(counters, MEMORY))
-        keep(counters, MEMORY, lost)
+        new, lost = sums(s, d, get(counters, loops.MEMORY))
+        keep(counters, loops.MEMORY, lost)
         return new
 
     return carrying if compensated and count else plain
@@ -139,41 +130,30 @@ START, STEP, FIRST = range(3)  # places of the constants: the time at the start,
 
 
 @cache
-def kernel(tableau: Tableau, system: System, compensated: bool = False) -> Callable[..., Any]:
-    """The step of a formula for any system."""
-    return stepping(tableau.name, increment_of(tableau, system), system, compensated)
-
-
-@cache
-def stepping(name: str, split: Split, system: System, compensated: bool = False) -> Callable[..., Any]:
-    """The step of an explicit method for any system, from what it adds to the state. name : different for each `split`."""
+def stepping(split: Split, system: System, compensated: bool = False) -> Callable[..., Any]:
+    """The step of an explicit method for any system, from what it adds to the state."""
     increment, constants, timed = machine_code(split.moving), tuple_loader(len(split.fixed.outputs)), system.timed
     finish = adding(system.size, system.moving, compensated)
 
     @jit
     def step(s, c, counters):
-        t = c[START] + c[STEP] * counters[CLOCK] if timed else 0.0
+        t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
         return finish(s, increment((t,) + s, constants(c, FIRST)), counters)  # noqa: RUF005 - compiled code does not unpack
 
     return step
 
 
-def constants_of(tableau: Tableau, problem: Any, h: float) -> Array:
-    """The `c` of `kernel`."""
-    return constants_for(increment_of(tableau, problem.system), problem, h)
-
-
-def constants_for(split: Split, problem: Any, h: float) -> Array:
+def constants_of(split: Split, problem: Any, h: float) -> Array:
     """The `c` of `stepping`."""
     return np.array((problem.start, h, *split.constants(h, *problem.numbers)))
 
 
-def stepper(name: str, problem: Any, h: float, split: Split, step: Callable[..., Any], calls: int) -> FixedStepper:
-    """A stepper of a `step` made by `stepping`. calls : right-hand sides a step."""
+def stepper(name: str, problem: Any, h: float, split: Split, calls: int, compensated: bool = False) -> FixedStepper:
+    """A stepper of an explicit method, from what it adds to the state. calls : right-hand sides a step."""
     system = problem.system
-    size, timed = system.size, system.timed
-    kernel = Kernel(step, rhs_per_step=calls, timed=timed, memory=size)
-    return FixedStepper(name, h, kernel, constants_for(split, problem, h), size=size)
+    step = stepping(split, system, compensated)
+    kernel = Kernel(step, rhs_per_step=calls, timed=system.timed, memory=system.size)
+    return FixedStepper(name, h, kernel, constants_of(split, problem, h), size=system.size)
 
 
 # ------------------------------------------------------------------------------------ projection
@@ -225,8 +205,8 @@ def projected(s, c, counters):
         if square <= TINY:
             break
     else:
-        counters[FAILURE] = NOT_CONVERGED
-        counters[RESIDUAL] = square
+        counters[loops.FAILURE] = NOT_CONVERGED
+        counters[loops.RESIDUAL] = square
     return J1, J2, J3, x1, x2, x3
 
 
@@ -286,8 +266,8 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
             if square <= TINY:
                 break
         else:
-            counters[FAILURE] = NOT_CONVERGED
-            counters[RESIDUAL] = square
+            counters[loops.FAILURE] = NOT_CONVERGED
+            counters[loops.RESIDUAL] = square
         return s
 
     return finish, lacking
@@ -295,8 +275,9 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
 
 @cache
 def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) -> Callable[..., Any]:
-    """The step of a formula, then `finish(s, c, counters)`, whose constants follow those of `kernel`."""
-    step, first = kernel(tableau, system), FIRST + len(increment_of(tableau, system).fixed.outputs)
+    """The step of a formula, then `finish(s, c, counters)`, whose constants follow those of `stepping`."""
+    split = increment_of(tableau, system)
+    step, first = stepping(split, system), FIRST + len(split.fixed.outputs)
 
     @jit
     def both(s, c, counters):
@@ -308,8 +289,8 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
         """`compensated`: carry the rounding error of the state to the next step, for a few per cent of time at most."""
-        step = kernel(tableau, problem.system, check_flag(compensated, "compensated"))
-        return stepper(name, problem, h, increment_of(tableau, problem.system), step, tableau.stages)
+        split = increment_of(tableau, problem.system)
+        return stepper(name, problem, h, split, tableau.stages, check_flag(compensated, "compensated"))
 
     return Method(
         name=name,
@@ -349,7 +330,7 @@ def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
 
     energy, half, product = lacking(units.enter(y0))
     c[ENERGY], c[C1], c[C2] = -energy, -2.0 * half, -product
-    first = constants_of(VERNER9, LagrangeTop(units.alpha), units.time(h))
+    first = constants_of(increment_of(VERNER9, top.system), LagrangeTop(units.alpha), units.time(h))
     step = followed_by(VERNER9, top.system, projected)
     return _on_torus(h, np.array((*first, *c)), step, lacking, units)
 
@@ -364,15 +345,16 @@ def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedSteppe
         return lacking_in(tuple(y.tolist()), c)[3]  # type: ignore[no-any-return]
 
     c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
+    first = constants_of(increment_of(VERNER9, problem.system), problem, h)
     step = followed_by(VERNER9, problem.system, finish)
-    return _on_torus(h, np.array((*constants_of(VERNER9, problem, h), *c)), step, lacking, OWN_UNITS)
+    return _on_torus(h, np.array((*first, *c)), step, lacking, loops.OWN_UNITS)
 
 
 def _on_torus(
     h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], units: StateUnits
 ) -> FixedStepper:
     """A stepper that refuses states whose invariants are off by more than round-off."""
-    if not finite(c):
+    if not loops.finite(c):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 
     class ProjectedStepper(FixedStepper):

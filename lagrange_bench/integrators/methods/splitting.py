@@ -36,7 +36,7 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, Conjugat
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.part_splitting import prepare_parts
-from lagrange_bench.integrators.methods.rotation_flow import add, rotate
+from lagrange_bench.integrators.methods.rotation_flow import adding, rotation
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
@@ -78,30 +78,23 @@ def push_by(system: System, gradients: int) -> Any:
 def kernel(system: System, gradients: int, compensated: bool) -> Any:
     """One step of |J|²/2 + U(x): rotation and kick for each group of constants."""
     push, stride, conserves_J3 = push_by(system, gradients), STRIDE + 1 + system.parameters, 2 in system.constant
-    load, store = tuple_loader(5), tuple_storer(5)
+    rotate, add = rotation(compensated), adding(compensated)
+    load, store = tuple_loader(6), tuple_storer(6)
 
     @jit(inline=True)
     def step(s, c, counters):
-        J1, J2, J3, x1, x2, x3 = s
-        k1 = k2 = k3 = l1 = l2 = l3 = 0.0
-        if compensated:
-            k1, k2, l1, l2, l3 = load(counters, MEMORY)
-            if not conserves_J3:
-                k3 = counters[MEMORY + 5]
+        J1, J2, J3, x1, x2, x3 = s  # a tuple that a loop changes would cost twice the time
+        k1, k2, k3, l1, l2, l3 = load(counters, MEMORY) if compensated else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for i in range(0, len(c), stride):
-            done, x1, x2, x3, l1, l2, l3 = rotate(c[i + A], J1, J2, J3, x1, x2, x3, l1, l2, l3, compensated)
+            done, (x1, x2, x3), (l1, l2, l3) = rotate(c[i + A], (J1, J2, J3), (x1, x2, x3), (l1, l2, l3))
             if not done:
                 counters[FAILURE] = TOO_FAR
                 return s
-            p1, p2, p3 = push((x1, x2, x3), c, i)
-            J1, k1 = add(J1, k1, p1, compensated)
-            J2, k2 = add(J2, k2, p2, compensated)
-            if not conserves_J3:
-                J3, k3 = add(J3, k3, p3, compensated)
+            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), (k1, k2, k3), push((x1, x2, x3), c, i))
+            if conserves_J3:
+                J3 = s[2]
         if compensated:
-            store(counters, MEMORY, (k1, k2, l1, l2, l3))
-            if not conserves_J3:
-                counters[MEMORY + 5] = k3
+            store(counters, MEMORY, (k1, k2, k3, l1, l2, l3))
         return J1, J2, J3, x1, x2, x3
 
     return step

@@ -7,10 +7,9 @@ follows from the tolerance, and the step from the decay of the coefficients.
 The tolerance is relative above norm 1 and absolute below, so a state smaller than 1 may need other units. A top whose rate
 |J| + √(|alpha||x|) or |x| is beyond 2^±FAR is followed in units, powers of two, in which both are of order one. (Twentieth
 powers of extreme numbers under- or overflow.) alpha is a runtime parameter, so heyoka compiles once in a process for each
-tolerance and each pair of switches.
+tolerance, with and without `high_accuracy`.
 
-With `high_accuracy` the series is summed with compensation. With `compact_mode` the machine code is what heyoka makes for large
-systems: loops over tables, not unrolled, compiled sooner and slower here.
+With `high_accuracy` the series is summed with compensation.
 
 J3, whose coefficients vanish, is conserved; no other invariant is. One right-hand side is counted for each Taylor coefficient:
 `order` in each step.
@@ -24,7 +23,7 @@ import copy
 import math
 import threading
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -40,25 +39,16 @@ FAR = 10  # powers of two: the tolerance is relative to the largest number of a 
 INTERRUPTIBLE = 1 << 20  # most steps in one call of heyoka, which does not see Ctrl-C
 
 
-class Equations(NamedTuple):
-    """What the equations depend on, besides numbers: the system, and whether rates and lengths have units.
-
-    If they have, the two units are numbers, too, in front of the others.
-    """
-
-    system: System
-    units: bool = False
-
-
-def equations(own: Equations | None = None) -> list[Any]:
+def equations(system: System | None = None, units: bool = False) -> list[Any]:
     """The equations of motion in heyoka's symbols, by default those of the Lagrange top.
 
-    The parameters are heyoka's runtime parameters; the time at the start is the last one.
+    The parameters are heyoka's runtime parameters; the time at the start is the last one. With `units` those of rates and of
+    lengths are two more parameters, in front of the others.
     """
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    system, units = own or Equations(uniform_system())
+    system = system or uniform_system()
     first, count = 2 * units, system.parameters
     names = ("J1", "J2", "J3", "x1", "x2", "x3") if system.size == 6 else [f"y{i}" for i in range(system.size)]
     y = hy.make_vars(*names)
@@ -72,22 +62,13 @@ def equations(own: Equations | None = None) -> list[Any]:
     return [(v, f if isinstance(f, hy.expression) else hy.expression(f)) for v, f in zip(y, rates, strict=True)]
 
 
-def set_numbers(ta: Any, numbers: Any) -> None:
-    """Set the runtime parameters. heyoka has only those that the equations contain, up to the last of them."""
-    ta.pars[:] = numbers[: len(ta.pars)]
-
-
 @lru_cache(maxsize=64)
-def compile_integrator(
-    tol: float, high_accuracy: bool, compact_mode: bool = False, own: Equations | None = None
-) -> Any:
+def compile_integrator(tol: float, high_accuracy: bool, system: System | None = None, units: bool = False) -> Any:
     """heyoka's integrator for one tolerance. It has a state: see `integrator_here`."""
     import heyoka as hy
 
-    system = equations(own)
-    return hy.taylor_adaptive(
-        system, [1.0] * len(system), tol=tol, high_accuracy=high_accuracy, compact_mode=compact_mode
-    )
+    motion = equations(system, units)
+    return hy.taylor_adaptive(motion, [1.0] * len(motion), tol=tol, high_accuracy=high_accuracy, compact_mode=False)
 
 
 def integrator_here(*key: Any) -> Any:
@@ -111,45 +92,37 @@ def check_tolerance(tol: Any, least: float = EPS) -> float:
     return tol
 
 
-def far_units(name: str, top: Any, y: Array, end: float) -> Units | None:
+def far_units(top: Any, y: Array, end: float) -> Units | None:
     """The units in which to follow a state; None: the user's, which every problem that is not a top has."""
-    if not kinds.top(top):
-        return None
-    rate, size, _ = top.scales(y)
-    if 2.0**-FAR < size < 2.0**FAR and 2.0**-FAR < rate < 2.0**FAR:
-        return None
-    units = units_of(name, top, y, end)
-    return units if max(abs(units.rate), abs(units.length)) > FAR else None
+    units = units_of("taylor", top, y, end) if kinds.top(top) else None
+    return units if units and max(abs(units.rate), abs(units.length)) > FAR else None
 
 
-def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False, compact_mode: bool = False) -> Run:
+def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Run:
     """Natural steps with the local error below `tol` (relative above norm 1).
 
-    high_accuracy : compensated sums. compact_mode : loops over tables in place of unrolled code.
+    high_accuracy : compensated sums.
     """
-    switches = check_flag(high_accuracy, "high_accuracy"), check_flag(compact_mode, "compact_mode")
-    key = check_tolerance(tol), *switches, Equations(top.system)
+    key = check_tolerance(tol), check_flag(high_accuracy, "high_accuracy"), top.system
     numbers = (*top.numbers, *((top.start,) * top.system.timed))
     integrator_here(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        if units := far_units("taylor", top, y, float(grid[-1])):
-            scaled = np.array([units.time(t) for t in grid.tolist()])
-            try:
-                return units.leave(follow(units.enter(y), scaled, work, *in_units(units)))
-            except StepError as error:
-                raise StepError("taylor", f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
-        return follow(y, grid, work, key, numbers)
-
-    def in_units(units: Units) -> tuple[Any, Any]:
-        if kinds.uniform(top):
-            return key, (units.alpha,)
-        own = Equations(top.system, units=True)
-        return (*key[:3], own), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
+        units = far_units(top, y, float(grid[-1]))
+        if units is None:
+            return follow(y, grid, work, key, numbers)
+        scaled = np.array([units.time(t) for t in grid.tolist()])
+        in_units: tuple[Any, Any] = key, (units.alpha,)
+        if not kinds.uniform(top):
+            in_units = (*key, True), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
+        try:
+            return units.leave(follow(units.enter(y), scaled, work, *in_units))
+        except StepError as error:
+            raise StepError("taylor", f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
 
     def follow(y: Array, grid: Array, work: Work, key: Any, numbers: Any) -> Array:
         ta = integrator_here(*key)  # of the thread that runs
-        set_numbers(ta, numbers)
+        ta.pars[:] = numbers[: len(ta.pars)]  # heyoka has only those that the equations contain, up to the last of them
         ta.time = 0.0
         ta.state[:] = y
         out, steps = _until(ta, grid[0]) if len(grid) == 1 else _on_grid(ta, y, grid)

@@ -355,7 +355,7 @@ def agm(a, g):
     return 0.5 * (a + g)
 
 
-# ------------------------------------------------------------------------------------ the constants, in five stages
+# ------------------------------------------------------------------------------------ the constants, in four stages
 
 
 @jit
@@ -370,8 +370,7 @@ def constants(alpha, y, h):
     if alpha < 0.0:  # the mirror image
         c[SIGN], alpha, y = -1.0, -alpha, (y[0], y[1], y[2], -y[3], -y[4], -y[5])
     found = roots(alpha, y)
-    put_clock(found, y, c)
-    z12, z13, z23, of_J, of_A, of_B = distances(found)
+    z12, z13, z23, of_J, of_A, of_B = put_clock(found, y[2], c)
     K, K_ = put_start(found, y, z12, z13, z23, c)
     if z23 <= z12:
         slopes = put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c)
@@ -399,20 +398,16 @@ def is_plain(alpha, y, c):
 
 
 @jit
-def put_clock(found, y, c):
-    """1: the period, and the turn in it, in double-double. From here on doubles do."""
-    z1, z2, z3, zJ, _, _, dJ, _, _ = found
-    low, high = above(z1, z2, z3, zJ, dJ)
-    T, turn = period_and_turn(z1, z2, z3, sub(zJ, z3), low, high, dJ, dd(y[2]))
-    c[PERIOD], c[PERIOD_LO] = T
-    c[TURN], c[TURN_LO] = turn
+def put_clock(found, m, c):
+    """1: the period, and the turn in it, in double-double. From here on doubles do.
 
-
-@jit
-def distances(found):
-    """2: ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3; for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ."""
+    Returns ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3; for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ.
+    """
     z1, z2, z3, zJ, zA, zB, dJ, dA, dB = found
     J_low, J_high = above(z1, z2, z3, zJ, dJ)
+    T, turn = period_and_turn(z1, z2, z3, sub(zJ, z3), J_low, J_high, dJ, dd(m))
+    c[PERIOD], c[PERIOD_LO] = T
+    c[TURN], c[TURN_LO] = turn
     A_low, A_high = above(z1, z2, z3, zA, dA)
     of_J = max(J_high[0], 0.0), max(J_low[0], 0.0), sub(zJ, z3)[0], side(dJ, J_low, J_high)
     of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], side(dA, A_low, A_high)
@@ -423,7 +418,7 @@ def distances(found):
 
 @jit
 def put_start(found, y, z12, z13, z23, c):
-    """3: the time since x3 was smallest. Returns K and K'; CLOCK is κ for now."""
+    """2: the time since x3 was smallest. Returns K and K'; CLOCK is κ for now."""
     J1, J2, _, x1, x2, _ = y
     c[CLOCK] = math.sqrt(0.5 * z13)
     K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))
@@ -437,7 +432,7 @@ def put_start(found, y, z12, z13, z23, c):
 
 @jit
 def put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
-    """4: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
+    """3: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
     c[KIND], c[NOME] = DIRECT, nome(z23 / z13, z12 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K
     (J1, J2, J3_, sJ), (A1, A2, A3, sA), (B1, B2, B3, sB) = of_J, of_A, of_B
@@ -457,7 +452,7 @@ def put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
 
 @jit
 def put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
-    """4: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
+    """3: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
     c[KIND], c[NOME] = TRANSFORMED, nome(z12 / z13, z23 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K_
     c[BARRIER] = 0.5 * math.pi * K / K_
@@ -476,7 +471,7 @@ def put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
 
 @jit
 def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
-    """5: the rates λ, the constant factors, and the phase ψ at the start."""
+    """4: the rates λ, the constant factors, and the phase ψ at the start."""
     J1, J2, m, x1, x2, x3 = y
     _, _, _, _, _, _, dJ, dA, dB = found
     gJ, gA, gB = slopes
@@ -508,7 +503,7 @@ def found_constants(units: Units, y: Array, span: float, h: float | None = None)
 
 
 class ThetaStepper(FixedStepper):
-    """Each step is evaluated from the state with which the run began."""
+    """Evaluates the closed form at every multiple of h since the state with which the run began."""
 
     from_start = True
 
@@ -521,11 +516,6 @@ class ThetaStepper(FixedStepper):
         y = as_state(y)
         self.constants = found_constants(self.top_units, y, self.span, self.h)
         return super().record(y, n, every)
-
-
-def prepare(top: LagrangeTop, y0: Array, h: float) -> ThetaStepper:
-    """Evaluates the closed form at every multiple of h."""
-    return ThetaStepper(top, y0, h)
 
 
 def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
@@ -550,7 +540,7 @@ METHOD = Method(
     order=None,
     claims=Claims(symmetric=True, poisson=True, conserves={"H", "J3", "C1", "C2"}),
     source="Whittaker, Analytical Dynamics, sections 37, 71-72; Jacobi, Werke 2 (1882) 477",
-    prepare=prepare,
+    prepare=ThetaStepper,
     evaluate=evaluate,
     kernels_for={kinds.symmetric_body: prepare_body, kinds.free_body: prepare_body},
 )

@@ -27,14 +27,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
@@ -49,7 +49,7 @@ NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-vector = tuple_loader(3)
+vector, keep = tuple_loader(3), tuple_storer(6)
 
 
 @jit
@@ -58,9 +58,14 @@ def scaled(a, b):
 
 
 @jit
+def over(a, b):
+    return a[0] / b[0], a[1] / b[1], a[2] / b[2]
+
+
+@jit
 def vertical(s, c):
     """Γ, the vertical in the body."""
-    q, up = (s[1], s[2], s[3]), vector(c, UP)
+    q, up = s[1:4], vector(c, UP)
     across = cross(up, q)  # R^T u = u + 2 q0 u × q + 2 (u × q) × q
     return add(add(up, 2.0 * s[0], across), 2.0, cross(across, q))
 
@@ -73,7 +78,7 @@ def torque(s, c):
 @jit
 def turned_by(s, f0, f):
     """The quaternion q f, with the length of q. f is a unit quaternion but for round-off."""
-    q0, q = s[0], (s[1], s[2], s[3])
+    q0, q = s[0], s[1:4]
     n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
     return lie_group.of_length(q0 * q0 + dot(q, q), n0, n)
 
@@ -132,8 +137,8 @@ def free_residual(f, a, c, counters):
 @jit
 def rattle(s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
-    L = add((s[4], s[5], s[6]), 0.5 * h, torque(s, c))
-    guess = 0.5 * h * L[0] / I[0], 0.5 * h * L[1] / I[1], 0.5 * h * L[2] / I[2]
+    L = add(s[4:], 0.5 * h, torque(s, c))
+    guess = over(times(0.5 * h, L), I)
     guess = times(1.0 / math.sqrt(1.0 + dot(guess, guess)), guess)
     f = free(guess, times(h, L), c, counters)
     square = dot(f, f)
@@ -143,7 +148,7 @@ def rattle(s, c, counters):
     q = turned_by(s, math.sqrt(1.0 - square), f)
     L = add(L, -4.0 / h, cross(f, scaled(I, f)))
     L = add(L, 0.5 * h, torque(q, c))
-    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+    return q[:4] + L
 
 
 @jit
@@ -165,57 +170,53 @@ def mean_push(turn, up, w):
 def cayley_residual(turn, a, c, counters):
     """For a = (L, Γ): (1 + Θ̂/2) (2 I Θ − h (L + L̃)), and its matrix."""
     h, I = c[STEP], vector(c, INERTIA)
-    m, push = scaled(I, turn), mean_push(turn, (a[3], a[4], a[5]), vector(c, WEIGHT))
-    g = add(add(times(2.0, m), 1.0, cross(turn, m)), -2.0 * h, (a[0], a[1], a[2]))
+    m, push = scaled(I, turn), mean_push(turn, a[3:], vector(c, WEIGHT))
+    g = add(add(times(2.0, m), 1.0, cross(turn, m)), -2.0 * h, a[:3])
     return add(g, -h * h, push), rows(I, 2.0, turn, m)
 
 
 @jit
 def simo_wong(s, c, counters):
-    h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
+    h, I, L = c[STEP], vector(c, INERTIA), s[4:]
     up = vertical(s, c)
-    guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
-    turn = cayley(guess, (L[0], L[1], L[2], up[0], up[1], up[2]), c, counters)
+    turn = cayley(over(times(h, L), I), L + up, c, counters)
     v = times(0.5, turn)
     f0 = 1.0 / math.sqrt(1.0 + dot(v, v))
     q = turned_by(s, f0, times(f0, v))
     L = add(L, -1.0 / h, cross(turn, scaled(I, turn)))
     L = add(L, h, mean_push(turn, up, vector(c, WEIGHT)))
-    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+    return q[:4] + L
 
 
 @jit
 def carried(turn, s, c, counters):
     """L̃ of lie_midpoint."""
     push, back = torque(rotated(s, times(0.5, turn), counters), c), times(-0.5, turn)
-    return lie_group.turn_one(
-        back, add(lie_group.turn_one(back, (s[4], s[5], s[6]), counters), c[STEP], push), counters
-    )
+    L = add(lie_group.turn_one(back, s[4:], counters), c[STEP], push)
+    return lie_group.turn_one(back, L, counters)
 
 
 @jit
 def midpoint_residual(turn, s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
     L = carried(turn, s, c, counters)
-    g = add(add(scaled(I, turn), -0.5 * h, (s[4], s[5], s[6])), -0.5 * h, L)
+    g = add(add(scaled(I, turn), -0.5 * h, s[4:]), -0.5 * h, L)
     return g, rows(I, 1.0, ZERO, times(0.5 * h, L))
 
 
 @jit
 def lie_midpoint(s, c, counters):
-    h, I, L = c[STEP], vector(c, INERTIA), (s[4], s[5], s[6])
-    guess = h * L[0] / I[0], h * L[1] / I[1], h * L[2] / I[2]
-    turn = midpoint(guess, s, c, counters)
+    h, I, L = c[STEP], vector(c, INERTIA), s[4:]
+    turn = midpoint(over(times(h, L), I), s, c, counters)
     L, q = carried(turn, s, c, counters), rotated(s, turn, counters)
-    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+    return q[:4] + L
 
 
 @jit
 def rate(v, s, c):
     """v' = I⁻¹ (I v × v + τ)."""
     I = vector(c, INERTIA)
-    w = add(torque(s, c), 1.0, cross(scaled(I, v), v))
-    return w[0] / I[0], w[1] / I[1], w[2] / I[2]
+    return over(add(torque(s, c), 1.0, cross(scaled(I, v), v)), I)
 
 
 ALPHA_M, ALPHA_F, GAMMA, BETA = range(OPTIONS, OPTIONS + 4)
@@ -228,8 +229,8 @@ def newmark(b, a, c):
     (1 − α_m) ã = (1 − α_f) b + α_f v' − α_m a,    ṽ = v + h ((1 − γ) a + γ ã),    Θ = h v + h² ((1/2 − β) a + β ã)
     """
     h, m, f = c[STEP], c[ALPHA_M], c[ALPHA_F]
-    v, old = (a[4], a[5], a[6]), (a[10], a[11], a[12])
-    new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, (a[7], a[8], a[9])), -m, old))
+    v, old = a[4:7], a[10:]
+    new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, a[7:10]), -m, old))
     speed = add(add(v, (1.0 - c[GAMMA]) * h, old), c[GAMMA] * h, new)
     turn = add(add(times(h, v), (0.5 - c[BETA]) * h * h, old), c[BETA] * h * h, new)
     return new, speed, turn
@@ -239,7 +240,7 @@ def newmark(b, a, c):
 def alpha_residual(b, a, c, counters):
     I = vector(c, INERTIA)
     _, v, turn = newmark(b, a, c)
-    g = scaled(I, add(b, -1.0, rate(v, rotated((a[0], a[1], a[2], a[3], 0.0, 0.0, 0.0), turn, counters), c)))
+    g = scaled(I, add(b, -1.0, rate(v, rotated(a[:4] + ZERO, turn, counters), c)))
     k = c[GAMMA] * c[STEP] * (1.0 - c[ALPHA_F]) / (1.0 - c[ALPHA_M])
     return g, rows(I, 1.0, times(k, v), times(k, scaled(I, v)))
 
@@ -247,20 +248,18 @@ def alpha_residual(b, a, c, counters):
 @jit
 def generalized_alpha(s, c, counters):
     I = vector(c, INERTIA)
-    v = s[4] / I[0], s[5] / I[1], s[6] / I[2]
+    v = over(s[4:], I)
     if counters[MEMORY] == 0.0:  # the first step: both accelerations are v' of the motion
         counters[MEMORY] = 1.0
         b = rate(v, s, c)
-        for i in range(3):
-            counters[MEMORY + 1 + i] = counters[MEMORY + 4 + i] = b[i]
+        keep(counters, MEMORY + 1, b + b)
     b, a = vector(counters, MEMORY + 1), vector(counters, MEMORY + 4)
-    known = s[0], s[1], s[2], s[3], v[0], v[1], v[2], b[0], b[1], b[2], a[0], a[1], a[2]
+    known = s[:4] + v + b + a
     b = damped(b, known, c, counters)
     a, v, turn = newmark(b, known, c)
-    for i in range(3):
-        counters[MEMORY + 1 + i], counters[MEMORY + 4 + i] = b[i], a[i]
+    keep(counters, MEMORY + 1, b + a)
     q, L = rotated(s, turn, counters), scaled(I, v)
-    return q[0], q[1], q[2], q[3], L[0], L[1], L[2]
+    return q[:4] + L
 
 
 free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
@@ -269,11 +268,6 @@ free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, mi
 def constants(body: RigidBody, h: float, *options: float) -> Array:
     """The constants of the kernels."""
     return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
-
-
-def prepare(name: str, step: Callable[..., Any], body: RigidBody, y0: Array, h: float) -> FixedStepper:
-    """Each step is solved to round-off."""
-    return FixedStepper(name, h, Kernel(step, failures=FAILURES), constants(body, h), size=7)
 
 
 def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
@@ -289,37 +283,33 @@ def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> 
     return stepper
 
 
-of_bodies = partial(Method, family="whole-body", needs="body")  # names of the invariants: see `problem.rigid_body`
+def of_bodies(name: str, label: str, claims: Claims, source: str, prepare: Callable[..., FixedStepper]) -> Method:
+    """A record. The names of the invariants are explained in `problem.rigid_body`."""
+    return Method(name, label, "whole-body", 2, source, prepare, claims, needs="body")
 
-RATTLE = of_bodies(
-    name="rattle",
-    label="RATTLE",
-    order=2,
-    claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
-    source="McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87",
-    prepare=partial(prepare, "rattle", rattle),
-)
-SIMO_WONG = of_bodies(
-    name="simo_wong",
-    label="Cayley midpoint",
-    order=2,
-    claims=Claims(symmetric=True, conserves={"H", "J3", "C1"}),
-    source="after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen",
-    prepare=partial(prepare, "simo_wong", simo_wong),
-)
-LIE_MIDPOINT = of_bodies(
-    name="lie_midpoint",
-    label="Lie midpoint",
-    order=2,
-    claims=Claims(symmetric=True, conserves={"J3", "C1"}),
-    source="as simo_wong, with the exponential",
-    prepare=partial(prepare, "lie_midpoint", lie_midpoint),
+
+def symmetric(
+    name: str, label: str, step: Callable[..., Any], source: str, conserves: set[str], **more: bool
+) -> Method:
+    """The record of a symmetric method, whose step is solved to round-off."""
+
+    def prepare(body: RigidBody, y0: Array, h: float) -> FixedStepper:
+        return FixedStepper(name, h, Kernel(step, failures=FAILURES), constants(body, h), size=7)
+
+    return of_bodies(name, label, Claims(symmetric=True, conserves=conserves, **more), source, prepare)
+
+
+ZANNA = "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87"
+SIMO = "after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen"
+RATTLE = symmetric("rattle", "RATTLE", rattle, ZANNA, {"J3", "C1", "C2"}, poisson=True)
+SIMO_WONG = symmetric("simo_wong", "Cayley midpoint", simo_wong, SIMO, {"H", "J3", "C1"})
+LIE_MIDPOINT = symmetric(
+    "lie_midpoint", "Lie midpoint", lie_midpoint, "as simo_wong, with the exponential", {"J3", "C1"}
 )
 GENERALIZED_ALPHA = of_bodies(
-    name="generalized_alpha",
-    label="Generalized-α",
-    order=2,
-    claims=Claims(conserves={"C1", "C2"}),
-    source="Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
-    prepare=prepare_alpha,
+    "generalized_alpha",
+    "Generalized-α",
+    Claims(conserves={"C1", "C2"}),
+    "Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
+    prepare_alpha,
 )

@@ -280,7 +280,7 @@ def on_torus(s, c, tolerance):
 def rows_on_torus(rows, c, tolerance):
     """How many of the first rows are on the torus."""
     for i in range(len(rows)):
-        if not on_torus((rows[i, 0], rows[i, 1], rows[i, 2], rows[i, 3], rows[i, 4], rows[i, 5]), c, tolerance):
+        if not on_torus(load_tuple(rows[i], 0, 6), c, tolerance):
             return i
     return len(rows)
 
@@ -346,10 +346,11 @@ def form(c):
 
 
 @jit
-def many_constants(alphas, Y, h, states, c, units, forms, turns):
+def many_constants(alphas, Y, h, states, c, units, forms, turns, dependent):
     """Fill arrays for each top: its state and constants in its own units, these units, the number of its kernel, and its turn.
 
-    A top of extreme size, step or constants gets the number −1 and is left alone. A turn is 4 numbers.
+    A top of extreme size, step or constants gets the number −1 and is left alone. A turn is 4 numbers. dependent : whether the
+    invariants are `nearly_dependent`.
     """
     for i in range(len(Y)):
         forms[i] = -1
@@ -361,20 +362,14 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns):
         for k in range(3):
             states[i, k], states[i, k + 3] = y[k] * (1.0 / J), y[k + 3] * (1.0 / x)
             units[i, k], units[i, k + 3] = J, x
-        constants, turn = exact_constants(alpha, load_tuple(states[i], 0, 6), span)
+        s = load_tuple(states[i], 0, 6)
+        constants, turn = exact_constants(alpha, s, span)
+        dependent[i] = nearly_dependent(s, alpha)
         (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
         for k in range(CONSTANTS):
             c[i, k] = constants[k]
         if finite(constants):
             forms[i] = form(constants)
-
-
-@jit
-def many_nearly_dependent(states, c, flags):
-    """Put `nearly_dependent` of each top into `flags`; states and constants are in its own units."""
-    for i in range(len(states)):
-        s = (states[i, 0], states[i, 1], states[i, 2], states[i, 3], states[i, 4], states[i, 5])
-        flags[i] = nearly_dependent(s, c[i, ALPHA])
 
 
 # ---------------------------------------------------------------- the stepper around a kernel

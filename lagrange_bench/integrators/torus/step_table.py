@@ -49,7 +49,7 @@ def look_up(degree: int, conserves_J3: bool) -> Any:
 
 def table_size(degree: int, conserves_J3: bool) -> int:
     """How many numbers a table has."""
-    return 4 * (degree + 1) * (1 if conserves_J3 else degree + 2) // (1 if conserves_J3 else 2) if degree else 0
+    return 4 * len(order_of(degree, conserves_J3)[0]) if degree else 0
 
 
 @cache

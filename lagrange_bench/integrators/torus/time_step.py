@@ -216,16 +216,6 @@ def start(q, h):
 
 
 @jit
-def csqrt_near(z, guess, iterations):
-    """The square root of z that is close to `guess`, by Newton's method."""
-    r = guess
-    for _ in range(iterations):
-        c = cdiv(z, r)
-        r = (scale(add(r[0], c[0]), 0.5), scale(add(r[1], c[1]), 0.5))
-    return r
-
-
-@jit
 def rate(q):
     """|J| + √(|alpha||x|), at most three times too large."""
     weight = math.sqrt(math.sqrt(q[4][0] * q[0][0]))
@@ -233,19 +223,12 @@ def rate(q):
 
 
 @jit
-def halved(q, h):
-    """h/2^k and k, with the least k for which the series applies."""
-    k = 0
-    while h[0] * rate(q) > START:
-        h = scale(h, 0.5)
-        k += 1
-    return h, k
-
-
-@jit
 def parameter(q, h):
     """(λ, m) with T = h, Θ = 0, for 0 < h < nutation period; all are (complex) double-doubles."""
-    h, doublings = halved(q, h)
+    doublings = 0
+    while h[0] * rate(q) > START:
+        h = scale(h, 0.5)
+        doublings += 1
     lam, m = start(q, h)
     for _ in range(doublings):
         if m[0][0] * m[0][0] + m[1][0] * m[1][0] < TINY_BRANCH * TINY_BRANCH * q[0][0]:
@@ -287,12 +270,12 @@ def largest_root(c0, c1, c2):
     return cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
 
 
-@unrolled
-def nutation_cubic(alpha, y):
-    """c0, c1, c2 of the cubic of nutation ζ'² = 2ζ³ + c2 ζ² + c1 ζ + c0, with ζ = z − z(y) and z = alpha x3.
+@jit
+def nutation_roots(alpha, y):
+    """The roots z1 >= z2 >= z3 of the cubic of nutation, minus z at y. z = alpha x3 moves in [z3, z2].
 
-    ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², with coefficients at y. They keep their digits also at the
-    marginal sleeping top, where all roots come together. alpha may have either sign or be 0.
+    With ζ = z − z(y) it is ζ'² = 2ζ³ + (4 alpha x3 − |J|²) ζ² + 2 alpha x3'' ζ + alpha² x3'², with coefficients at y. They keep
+    their digits also at the marginal sleeping top, where all roots come together. alpha may have either sign or be 0.
     """
     J1, J2, J3, x1, x2, x3 = y
     slope = sub(two_prod(J1, x2), two_prod(J2, x1))
@@ -304,25 +287,12 @@ def nutation_cubic(alpha, y):
     c2 = sub(sub(scale(two_prod(alpha, x3), 4.0), two_prod(J3, J3)), jj)
     c1 = scale(mul(a, curvature), 2.0)
     c0 = mul(mul(a, slope), mul(a, slope))
-    return c0, c1, c2
-
-
-@jit
-def lower_roots(c1, c2, z1):
-    """ζ2 and ζ3 of the cubic of nutation, from the quadratic that remains after dividing by ζ − ζ1."""
+    z1 = largest_root(c0, c1, c2)
+    # z2 and z3 are the roots of the quadratic that remains after dividing by ζ − z1
     mean = scale(add(c2, scale(z1, 2.0)), -0.25)
     product = sub(scale(c1, 0.5), scale(mul(z1, mean), 2.0))
     half = sqrt(sub(mul(mean, mean), product))
-    return add(mean, half), sub(mean, half)
-
-
-@jit
-def nutation_roots(alpha, y):
-    """The roots z1 >= z2 >= z3 of the cubic of nutation, minus z at y. z = alpha x3 moves in [z3, z2]."""
-    c0, c1, c2 = nutation_cubic(alpha, y)
-    z1 = largest_root(c0, c1, c2)
-    z2, z3 = lower_roots(c1, c2, z1)
-    return z1, z2, z3
+    return z1, add(mean, half), sub(mean, half)
 
 
 @jit
@@ -447,14 +417,10 @@ def time_step(q, period, turn, h):
     q : spectral polynomial of the torus. period : of nutation. turn : (cos, sin) of the precession in a nutation, read only if
     |h| > period/2.
     """
-    turns = 0.0
-    r = dd(h)
-    if period[0] < math.inf:
-        turns = np.rint(h / period[0])
-        if turns != 0.0:
-            r = sub(r, mul(period, dd(turns)))
-    rotation = (dd(1.0), dd(0.0))
+    r, rotation = dd(h), (dd(1.0), dd(0.0))
+    turns = np.rint(h / period[0])  # 0 for an infinite period
     if turns != 0.0:
+        r = sub(r, mul(period, dd(turns)))
         rotation = power(turn[0], turn[1], int(turns))
     if r[0] == 0.0:
         return (dd(0.0), dd(0.0)), (dd(1.0), dd(0.0)), rotation
@@ -509,6 +475,7 @@ def curve_point(alpha, y, R, eta, guess_re, guess_im):
         if near.real * guess_re + near.imag * guess_im < 0.0:
             near = -near
         m = (dd(near.real), dd(near.imag))
-        if near != 0.0:
-            m = csqrt_near(Q, m, 2)
+        for _ in range(2 if near != 0.0 else 0):  # Newton's method
+            c = cdiv(Q, m)
+            m = (scale(add(m[0], c[0]), 0.5), scale(add(m[1], c[1]), 0.5))
     return q, m
