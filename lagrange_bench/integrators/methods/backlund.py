@@ -37,13 +37,17 @@ from lagrange_bench.integrators.torus.any_parameter import check_parameter, pape
 PIN = 8  # steps between two pins, by default
 
 
-def _stepper(
-    name: str, h: float, units: Units, state: Array, c: Array, pin: int, turn: real_map.Turn = real_map.NO_TURN
-) -> FixedStepper:
+def _stepper(name: str, top: LagrangeTop, y0: Array, h: float, pin: int, lam: complex | None = None) -> FixedStepper:
+    """Steps of the time h; or, with `lam`, of the two-point map of that parameter."""
+    units = Units(top, y0, h)
+    state, turn = units.enter(y0), real_map.NO_TURN
+    if lam is None:
+        c, turn = real_map.exact_constants(units.alpha, tuple(state.tolist()), units.span(name, h))
+    else:
+        c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), -1 if h < 0 else 1)
     real_map.check_constants(name, c, h)
     back, block = (real_map.restorer_of(state, units.alpha), pin) if pin else (None, NEVER)
-    kernel = Kernel(real_map.KERNELS[real_map.form(c)], back, block)
-    return real_map.TorusStepper(name, h, kernel, c, units, turn)
+    return real_map.TorusStepper(name, h, Kernel(real_map.KERNELS[real_map.form(c)], back, block), c, units, turn)
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
@@ -55,33 +59,18 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam:
     lam : λ with Im λ > 0. The map is then a step of the time T(λ) and a turn about e3, and h only labels the steps. h < 0
         takes the inverse map.
     """
-    pin = check_count(pin, "pin")
-    return _exact("backlund", top, y0, h, pin) if lam is None else _plain("backlund", top, y0, h, lam, pin)
+    return _stepper("backlund", top, y0, h, check_count(pin, "pin"), lam)
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """The exact step over h, never pinned: it shows what the map does by itself."""
-    return _exact("backlund_unpinned", top, y0, h, 0)
-
-
-def _exact(name: str, top: LagrangeTop, y0: Array, h: float, pin: int) -> FixedStepper:
-    units = Units(top, y0, h)
-    state, span = units.enter(y0), units.span(name, h)
-    c, turn = real_map.exact_constants(units.alpha, tuple(state.tolist()), span)
-    return _stepper(name, h, units, state, c, pin, turn)
+    return _stepper("backlund_unpinned", top, y0, h, 0)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> FixedStepper:
     """The two-point map with the paper's time step, λ = i h √C1/2: second order, T = h + O(h³)."""
-    return _plain("backlund_paper", top, y0, h, papers_parameter("backlund_paper", y0, h), check_count(pin, "pin"))
-
-
-def _plain(name: str, top: LagrangeTop, y0: Array, h: float, lam: complex, pin: int) -> FixedStepper:
-    units = Units(top, y0, h)
-    state = units.enter(y0)
-    lam = units.parameter(check_parameter(lam))
-    c = plain_constants(units.alpha, state, lam, -1 if h < 0 else 1)
-    return _stepper(name, h, units, state, c, pin)
+    lam = papers_parameter("backlund_paper", y0, h)
+    return _stepper("backlund_paper", top, y0, h, check_count(pin, "pin"), lam)
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:

@@ -45,11 +45,8 @@ LONGEST = 100.0  # largest |h|, in time scales of the top: the Cayley transform 
 @cache
 def kernel(system: System) -> Any:
     """The step of |J|²/2 + U(x); constants: h, then t and the parameters."""
-    torque, numbers, conserves_J3 = (
-        machine_code(system.torque),
-        tuple_loader(1 + system.parameters),
-        2 in system.constant,
-    )
+    torque, numbers = machine_code(system.torque), tuple_loader(1 + system.parameters)
+    conserves_J3 = 2 in system.constant
 
     @jit(inline=True)
     def kicked(J, k, t):
@@ -57,12 +54,12 @@ def kernel(system: System) -> Any:
 
     @jit(inline=True)
     def step(s, c, counters):
-        x, q, k = (s[3], s[4], s[5]), numbers(c, 1), 0.5 * c[0]
-        J = kicked((s[0], s[1], s[2]), k, torque(x, q))
+        x, q, k = s[3:], numbers(c, 1), 0.5 * c[0]
+        J = kicked(s[:3], k, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]
         x = turn(v, 1.0 / (1.0 + dot(v, v)), x)
         J = kicked(J, k, torque(x, q))
-        return J[0], J[1], J[2], x[0], x[1], x[2]
+        return J + x
 
     return step
 

@@ -145,20 +145,24 @@ def sizes_of(system: System) -> Program:
 def kernel(stages: int, system: System) -> Any:
     """The step of any system; the last constants are the parameters."""
     S, n, timed = stages, system.size, system.timed
-    m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n
+    m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n  # `stack` wants constants
     COMPENSATED, START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
     LOW = loops.MEMORY + m
     rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
-    numbers, whole, keep, keep_matrix = (
-        tuple_loader(system.parameters),
-        tuple_loader(n),
-        tuple_storer(n),
-        tuple_storer(SLOPES_SIZE),
-    )
+    numbers, whole, keep, keep_matrix = (*map(tuple_loader, (system.parameters, n)), *map(tuple_storer, (n, n * n)))
 
     @jit(inline=True)
     def time(c, counters, ahead):
         return c[START] + c[STEP] * (counters[loops.CLOCK] + ahead) if timed else 0.0
+
+    @jit(inline=True)
+    def times_stages(c, place, vector, first, product):
+        """Put the product of a matrix of stages and a vector over them into `product`."""
+        for i in range(S):
+            for a in range(n):
+                product[n * i + a] = 0.0
+                for j in range(S):
+                    product[n * i + a] += c[place + S * j + i] * vector[first + n * j + a]
 
     @jit
     def residual(s, c, counters, low, K, Y, R, per_size):
@@ -213,10 +217,12 @@ def kernel(stages: int, system: System) -> Any:
         found = sizes(now, numbers(c, NUMBERS))
         for a in range(n):
             total = found[a] + abs(c[STEP]) * found[n + a]
-            per_size[a] = 1.0 / total if total > 0.0 else 0.0  # what has no size does not move
-            if not total < math.inf:
-                per_size[a] = math.nan
-            weights[a] = math.ldexp(1.0, -math.frexp(total)[1]) if 0.0 < total < math.inf else 1.0
+            per_size[a], weights[a] = (
+                0.0 * total,
+                1.0,
+            )  # what has no size does not move; of an infinite size, not a number
+            if 0.0 < total < math.inf:
+                per_size[a], weights[a] = 1.0 / total, math.ldexp(1.0, -math.frexp(total)[1])
         last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
             size = residual(s, c, counters, low, K, Y, R, per_size)
@@ -231,15 +237,10 @@ def kernel(stages: int, system: System) -> Any:
             if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
                 sign, factored = linearise(c, counters, Y, D, pivots, weights), True
             if factored:
-                for i in range(S):
-                    for a in range(n):
-                        r[n * i + a] = R[n * i + a] * weights[a]
+                for i in range(m):
+                    r[i] = R[i] * weights[i % n]
                 substitute(m, D, pivots, r)
-                for i in range(S):
-                    for a in range(n):
-                        R[n * i + a] = 0.0
-                        for j in range(S):
-                            R[n * i + a] += c[NU + S * j + i] * r[n * j + a]
+                times_stages(c, NU, r, 0, R)
             for i in range(m):
                 K[i] += R[i]
             last = size
@@ -255,11 +256,7 @@ def kernel(stages: int, system: System) -> Any:
         K, low = stack(m), stack(n)
         for i in range(n):
             low[i] = counters[LOW + i]
-        for i in range(S):
-            for a in range(n):
-                K[n * i + a] = 0.0
-                for j in range(S):
-                    K[n * i + a] += c[AHEAD + S * j + i] * counters[loops.MEMORY + n * j + a]
+        times_stages(c, AHEAD, counters, loops.MEMORY, K)
         iterations = solve(s, c, low, K, counters)
         if iterations == 0:
             counters[loops.FAILURE] = NOT_CONVERGED

@@ -30,7 +30,7 @@ from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.gauss import check_span, stepper
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.vectors import cross
+from lagrange_bench.integrators.problem.vectors import cross, dot
 
 ALPHA, H, LARGE = range(3)  # places of the constants
 LONGEST = 100.0  # largest |h|, in time scales of the top: the solution's errors of the invariants grow like h²
@@ -46,11 +46,10 @@ WEAK = 2.0**-8
 
 
 @unrolled
-def cayley(x1, x2, x3, v1, v2, v3):
+def cayley(x, v):
     """u = v×x, d = (1 − v×)⁻¹ u and q = 1/(1 + |v|²)."""
-    v, q = (v1, v2, v3), 1.0 / (1.0 + ((v1 * v1 + v2 * v2) + v3 * v3))
-    u = cross(v, (x1, x2, x3))
-    return *u, *(q * (a + b) for a, b in zip(u, cross(v, u), strict=True)), q
+    u, q = cross(v, x), 1.0 / (1.0 + dot(v, v))
+    return u, tuple(q * (a + b) for a, b in zip(u, cross(v, u), strict=True)), q
 
 
 @unrolled
@@ -78,7 +77,8 @@ def solve(s, c, counters, newton, v1, v2):
     small = 2.0**-45 * (abs(v1) + abs(v2) + abs(half * kick) * (abs(x1) + abs(x2) + abs(x3)))
     size = last = math.inf
     for i in range(LIMIT):
-        u1, u2, u3, d1, d2, d3, q = cayley(x1, x2, x3, v1, v2, v3)
+        u, d, q = cayley((x1, x2, x3), (v1, v2, v3))
+        d1, d2, d3 = d
         r1 = half * (J1 - kick * (x2 + d2)) - v1
         r2 = half * (J2 + kick * (x1 + d1)) - v2
         size = abs(r1) + abs(r2)
@@ -94,7 +94,7 @@ def solve(s, c, counters, newton, v1, v2):
     else:
         counters[FAILURE] = NOT_CONVERGED
         counters[RESIDUAL] = size
-    return image(s, 2.0 * kick, (u1, u2, u3), (d1, d2, d3), (v1, v2, v3))
+    return image(s, 2.0 * kick, u, d, (v1, v2, v3))
 
 
 @unrolled
@@ -156,14 +156,13 @@ def cubic(z, a, b, x3, g, k):
 
 @jit(inline=True)
 def fixed_point_step(s, c, counters):
-    v1, v2 = explicit_guess(s, c[ALPHA], c[H])
-    return solve(s, c, counters, False, v1, v2)
+    return solve(s, c, counters, False, *explicit_guess(s, c[ALPHA], c[H]))
 
 
 @jit(inline=True)
 def newton_step(s, c, counters):
-    v1, v2 = cubic_guess(s, c, counters) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
-    return solve(s, c, counters, True, v1, v2)
+    guess = cubic_guess(s, c, counters) if c[LARGE] else explicit_guess(s, c[ALPHA], c[H])
+    return solve(s, c, counters, True, *guess)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:

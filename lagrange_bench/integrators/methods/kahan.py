@@ -91,9 +91,9 @@ def kernel_in_field(system: System) -> Any:
 
     @jit(inline=True)
     def step(s, c, counters):
-        J, x, k = (s[0], s[1], s[2]), (s[3], s[4], s[5]), 0.5 * c[0]
+        J, x, k = s[:3], s[3:], 0.5 * c[0]
         f = slopes(x, numbers(c, 1))
-        t, m1, m2, m3 = (f[0], f[1], f[2]), (f[3], f[4], f[5]), (f[6], f[7], f[8]), (f[9], f[10], f[11])
+        t, m1, m2, m3 = f[:3], f[3:6], f[6:9], f[9:]
         # columns of D = 1 − k J× + k² x× T'
         v = times(k, J)
         d1, d2 = times(k, cross(x, times(k, m1))), times(k, cross(x, times(k, m2)))
@@ -108,15 +108,10 @@ def kernel_in_field(system: System) -> Any:
             return s
         r, w = (2.0 * k) / det, cross(add(J, k, t), x)
         e1, e2, e3 = r * dot(p1, w), r * dot(p2, w), r * dot(p3, w)
-        b = add(add(add(times(2.0, t), e1, m1), e2, m2), e3, m3)
-        return (
-            J[0] + k * b[0],
-            J[1] + k * b[1],
-            J[2] if conserves_J3 else J[2] + k * b[2],
-            x[0] + e1,
-            x[1] + e2,
-            x[2] + e3,
-        )
+        J = add(J, k, add(add(add(times(2.0, t), e1, m1), e2, m2), e3, m3))
+        if conserves_J3:
+            J = J[0], J[1], s[2]
+        return J + (x[0] + e1, x[1] + e2, x[2] + e3)  # noqa: RUF005 - compiled code does not unpack
 
     return step
 

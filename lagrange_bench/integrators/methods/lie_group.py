@@ -83,7 +83,7 @@ def turn(w, q, v):
 @jit(inline=True)
 def exponential(a, counters):
     """Divide a into `parts` equal ones of θ ≤ 1. Returns w, cos²(θ/2), parts, a, θ² and sin(θ/2)/(θ/2), all of one part."""
-    z = (a[0] * a[0] + a[1] * a[1]) + a[2] * a[2]
+    z = dot(a, a)
     if not z <= MOST * MOST:
         counters[FAILURE] = TURNED
         z, a = 0.0, (0.0, 0.0, 0.0)
@@ -91,8 +91,7 @@ def exponential(a, counters):
     while z > 1.0:
         z *= 0.25
         parts *= 2
-    if parts > 1:
-        a = times(1.0 / parts, a)
+    a = times(1.0 / parts, a)
     sinc, cos = polynomial(SINC, z), polynomial(COS, z)
     return times(sinc / (2.0 * cos), a), cos * cos, parts, a, z, sinc
 
@@ -100,22 +99,22 @@ def exponential(a, counters):
 @jit
 def move(k, s, counters):
     """exp(a, b) acts on a state of e3, k = (a, b) in six numbers; V b = b + (1 − cos θ)/θ² a×b + (θ − sin θ)/θ³ a×(a×b)."""
-    w, q, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
-    b = times(1.0 / parts, (k[3], k[4], k[5])) if parts > 1 else (k[3], k[4], k[5])
+    w, q, parts, a, z, sinc = exponential(k[:3], counters)
+    b = times(1.0 / parts, k[3:])
     u = cross(a, b)
     Vb = add(add(b, 0.5 * (sinc * sinc), u), polynomial(LAG, z), cross(a, u))
-    J, x = (s[0], s[1], s[2]), (s[3], s[4], s[5])
+    J, x = s[:3], s[3:]
     for _ in range(parts):
         x = turn(w, q, x)
         J = add(turn(w, q, J), 1.0, cross(Vb, x))
-    return J[0], J[1], J[2], x[0], x[1], x[2]
+    return J + x
 
 
 @jit
 def turn_one(k, s, counters):
     """The rotation exp(k×) of one vector."""
-    w, q, parts, _, _, _ = exponential((k[0], k[1], k[2]), counters)
-    v = (s[0], s[1], s[2])
+    w, q, parts, _, _, _ = exponential(k, counters)
+    v = s
     for _ in range(parts):
         v = turn(w, q, v)
     return v
@@ -143,28 +142,22 @@ def of_length(square, q0, q):
     return q0 + lack * q0, q[0], q[1], q[2]
 
 
-@jit
-def turn_body(k, s, counters, right):
+@cache
+def turn_body(right: bool) -> Any:
     """(a, b) of SO(3)×R³ acts on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
-    _, _, parts, a, z, sinc = exponential((k[0], k[1], k[2]), counters)
-    c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
-    q0, q = s[0], (s[1], s[2], s[3])
-    square = q0 * q0 + dot(q, q)
-    for _ in range(parts):
-        across = cross(q, v) if right else cross(v, q)
-        q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
-    n = of_length(square, q0, q)
-    return n[0], n[1], n[2], n[3], s[4] + k[3], s[5] + k[4], s[6] + k[5]
 
+    @jit
+    def act(k, s, counters):
+        _, _, parts, a, z, sinc = exponential(k[:3], counters)
+        c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
+        q0, q = s[0], s[1:4]
+        square = q0 * q0 + dot(q, q)
+        for _ in range(parts):
+            across = cross(q, v) if right else cross(v, q)
+            q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
+        return of_length(square, q0, q) + add(s[4:], 1.0, k[3:])
 
-@jit
-def turn_from_right(k, s, counters):
-    return turn_body(k, s, counters, True)
-
-
-@jit
-def turn_from_left(k, s, counters):
-    return turn_body(k, s, counters, False)
+    return act
 
 
 @cache
@@ -212,7 +205,7 @@ def kernel(system: System) -> Any:
     program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
     mean, commutator, plus = algebra(space)
     n = len(split.moving.outputs)
-    act = turn_from_right if system.body else turn_from_left
+    act = turn_body(system.body)
     if space != BODY:
         act = move if space.affine else turn_all(n // 3)
     zero = (0.0,) * n

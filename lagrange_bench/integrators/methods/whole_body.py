@@ -49,7 +49,7 @@ NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-vector, keep = tuple_loader(3), tuple_storer(6)
+vector, keep, turn_from_right = tuple_loader(3), tuple_storer(6), lie_group.turn_body(True)
 
 
 @jit
@@ -86,7 +86,7 @@ def turned_by(s, f0, f):
 @jit
 def rotated(s, a, counters):
     """The state with its body turned by exp(â)."""
-    return lie_group.turn_from_right((-a[0], -a[1], -a[2], 0.0, 0.0, 0.0), s, counters)
+    return turn_from_right(times(-1.0, a) + ZERO, s, counters)
 
 
 @jit
