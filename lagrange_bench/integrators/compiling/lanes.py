@@ -1,4 +1,7 @@
-"""The time loop of many tops at once, one in each SIMD lane. It takes the kernels of `loops`, but they must not fail."""
+"""The time loop of many tops at once, one in each SIMD lane.
+
+It takes the kernels of `loops`, but they must not fail, and they carry nothing from step to step.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.intrinsics import column, load_tuple, put_column, stack, store_tuple
+from lagrange_bench.integrators.compiling.intrinsics import column, put_column, stack
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE, MEMORY
 from lagrange_bench.integrators.interface import Array
 
@@ -19,23 +22,22 @@ LANES = 32  # so many tops take a step together: some SIMD registers full, so th
 
 
 @cache
-def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: int, lanes: int) -> Callable:
-    """The loop around one kernel for `lanes` tops at a time, each with `size` constants and `memory` carried numbers.
+def compile_lanes(step: Callable, restore: Callable | None, size: int, lanes: int) -> Callable:
+    """The loop around one kernel for `lanes` tops at a time, each with `size` constants.
 
     If the kernel has no loops, the loop over the lanes is SIMD code. The bits of a top do not depend on its lane or on its
     neighbours, and are those of `compile_loop`.
     """
-    step, tallies = jit(step, inline=True), MEMORY + memory
+    step = jit(step, inline=True)
 
     @jit
     def run(columns, first, last, every, block, tops, out):
-        # `columns` holds blocks of columns of `lanes` numbers: states, memories and constants. `tops` gives the place in `out` of
-        # each lane, or −1 for an unused lane. The first row of `out` is the state after `every` steps.
-        counters = stack(tallies)
+        # `columns` holds blocks of columns of `lanes` numbers: states and constants. `tops` gives the place in `out` of each
+        # lane, or −1 for an unused lane. The first row of `out` is the state after `every` steps.
+        counters = stack(MEMORY)
         for b in range(len(tops) // lanes):
-            origin = b * (6 + memory + size) * lanes
-            carried = origin + 6 * lanes
-            constants = carried + memory * lanes
+            origin = b * (6 + size) * lanes
+            constants = origin + 6 * lanes
             i = first
             row = i // every
             next_row = (row + 1) * every
@@ -53,9 +55,7 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: i
                     for j in range(lanes):
                         s = column(columns, origin + j, 6, lanes)
                         c = column(columns, constants + j, size, lanes)
-                        store_tuple(counters, MEMORY, column(columns, carried + j, memory, lanes))
                         put_column(columns, origin + j, step(s, c, counters), lanes)
-                        put_column(columns, carried + j, load_tuple(counters, MEMORY, memory), lanes)
                 i = stop
                 if i == next_row:
                     for j in range(lanes):
@@ -70,9 +70,9 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, memory: i
 
 
 @jit
-def fill(columns, states, constants, places, memory, lanes):
-    """Fill the `columns` of the loop above, from the rows `places` of states and constants, with zeros in the memories."""
-    width = 6 + memory + constants.shape[1]
+def fill(columns, states, constants, places, lanes):
+    """Fill the `columns` of the loop above, from the rows `places` of states and constants."""
+    width = 6 + constants.shape[1]
     for b in range(len(places) // lanes):
         origin = b * width * lanes
         for j in range(lanes):
@@ -80,8 +80,7 @@ def fill(columns, states, constants, places, memory, lanes):
             for k in range(6):
                 columns[origin + k * lanes + j] = states[top, k]
             for k in range(constants.shape[1]):
-                columns[origin + (6 + memory + k) * lanes + j] = constants[top, k]
-        columns[origin + 6 * lanes : origin + (6 + memory) * lanes] = 0.0
+                columns[origin + (6 + k) * lanes + j] = constants[top, k]
 
 
 def run_lanes(
@@ -93,21 +92,20 @@ def run_lanes(
     every: int,
     out: Array,
     stopped: Callable[[], bool],
-    memory: int = 0,
     lanes: int = LANES,
 ) -> None:
     """Take the `tops` among `states` (m, 6) through `steps` steps of a kernel (step, restore, steps between two restores).
 
-    `constants` (m, k) has a row for each top; the kernel carries `memory` numbers from step to step. Rows of `out`
-    (steps // every, m, 6) are the states after every, 2 every, … steps. It ends early, with rows unfinished, once `stopped()`.
+    `constants` (m, k) has a row for each top. Rows of `out` (steps // every, m, 6) are the states after every, 2 every, … steps.
+    It ends early, with rows unfinished, once `stopped()`.
     """
     step, restore, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # the lanes left over repeat some tops
-    columns = np.empty(len(places) * (6 + memory + constants.shape[1]))
-    fill(columns, states, constants, places, memory, lanes)
+    columns = np.empty(len(places) * (6 + constants.shape[1]))
+    fill(columns, states, constants, places, lanes)
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
-        run = compile_lanes(step, restore, constants.shape[1], memory, lanes)
+        run = compile_lanes(step, restore, constants.shape[1], lanes)
         run(columns, 0, 0, 1, 1, places, out)
     stride = max(1, INTERRUPTIBLE * 4 // len(places))
     for first in range(0, steps, stride):

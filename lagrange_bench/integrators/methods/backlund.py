@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -103,18 +102,16 @@ def many(
     if lam is not None:  # λ is another number in the units of each top: they are taken one by one
         check_parameter(lam)
         return np.zeros(n, dtype=bool)
-    states, units, forms = np.empty((n, 6)), np.empty((n, 6)), np.empty(n, dtype=np.int64)
-    c, turns = np.empty((n, real_map.CONSTANTS)), np.empty((n, 4))
-    dependent = np.zeros(n, dtype=bool)
-    real_map.many_constants(alphas, Y0, h, states, c, units, forms, turns, dependent)
-    for (form, step), precise in product(enumerate(real_map.KERNELS), (False, True)):
-        tops = np.flatnonzero((forms == form) & (dependent == precise))
+    states, units, c, turns = (np.empty((n, width)) for width in (6, 6, real_map.CONSTANTS, 4))
+    taken, dependent = np.zeros((2, n), dtype=bool)
+    real_map.many_constants(alphas, Y0, h, states, c, units, taken, turns, dependent)
+    for precise, back in enumerate((real_map.restore_invariants, real_map.restore_invariants_precisely)):
+        tops = np.flatnonzero(taken & (dependent == precise))
         if len(tops):
-            back = real_map.restore_invariants_precisely if precise else real_map.restore_invariants
-            kernel = (step, back, pin) if pin else (step, None, NEVER)
-            run_lanes(kernel, states, c, tops, steps, every, out, stopped, real_map.CARRIED[form])
-    real_map.leave_many(out, forms, turns, every, units)
-    return forms >= 0
+            kernel = (real_map.step, back, pin) if pin else (real_map.step, None, NEVER)
+            run_lanes(kernel, states, c, tops, steps, every, out, stopped)
+    real_map.leave_many(out, taken, turns, every, units)
+    return taken
 
 
 def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> BodyStepper:

@@ -146,13 +146,13 @@ def turn_rows(rows, cos, sin, every):
 
 
 @jit
-def leave_many(out, forms, turns, every, units):
+def leave_many(out, taken, turns, every, units):
     """`turn_rows` for the tops in out (rows, n, 6), then back to the users' units. turns : (n, 4), cos and sin as double-doubles.
 
-    Tops with −1 in `forms` are left alone, see `many_constants`.
+    Only `taken` tops, see `many_constants`.
     """
-    for top in range(len(forms)):
-        if forms[top] >= 0:
+    for top in range(len(taken)):
+        if taken[top]:
             turn = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
             if turn != NO_TURN:
                 turn_rows(out[:, top], turn[0], turn[1], every)
@@ -328,7 +328,6 @@ def exact_constants(alpha, y, h):
 
 NO_TURN = ((1.0, 0.0), (0.0, 0.0))
 KERNELS = (step, turning_step, compensated_step)
-CARRIED = (0, 0, 5)  # how many numbers each carries from step to step
 TINY = 2.0**-40  # for smaller |λ| the increments are few ulps: take `compensated_step`
 FAR = 4.0  # for larger |λ|, in units of |x| and |J| + √(|alpha||x|), `turning_step` loses less than `step`
 CLOSE = 1e-2  # the same for smaller |m|²/C1, where λ is close to a root of Q
@@ -346,14 +345,14 @@ def form(c):
 
 
 @jit
-def many_constants(alphas, Y, h, states, c, units, forms, turns, dependent):
-    """Fill arrays for each top: its state and constants in its own units, these units, the number of its kernel, and its turn.
+def many_constants(alphas, Y, h, states, c, units, taken, turns, dependent):
+    """Fill arrays for each top: its state and constants in its own units, these units, and its turn, 4 numbers.
 
-    A top of extreme size, step or constants gets the number −1 and is left alone. A turn is 4 numbers. dependent : whether the
-    invariants are `nearly_dependent`.
+    taken : whether its kernel is `step`, and nothing of extreme size. Others, a few in a thousand, are left alone. dependent :
+    whether the invariants are `nearly_dependent`.
     """
     for i in range(len(Y)):
-        forms[i] = -1
+        taken[i] = False
         y = load_tuple(Y[i], 0, 6)
         rate, length, alpha, span = own_units(alphas[i], y, h)
         if span == math.inf:
@@ -368,8 +367,7 @@ def many_constants(alphas, Y, h, states, c, units, forms, turns, dependent):
         (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
         for k in range(CONSTANTS):
             c[i, k] = constants[k]
-        if finite(constants):
-            forms[i] = form(constants)
+        taken[i] = finite(constants) and form(constants) == 0
 
 
 # ---------------------------------------------------------------- the stepper around a kernel
