@@ -14,7 +14,7 @@ from lagrange_bench.integrators import log, reference, sin, sqrt
 from lagrange_bench.integrators.problem.system import invariants_of
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.truth.curve import around, dot, horner, power_above, rational, series
-from lagrange_bench.integrators.truth.states import as_mpf as exactly_as_mpf
+from lagrange_bench.integrators.truth.exact import as_mpf as exactly_as_mpf
 from lagrange_bench.support.precision import workprec
 from tests.reference import as_mpf, errors, largest
 
@@ -240,20 +240,6 @@ def test_a_lost_state_is_no_truth(monkeypatch):
     monkeypatch.setattr(reference, "solution", lambda *asked: lost)
     states = truths.solution(QUADRATIC, Y0, np.array([0.5, 1.0, 1.5]))
     assert np.isnan(states).all(axis=1).tolist() == [False, False, True]
-
-
-@pytest.mark.parametrize("damage", ["bit", "short"])
-def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
-    first = asked()
-    (file,) = folder.iterdir()
-    good = file.read_bytes()
-    flipped = good[:-1] + bytes([good[-1] ^ 1])
-    file.write_bytes({"bit": flipped, "short": good[:-8]}[damage])
-    monkeypatch.setattr(reference, "_memory", {})
-    before = len(counted)
-    assert same(asked(), first)
-    assert len(counted) == before + 2
-    assert file.read_bytes() == good
 
 
 CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1)))

@@ -35,9 +35,8 @@ from scipy.special import elliprf, elliprj
 from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.free_motion import FreeMotion, free_motion
-from lagrange_bench.integrators.truth import free_body, symmetric_body
 from lagrange_bench.integrators.truth.curve import BITS
-from lagrange_bench.integrators.truth.states import as_mpf
+from lagrange_bench.integrators.truth.exact import as_mpf, motion_of
 from lagrange_bench.integrators.truth.table import exact_period, turns_in
 from lagrange_bench.support.precision import workdps, workprec
 
@@ -102,7 +101,7 @@ def parts(word: str, v: arb) -> dict[str, Any]:
 
 def free_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a free body."""
-    numbers, exact, start = free_motion(body.inertia, y[4:]), free_body.motion_of(body, y), body.rotations(y)
+    numbers, exact, start = free_motion(body.inertia, y[4:]), motion_of(body, y), body.rotations(y)
     if numbers is None:
         rate = body.angular_velocity(y)
         with workprec(BITS):
@@ -179,7 +178,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a symmetric heavy body."""
     start, alpha, world = body.reduced(y), body.top.alpha, Rotation.from_matrix(body.world)
     J, x = start[:3], start[3:]
-    exact, whole = symmetric_body.motion_of(body, y), {}
+    exact, whole = motion_of(body, y), {}
     if exact.node is None:
         with workprec(BITS):
             if exact.steady:

@@ -36,8 +36,7 @@ from lagrange_bench.integrators.checks import check_count, check_state
 from lagrange_bench.integrators.paper.errata import Erratum
 from lagrange_bench.integrators.paper.phase_space import components, function, refuse, sqrt
 from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.truth.exact import solution
-from lagrange_bench.integrators.truth.states import check_times
+from lagrange_bench.integrators.truth.exact import exact_times, solution
 from lagrange_bench.support.precision import workdps
 
 __all__ = ["Motion", "Weierstrass", "angles", "from_angles", "hamiltonian", "motion", "rates", "states", "to_angles"]
@@ -303,7 +302,7 @@ def angles(top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None = None) -
 
 
 def evaluate(method: Callable[..., Any], top: LagrangeTop, y0: ArrayLike, t: Any, digits: int | None) -> NDArray[Any]:
-    times = check_times(t, exact=True)
+    times = exact_times(t)
     wanted = DIGITS if digits is None else digits
     with workdps(15):  # σ grows like e^{t²}: its exponent needs the digits of (t/ω)²
         longest = max((abs(v) / motion(top, y0, wanted).wp.omega1 for v in times.ravel()), default=mpf(0))

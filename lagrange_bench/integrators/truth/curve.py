@@ -32,7 +32,7 @@ P(0) may be any point of the motion. The code takes the *base point*, at a short
 most 1 at t = 0, and their rates at most r times the product of two such norms, or of one. So w' = r w², w(0) = 1 is a majorant:
 its solution is 1/(1 − r t), the norms of all coefficients are at most r^n, and after N terms the rest is at most
 
-    |r t|^N/(1 − |r t|).                                                                                  `Motion.near`
+    |r t|^N/(1 − |r t|).                                                                                     `Top.near`
 
 Balls (Arb) hold the true value after every operation; the precision is raised until they are small (`certified`).
 
@@ -42,26 +42,20 @@ Johansson, Arb: efficient arbitrary-precision midpoint-radius interval arithmeti
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from functools import lru_cache
 from operator import mul
 from typing import Any, NamedTuple
 
-from flint import acb, arb, ctx, fmpq
+from flint import acb, arb, fmpq
 
 from lagrange_bench.support.precision import workprec
 
 I = acb(0, 1)
-# The fraction of the longest first step at which the base point lies. Times of users are multiples of powers of two. No such time
-# minus this one is a power of two times it, so symmetric motions meet no division by zero.
-BASE = fmpq(3, 10)
 MOST_BITS = 60_000  # of precision; a motion 1e-1000 beside the separatrix needs about as many
 FIRST_BITS = 64  # of precision beyond the digits, to begin with
 LOST = 6  # bits that one doubling usually loses
 BITS = 192  # of periods and turns; with 105 of them doubles lose nothing
-KEPT = 8  # series of a motion, at different precisions
 
 Terms = tuple[tuple[Any, ...], ...]  # of a rate: (c, i) stands for c u_i, (c, i, j) for c u_i u_j
 
@@ -189,97 +183,7 @@ class Curve(NamedTuple):
         return points
 
 
-# ---------------------------------------------------------------- a motion
-
-
-class Motion(ABC):
-    """A motion at any time. Its variables u obey u' = B(u, u) + C u, see `series`; its states are what users see.
-
-    Attributes
-    ----------
-    start : u at t = 0, rational.
-    rates : the terms of each u'.
-    rate : r of the majorant.
-    """
-
-    start: Sequence[fmpq]
-    rates: Sequence[Terms]
-    rate: fmpq
-
-    @abstractmethod
-    def sizes(self) -> list[arb]:
-        """Bounds of the norms of all u at t = 0, at the present precision."""
-
-    @abstractmethod
-    def point(self, u: list[arb], t: fmpq) -> Point:
-        """The point of the curve, from u at the time t."""
-
-    @abstractmethod
-    def curve(self, base: Point) -> Curve:
-        """The curve, at the present precision."""
-
-    @abstractmethod
-    def variables(self, p: Point, t: fmpq) -> list[arb]:
-        """u at the time t, from the point there."""
-
-    @abstractmethod
-    def state(self, u: list[arb], t: fmpq) -> list[arb]:
-        """The state at the time t, from u."""
-
-    def __init__(self) -> None:
-        # by the precision
-        self.series_with = lru_cache(KEPT)(self._series_with)
-        self.curve_with = lru_cache(KEPT)(self._curve_with)
-
-    def at(self, t: fmpq) -> list[arb]:
-        """The state at a time, at the present precision."""
-        return self.state(self.variables_at(t), t)
-
-    def variables_at(self, t: fmpq) -> list[arb]:
-        """u at a time: by Taylor's series if the time is short, else by doublings."""
-        since = t - self.base_time()
-        if abs(since) <= self.first_step() / 2:
-            return self.near(t)
-        return self.variables(self.point_since(since), t)
-
-    def point_since(self, since: fmpq) -> Point:
-        """The point at a time since the base point."""
-        doublings = 0
-        while abs(since) > self.first_step() / 2:
-            since, doublings = since / 2, doublings + 1
-        t = self.base_time() + since
-        curve, p = self.curve_with(ctx.prec), self.point(self.near(t), t)
-        for _ in range(doublings):
-            p = curve.add(p, p)
-        return p
-
-    def grid(self, h: fmpq, count: int) -> list[list[arb]]:
-        """u at the times n h since the base point, n = 0, …, count."""
-        points = self.curve_with(ctx.prec).multiples(self.point_since(h), count)
-        return [self.variables(p, self.base_time() + n * h) for n, p in enumerate(points)]
-
-    def base_time(self) -> fmpq:
-        """The time of the base point, at the present precision."""
-        return BASE * self.first_step()
-
-    def first_step(self) -> fmpq:
-        """The longest time of the series, in powers of two: at more bits shorter, with fewer terms for more doublings."""
-        return 1 / (self.rate * 2 ** (6 + ctx.prec // 64))
-
-    def near(self, t: fmpq) -> list[arb]:
-        """u at a short time, by Taylor's series and the bound of its rest."""
-        rows, theta = self.series_with(ctx.prec), arb(self.rate * t)
-        rest = abs(theta) ** len(rows[0]) / (1 - abs(theta))
-        return [horner(row, theta) + around(rest * size) for row, size in zip(rows, self.sizes(), strict=True)]
-
-    def _series_with(self, bits: int) -> list[list[arb]]:
-        """Coefficients of each u in powers of r t; enough terms for the longest first step."""
-        terms = bits // (6 + bits // 64) + 3
-        return series(self.rates, self.start, 1 / arb(self.rate), terms)
-
-    def _curve_with(self, bits: int) -> Curve:
-        base = self.base_time()
-        return self.curve(self.point(self.near(base), base))
+# ---------------------------------------------------------------- Taylor series
 
 
 def series(rates: Sequence[Terms], start: Sequence[Any], unit: arb, terms: int) -> list[list[arb]]:
@@ -305,10 +209,6 @@ def horner(coefficients: Any, x: Any) -> Any:
     for c in coefficients[-2::-1]:
         value = value * x + c
     return value
-
-
-def derivative(coefficients: Sequence[Any]) -> list[Any]:
-    return [n * c for n, c in enumerate(coefficients)][1:]
 
 
 def certified(compute: Callable[[], list[arb]], radii: Sequence[fmpq], bits: int) -> list[arb]:

@@ -16,32 +16,22 @@ vanish where X' = 0. Let ζ_n be the part of R_n across L. From ζ × L = iGζ t
 
     ζ_i (G² − X²) = (−L_i X + iG L_k) ζ_j        ζ_k (G² − X²) = (−L_k X − iG L_i) ζ_j                  (cyclic for every n)
 
-On the separatrix R turns about axis j in the end, and ζ_i and ζ_k are what does not vanish. (arg ζ_i)' = a_j G + G (a_j − a_i)
-L_i²/(G² − L_i²), also in the frame of the world; L_i² = κ (G² − X²), κ = (a_j − a_k)/(a_i − a_k).
-
 The numbers of the start are taken as exact. q/|q| is the rotation, and |q| stays constant.
 Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics, section 69. Tested against `truth.rigid_body`.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
-
 import numpy as np
 from flint import acb, arb, ctx, fmpq
-from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.truth import states
 from lagrange_bench.integrators.truth.curve import (
     BITS,
     Point,
     Terms,
     Zeros,
     above,
-    around,
     certified,
     dot,
     fraction,
@@ -49,45 +39,17 @@ from lagrange_bench.integrators.truth.curve import (
     rational,
 )
 from lagrange_bench.integrators.truth.rotations import conjugate, matrix, product, quaternion, square, turns_about
-from lagrange_bench.integrators.truth.top import Drift, Near, Rationals, Top, angle
+from lagrange_bench.integrators.truth.top import Drift, Top, angle
 from lagrange_bench.support.precision import workprec
 
 
-def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
-    """States (q, L) at times t of the free motion that is at y0 at t = 0; as `exact.solution`.
-
-    Parameters
-    ----------
-    body, y0 : a RigidBody without torque, and a state (7,).
-    t, digits : as in `exact.solution`.
-    more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
-
-    Returns
-    -------
-    (N, 7) for N times, (7,) for one; q or −q, which are the same rotation. Doubles are tested to 2e-15 of |q| and |L| at every t;
-    with `digits` they are proven to 10^-digits of these. ValueError as in `exact.solution`, and if a torque acts on the body.
-    """
-    if not kinds.free_body(body):
-        raise ValueError(f"body must be a free RigidBody; got {body!r}")
-    return states.solution(motion_of(body, y0), t, digits, more)
-
-
-def motion_of(body: Any, y0: ArrayLike) -> FreeBody:
-    return motion(*body.inertia.tolist(), *body.check_state(y0).tolist())
-
-
-@lru_cache(maxsize=256)
-def motion(*numbers: float) -> FreeBody:
-    exact = [rational(v) for v in numbers]
-    return FreeBody(exact[:3], exact[3:7], exact[7:])
-
-
 class FreeBody(Top):
-    """The moments and the start (q, L). Variables and states are (q, L)."""
+    """The moments and the start q, L: ten numbers. Variables and states are (q, L)."""
 
     columns = range(7)
 
-    def __init__(self, moments: Rationals, q: Rationals, L: Rationals) -> None:
+    def __init__(self, *numbers: fmpq) -> None:
+        moments, q, L = numbers[:3], numbers[3:7], numbers[7:]
         self.a, self.q, self.L, self.length = [1 / v for v in moments], list(q), list(L), square(q)
         a, R = self.a, matrix(q)
         _, j, _ = sorted(range(3), key=a.__getitem__)
@@ -96,7 +58,7 @@ class FreeBody(Top):
         self.G2, self.D = dot(L, L), sum((w * v * v for w, v in zip(a, L, strict=True)), fmpq(0))
         J = [sum(((a[n] - a[j]) * L[n] * row[n] for n in range(3)), fmpq(0)) for row in R]
         tide = (a[i] - a[j]) * (a[j] - a[k])
-        super().__init__(fmpq(0), tide, J, [row[j] for row in R], [dot(row, L) for row in R])
+        super().__init__(fmpq(0), tide, *J, *(row[j] for row in R), up=[dot(row, L) for row in R])
         self.start = [*q, *L]
         with workprec(64):
             self.bounds, self.scale = self.amplitudes()
@@ -153,14 +115,10 @@ class FreeBody(Top):
     def variables(self, p: Point, t: fmpq) -> list[arb]:
         (i, j, k), L = self.places, [arb(0)] * 3
         L[i], L[j], L[k] = p.Z[1].real, p.x, p.Z[2].real
-        return self.whole(j, p.Z[0] * self.own_turn(t), L)
-
-    def whole(self, n: int, zeta: acb, L: list[arb]) -> list[arb]:
-        """(q, L), from ζ of axis n and L."""
-        frame, zetas, (p, q) = self.frame_with(ctx.prec), [zeta] * 3, ((n + 1) % 3, (n + 2) % 3)
-        across, G = self.G2 - L[n] * L[n], frame.length
-        zetas[p] = zeta * acb(-L[p] * L[n], G * L[q]) / across
-        zetas[q] = zeta * acb(-L[q] * L[n], -G * L[p]) / across
+        zeta, frame = p.Z[0] * self.own_turn(t), self.frame_with(ctx.prec)
+        zetas, across, G = [zeta] * 3, self.G2 - L[j] * L[j], frame.length
+        zetas[i] = zeta * acb(-L[i] * L[j], G * L[k]) / across
+        zetas[k] = zeta * acb(-L[k] * L[j], -G * L[i]) / across
         columns = [frame.vector(v, along / G) for v, along in zip(zetas, L, strict=True)]
         size = arb(self.length).sqrt()
         return [*(size * v for v in quaternion(list(zip(*columns, strict=True)))), *L]
@@ -173,17 +131,6 @@ class FreeBody(Top):
             return [arb(v) for v in self.start]
         frame = self.frame_with(ctx.prec)
         return [*product(frame.turned(self.D / self.G2 * t * frame.length), self.q), *map(arb, self.L)]
-
-    def limit(self, near: Near) -> list[arb]:
-        (i, j, k), G2, G, X, L = self.places, self.G2, arb(self.G2).sqrt(), near.p.x, [arb(0)] * 3
-        L_i, L_k = (v.real for v in near.p.Z[1:])
-        zeta = near.p.Z[0] * acb(-L_i * X, G * L_k) / (G2 - X * X)
-        L[i], L[j], L[k] = around(L_i), near.X, around(L_k)  # both only decrease
-        kappa = (self.a[j] - self.a[k]) / (self.a[i] - self.a[k])
-        bend = kappa * (self.a[j] - self.a[i])
-        turn = near.turn((G * (bend * G2), arb(0), -G * bend), (arb(G2 * (1 - kappa)), arb(0), arb(kappa)))
-        size = ((G2 - L[i] * L[i]) / G2).sqrt()
-        return self.whole(i, zeta / abs(zeta) * size * turn * self.own_turn(near.t), L)
 
     # ------------------------------------------------------------------ for tables
 

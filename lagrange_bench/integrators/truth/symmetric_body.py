@@ -17,66 +17,32 @@ Source: Klein & Sommerfeld, Theorie des Kreisels, chapter VI.
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
-
 import numpy as np
 from flint import acb, arb, ctx, fmpq
-from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.truth import states
-from lagrange_bench.integrators.truth.curve import I, Point, Terms, Zero, above, around, dot, rational
+from lagrange_bench.integrators.truth.curve import I, Point, Terms, Zero, above, dot
 from lagrange_bench.integrators.truth.rotations import conjugate, matrix, product, square, turns_about
-from lagrange_bench.integrators.truth.top import Drift, Near, Rationals, Top, angle
+from lagrange_bench.integrators.truth.top import Drift, Top, angle
 
 HALF = fmpq(1, 2)
 # from the axes k + 1, k + 2, k of the body to its axes 1, 2, 3, by k
 CYCLES = ((HALF, HALF, HALF, HALF), (HALF, -HALF, -HALF, -HALF), (fmpq(1), fmpq(0), fmpq(0), fmpq(0)))
 
 
-def solution(body: Any, y0: ArrayLike, t: Any, digits: int | None = None, more: Array | float = 0.0) -> NDArray[Any]:
-    """States (q, L) at times t of the motion that is at y0 at t = 0; as `exact.solution`.
-
-    Parameters
-    ----------
-    body, y0 : a symmetric RigidBody with a weight, and a state (7,).
-    t, digits : as in `exact.solution`.
-    more : (N,), added to `t`, below an ulp of it; ignored with `digits`.
-
-    Returns
-    -------
-    (N, 7) for N times, (7,) for one: q or −q, which are the same rotation, and L. Doubles are tested to 1e-14 of |q| and of the
-    scale of L at every t; with `digits` they are proven to 10^-digits of these. ValueError as in `exact.solution`.
-    """
-    if not kinds.symmetric_body(body):
-        raise ValueError(f"body must be a symmetric RigidBody; got {body!r}")
-    return states.solution(motion_of(body, y0), t, digits, more)
-
-
-def motion_of(body: Any, y0: ArrayLike) -> SymmetricBody:
-    k, y = body.symmetry, body.check_state(y0)
-    numbers = body.across, body.inertia[k], body.weight[k], *body.up, *y
-    return motion(k, *(float(v) for v in numbers))
-
-
-@lru_cache(maxsize=256)
-def motion(axis: int, across: float, along: float, weight: float, *rest: float) -> SymmetricBody:
-    A, C, w, *others = map(rational, (across, along, weight, *rest))
-    return SymmetricBody(axis, A, C, w, others[:3], others[3:7], others[7:])
-
-
 class SymmetricBody(Top):
-    """Moments A and C, the weight along the axis, up, and the start (q, L). Variables are (J, x, X, Q), states (q, L)."""
+    """The moments A and C, the weight (3), up (3) and the start q, L. Variables are (J, x, X, Q), states (q, L)."""
 
     columns = 0, 1, 2, 7, 8, 9, 10
 
-    def __init__(self, axis: int, A: fmpq, C: fmpq, weight: fmpq, up: Rationals, q: Rationals, L: Rationals) -> None:
+    def __init__(self, A: fmpq, C: fmpq, *numbers: fmpq) -> None:
+        weight, up, q, L = numbers[:3], numbers[3:6], numbers[6:10], numbers[10:]
+        axis = next(n for n in range(3) if weight[n])
         self.A, self.cycle, self.axis, self.along = A, CYCLES[axis], axis, L[axis]
         self.Q, self.length = product(q, self.cycle), square(q)
         R = matrix(q)
-        super().__init__(weight / A, fmpq(0), [dot(row, L) / A for row in R], [row[axis] for row in R], up)
+        J, x = [dot(row, L) / A for row in R], [row[axis] for row in R]
+        super().__init__(weight[axis] / A, fmpq(0), *J, *x, up=up)
         self.start = [*self.start, *self.Q]
         self.spin = L[axis] * (1 / C - 1 / A)
 
@@ -119,19 +85,6 @@ class SymmetricBody(Top):
     def own_rate(self) -> fmpq:
         """The rate of Q about the axis in a steady motion, beside the turn about e."""
         return self.l - self.turn_rate() * self.X
-
-    def limit(self, near: Near) -> list[arb]:
-        """As k = 0, the limit is asleep: x is vertical, and u or v vanishes."""
-        frame, (u, v), X = self.frame_with(ctx.prec), near.p.Z, near.X
-        large, small = (abs(self.length * (1 + side * X / frame.length) / 2).sqrt() for side in (1, -1))
-        if near.root > 0:
-            turn = near.turn([(self.M + frame.length * self.l) / 2], [frame.length, arb(1)])
-            u, v = u / abs(u) * large * turn, acb(around(small), around(small))
-        else:
-            turn = near.turn([(self.M - frame.length * self.l) / 2], [frame.length, arb(-1)])
-            u, v = acb(around(large), around(large)), v / abs(v) * small * turn
-        Q = product(conjugate(frame.turn), (u.real, v.real, v.imag, u.imag))
-        return [*super().limit(near), *Q]
 
     def state(self, u: list[arb], t: fmpq) -> list[arb]:
         sin, cos = arb(self.spin * t / 2).sin_cos()

@@ -14,10 +14,8 @@ So Z = x+ is as `truth.curve` wants it. Its zeros are X = ±√(ε c), X' = i (�
 **Steady motions.** If X' = X'' = 0, J and x turn about e at the rate ρ|e|, with ρ e × J = (alpha + k X) e × x, ρ rational.
 
 **The separatrix.** If f has a double root X*, and no other root lies between X and X*, then X goes to X* in infinite time, with
-f = (X − X*)² w(X) and w > 0. Later than T, X lies between X(T) and X*, and |X − X*| decays at least like e^(−√w (t − T)), with
-the least w there. If Z has a limit, it turns at a rate q(X) that is rational in X. This differs from q(X*) by at most
-|q'| |X − X*|, so the phase gained since T differs from q(X*) (t − T) by at most max |q'| |X(T) − X*|/√w. (A triple root is
-reached like 1/t², and needs none of this.)
+f = (X − X*)² w(X) and w > 0; |X − X*| decays like e^(−√w t). So every unit 1/√w of time costs a bit or two. (A triple root is
+reached like 1/t².)
 
 **The period.** With `low` and `high`, the roots of f between which X moves, e(X) = f'(low)/(4 (X − low)) is Weierstrass' function
 of t but for a constant. With e1 = e(high), and e2, e3 = e of the other two roots (0 for a root at infinity), it is
@@ -25,7 +23,7 @@ of t but for a constant. With e1 = e(high), and e2, e3 = e of the other two root
     T = 2 R_F(0, e1 − e2, e1 − e3)        ∫ dX/(|P − X| √f) = (R_F + e(P) R_J(0, e1 − e2, e1 − e3, e1 − e(P))/3)/|P − low|
 
 from `low` to `high`. The integrals for the poles P = ±√(ε c) give the angle that x sweeps about e in a period: its rate is the
-sum of (M √c ∓ |e| l)/(2 |P − X|).
+sum of (M √c ∓ |e| l)/(2 |P − X|). The axis passes through a pole only if its term is 0: so a jump of the azimuth does not count.
 
 Sources: Whittaker, Analytical Dynamics, sections 71–72; DLMF 19.25.35 and 19.16. All formulas are derived again, and tested
 against Taylor series in integers.
@@ -42,10 +40,8 @@ from flint import acb, arb, ctx, fmpq, fmpq_poly
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.truth.curve import (
-    KEPT,
     Curve,
     I,
-    Motion,
     Point,
     Terms,
     Uncertain,
@@ -54,15 +50,18 @@ from lagrange_bench.integrators.truth.curve import (
     around,
     certified,
     cross,
-    derivative,
     dot,
     horner,
     power_above,
-    rational,
+    series,
 )
 from lagrange_bench.integrators.truth.rotations import matrix, product, square, unit_turn
 from lagrange_bench.support.precision import workprec
 
+# The fraction of the longest first step at which the base point lies. Times of users are multiples of powers of two. No such time
+# minus this one is a power of two times it, so symmetric motions meet no division by zero.
+BASE = fmpq(3, 10)
+KEPT = 8  # series of a motion, at different precisions
 Rationals = Sequence[fmpq]
 E3 = fmpq(0), fmpq(0), fmpq(1)
 
@@ -91,29 +90,8 @@ class Frame(NamedTuple):
 class Node(NamedTuple):
     """The double root X* that X approaches, and √w there."""
 
-    pole: int  # from pole to pole: the sign of X* for t → ∞; else 0
-    root: fmpq  # X*, for t → ±∞
+    root: fmpq | None  # None if X goes from pole to pole
     speed: float
-
-
-class Near(NamedTuple):
-    """A time later than T on the separatrix, or before −T. X holds X(t) and X*."""
-
-    p: Point  # at T
-    X: arb
-    root: arb  # X*
-    apart: arb  # |X(T) − X*|
-    speed: arb  # √w
-    since: fmpq
-    t: fmpq
-
-    def turn(self, n: Sequence[arb], d: Sequence[arb]) -> acb:
-        """e^(iφ), with the phase that a Z gains since T; its rate is n(X)/d(X)."""
-        N, D = horner(n, self.X), horner(d, self.X)
-        slope = (horner(derivative(n), self.X) * D - N * horner(derivative(d), self.X)) / (D * D)
-        phase = horner(n, self.root) / horner(d, self.root) * self.since + around(slope * self.apart / self.speed)
-        sin, cos = phase.sin_cos()
-        return acb(cos, sin)
 
 
 class Drift(NamedTuple):
@@ -132,32 +110,26 @@ class Turns(NamedTuple):
     others: list[acb]
 
 
-def past_poles(swept: arb, poles: int) -> float:
-    """The angle about e in a period, if the axis passes through 0, 1 or 2 poles. At each the azimuth jumps by ±π.
-
-    swept : the angle without the jumps. The smaller of the two limits is taken; of a pair ±π the positive one.
-    """
-    if poles != 1:
-        return float(swept)
-    return float(swept - arb.pi() if swept > 0 else swept + arb.pi())
-
-
 def angle(c: arb, s: arb) -> arb:
     """The angle of (c, s), away from the cut of the arc tangent."""
     return arb.atan2(-s, -c) + arb.pi() if c < 0 else arb.atan2(s, c)
 
 
-class Top(Motion):
-    """alpha, k and the start (J, x), rational. Variables are (J, x, X), states (J, x).
+class Top:
+    """alpha, k and the start (J, x), rational. Its variables u are (J, x, X), its states (J, x); bodies have others.
 
-    columns : the places of the variables that `in_doubles` takes.
+    start : u at t = 0. rates : the terms of u' = B(u, u) + C u. rate : r of the majorant. columns : the places of the variables
+    that `in_doubles` takes.
     """
 
     columns: Sequence[int] = range(6)
 
-    def __init__(self, alpha: fmpq, k: fmpq, J: Rationals, x: Rationals, up: Rationals = E3) -> None:
-        super().__init__()
+    def __init__(self, alpha: fmpq, k: fmpq, *y0: fmpq, up: Rationals = E3) -> None:
+        # by the precision
+        self.series_with = lru_cache(KEPT)(self._series_with)
+        self.curve_with = lru_cache(KEPT)(self._curve_with)
         self.frame_with = lru_cache(KEPT)(self._frame_with)
+        J, x = y0[:3], y0[3:]
         self.alpha, self.k, self.J, self.x, self.up = alpha, k, list(J), list(x), list(up)
         self.X, self.M, self.l, self.c, self.eps = dot(up, x), dot(up, J), dot(x, J), dot(x, x), dot(up, up)
         X, M, l, c, eps = self.X, self.M, self.l, self.c, self.eps
@@ -191,9 +163,65 @@ class Top(Motion):
         climb = [(v * c, *places) for v, row in zip(up, moves, strict=True) for c, *places in row]
         return [tuple(term for term in row if term[0]) for row in (*fields, *moves, climb)]
 
+    # ------------------------------------------------------------------ at any time, at the present precision
+
+    def at(self, t: fmpq) -> list[arb]:
+        """The state at a time."""
+        return self.state(self.variables_at(t), t)
+
+    def variables_at(self, t: fmpq) -> list[arb]:
+        """u at a time: by Taylor's series if the time is short, else by doublings."""
+        if self.steady:
+            return self.turned(t)
+        since = t - self.base_time()
+        if abs(since) <= self.first_step() / 2:
+            return self.near(t)
+        return self.variables(self.point_since(since), t)
+
+    def point_since(self, since: fmpq) -> Point:
+        """The point at a time since the base point."""
+        doublings = 0
+        while abs(since) > self.first_step() / 2:
+            since, doublings = since / 2, doublings + 1
+        t = self.base_time() + since
+        curve, p = self.curve_with(ctx.prec), self.point(self.near(t), t)
+        for _ in range(doublings):
+            p = curve.add(p, p)
+        return p
+
+    def grid(self, h: fmpq, count: int) -> list[list[arb]]:
+        """u at the times n h since the base point, n = 0, …, count."""
+        points = self.curve_with(ctx.prec).multiples(self.point_since(h), count)
+        return [self.variables(p, self.base_time() + n * h) for n, p in enumerate(points)]
+
+    def base_time(self) -> fmpq:
+        """The time of the base point."""
+        return BASE * self.first_step()
+
+    def first_step(self) -> fmpq:
+        """The longest time of the series, in powers of two: at more bits shorter, with fewer terms for more doublings."""
+        return 1 / (self.rate * 2 ** (6 + ctx.prec // 64))
+
+    def near(self, t: fmpq) -> list[arb]:
+        """u at a short time, by Taylor's series and the bound of its rest."""
+        rows, theta = self.series_with(ctx.prec), arb(self.rate * t)
+        rest = abs(theta) ** len(rows[0]) / (1 - abs(theta))
+        return [horner(row, theta) + around(rest * size) for row, size in zip(rows, self.sizes(), strict=True)]
+
+    def _series_with(self, bits: int) -> list[list[arb]]:
+        """Coefficients of each u in powers of r t; enough terms for the longest first step."""
+        terms = bits // (6 + bits // 64) + 3
+        return series(self.rates, self.start, 1 / arb(self.rate), terms)
+
+    def _curve_with(self, bits: int) -> Curve:
+        base = self.base_time()
+        f1, f2, f3, k = (arb(self.f[n]) for n in (1, 2, 3, 4))
+        return Curve(f1, f2, f3, k, self.zeros(), self.point(self.near(base), base))
+
     # ------------------------------------------------------------------ the curve
 
     def sizes(self) -> list[arb]:
+        """Bounds of the norms of all u at t = 0."""
         size, length = arb(self.c).sqrt(), arb(self.eps).sqrt()
         return [arb(self.rate)] * 3 + [size] * 3 + [length * size]
 
@@ -212,31 +240,23 @@ class Top(Motion):
         size = square(turn).sqrt()
         return Frame(length, [v / size for v in turn], matrix(turn))
 
-    def curve(self, base: Point) -> Curve:
-        return Curve(arb(self.f[1]), arb(self.f[2]), arb(self.f[3]), arb(self.f[4]), self.zeros(), base)
-
     def zeros(self) -> tuple[Zeros, ...]:
         length = arb(self.eps).sqrt()
         return (Zeros(I * (length * self.l), -I * (self.M / length), arb(self.eps * self.c), arb(1)),)
 
     def point(self, u: list[arb], t: fmpq) -> Point:
+        """The point of the curve, from u at the time t."""
         return Point(u[6], dot(self.up, cross(u[:3], u[3:6])), (self.frame_with(ctx.prec).across(u[3:6]),))
 
     def variables(self, p: Point, t: fmpq) -> list[arb]:
+        """u at the time t, from the point there."""
         frame, X, x = self.frame_with(ctx.prec), p.x, p.Z[0]
         J = x * acb(self.l - self.M * X / self.eps, -p.y / frame.length) / (self.c - X * X / self.eps)
         return [*frame.vector(J, self.M / frame.length), *frame.vector(x, X / frame.length), X]
 
     def state(self, u: list[arb], t: fmpq) -> list[arb]:
+        """The state at the time t, from u."""
         return u[:6]
-
-    def variables_at(self, t: fmpq) -> list[arb]:
-        if self.steady:
-            return self.turned(t)
-        if self.node is not None and abs(t) > (T := self.late()):
-            sign = 1 if t > 0 else -1
-            return self.beyond(self.point_since(sign * T - self.base_time()), sign, t - sign * T, t)
-        return super().variables_at(t)
 
     # ------------------------------------------------------------------ steady motions
 
@@ -263,7 +283,7 @@ class Top(Motion):
         # f <= 0 at the poles: so if f = k q² with k > 0, q vanishes there, and X goes from pole to pole
         if self.k > 0 and f == self.k * pole * pole:
             with workprec(64):
-                return Node(1 if self.velocity > 0 else -1, fmpq(0), float(2 * arb(self.k * eps * c).sqrt()))
+                return Node(None, float(2 * arb(self.k * eps * c).sqrt()))
         if double.degree() != 1:
             return None
         root = -double[0] / double[1]
@@ -275,40 +295,7 @@ class Top(Motion):
         if (vertex - root) * (vertex - X) < 0 and w(vertex) < 0:
             return None
         with workprec(64):
-            return Node(0, root, float(arb(w(root)).sqrt()))
-
-    def late(self) -> fmpq:
-        """A time at which X is close to X*, at the present precision. Until then 0.36 of its bits are lost, as X − X* decays."""
-        assert self.node is not None
-        return fmpq(ctx.prec, 4) / rational(self.node.speed)
-
-    def beyond(self, p: Point, sign: int, since: fmpq, t: fmpq) -> list[arb]:
-        """The variables at t, `since` later than at p."""
-        assert self.node is not None
-        f, root = self.f, arb(self.node.root)
-        if self.node.pole:
-            root = sign * self.node.pole * arb(self.eps * self.c).sqrt()
-        apart, X = p.x - root, p.x.union(root)
-        # f/(X − X*)²
-        w = f[4] * X * X + (f[3] + 2 * f[4] * root) * X + (f[2] + 2 * f[3] * root + 3 * f[4] * root * root)
-        if not (w > 0 and sign * p.y * apart < 0):
-            raise Uncertain
-        return self.limit(Near(p, X, root, abs(apart).upper(), w.sqrt(), since, t))
-
-    def limit(self, near: Near) -> list[arb]:
-        """The variables near the limit. At a pole J+ and x+ vanish; elsewhere x+ turns."""
-        frame, X = self.frame_with(ctx.prec), near.X
-        across = self.c - X * X / self.eps
-        if across.contains(0):
-            J = around((horner(self.kinetic.coeffs(), X) - self.M * self.M / self.eps).abs_upper().sqrt())
-            x = around(across.abs_upper().sqrt())
-            return [*frame.vector(acb(J, J), self.M / frame.length), *frame.vector(acb(x, x), X / frame.length), X]
-        turn = near.turn(
-            (frame.length * (self.c * self.M), -frame.length * self.l), (arb(self.eps * self.c), arb(0), arb(-1))
-        )
-        (before,) = near.p.Z
-        Z = before / abs(before) * across.sqrt() * turn
-        return self.variables(Point(X, around(near.apart * near.speed), (Z,)), near.t)
+            return Node(root, float(arb(w(root)).sqrt()))
 
     # ------------------------------------------------------------------ periods
 
@@ -358,9 +345,9 @@ class Top(Motion):
         length = arb(self.eps).sqrt()
         if self.steady:
             return [Drift(self.turn_rate() * length, arb(0))]
-        if self.node is None or self.node.pole or self.eps * self.c == self.node.root**2:
+        X = None if self.node is None else self.node.root
+        if X is None or self.eps * self.c == X * X:
             return []
-        X = self.node.root
         return [Drift(length * (self.c * self.M - self.l * X) / (self.eps * self.c - X * X), arb(0), is_beyond=True)]
 
     def in_doubles(self, u: Array, left: Array, right: Array) -> Array:
@@ -385,40 +372,26 @@ class Top(Motion):
             (period,) = certified(lambda: [cast(arb, self.period()) * self.rate], [fmpq(1, 2**70)], 128)
             (swept,) = certified(lambda: [self.swept()], [fmpq(1, 2**70)], 128)
             with workprec(256):
-                return float(period / self.rate), past_poles(swept, 2 - len(self.avoided_poles()))
+                return float(period / self.rate), float(swept)
         square = -self.f.derivative().derivative()(self.X) / 2
         if square <= 0:
             return math.inf, math.nan
         with workprec(128):
             period = 2 * arb.pi() / arb(square).sqrt()
-            if (
-                self.eps * self.c == self.X**2
-            ):  # upright: J+ and x+ have two frequencies, M/2 ± half of the frequency of X
-                return float(period), past_poles(self.M / arb(self.eps).sqrt() * period / 2, 1)
+            if self.eps * self.c == self.X**2:  # upright: J+ and x+ have two frequencies, M/2 ± half of that of X
+                return float(period), float(self.M / arb(self.eps).sqrt() * period / 2)
             return float(period), float(self.turn_rate() * arb(self.eps).sqrt() * period)
-
-    def real_roots(self) -> list[float]:
-        """The roots of f, if all are real."""
-        with workprec(128):
-            return [float(root.real) for root in self.roots()]
 
     def swept(self) -> arb:
         """The angle by which x turns about e in a period, without the jumps by ±π at poles."""
         at, length, size = self.turns(), arb(self.eps).sqrt(), arb(self.c).sqrt()
         half, (e1, d2, d3) = self.half_period(at)
         angle = arb(0)
-        for sign in self.avoided_poles():
+        for sign in (1, -1):
+            if self.c * self.M**2 == self.eps * self.l**2 and sign * self.M * self.l >= 0:
+                continue  # M √c = sign |e| l
             P = sign * length * size
             e = self.weierstrass(at, acb(P))
             integral = (half + (e * acb.elliptic_rj(0, d2, d3, e1 - e)).real / 3) / abs(P - at.low)
             angle += (self.M * size - sign * length * self.l) * integral
         return angle
-
-    def avoided_poles(self) -> list[int]:
-        """The signs of the poles that the axis does not meet; at the others f = 0, and X reaches them."""
-        meets = self.c * self.M**2 == self.eps * self.l**2
-        pole, at = arb(self.eps * self.c).sqrt(), self.turns()
-        met = [sign for sign in (1, -1) if meets and sign * self.M * self.l >= 0]
-        return [
-            sign for sign in (1, -1) if sign not in met or not (at.low if sign < 0 else at.high).overlaps(sign * pole)
-        ]

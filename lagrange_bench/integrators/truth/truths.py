@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import warn_caller
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.truth import exact, free_body, symmetric_body
+from lagrange_bench.integrators.truth import exact
 
 LONGEST = 2000.0  # time scales: a reference of this length takes about ten seconds
 LOST = 1e-12  # error of a reference state; beyond it, no method in doubles can follow the motion
@@ -26,18 +26,20 @@ def solution(problem: Any, y0: Array, times: ArrayLike, longest: float = LONGEST
     truth to compare with; the message says why. longest : of a reference solution, in time scales.
     """
     times = np.asarray(times, dtype=float)
-    return _solution("solution", problem, y0, (times,), times, np.zeros_like(times), longest)
+    return _solution(problem, y0, times, np.zeros_like(times), longest)
 
 
 def after_steps(problem: Any, y0: Array, h: float, counts: ArrayLike, longest: float = LONGEST) -> Array:
     """As `solution`, after `counts` steps of h: at the exact times n·h, which need not be doubles."""
     n = np.asarray(counts, dtype=float)
-    return _solution("after_steps", problem, y0, (h, counts), h * n, exact.rounded_off(h, n), longest)
+    return _solution(problem, y0, h * n, exact.rounded_off(h, n), longest)
 
 
 def closed_form(problem: Any) -> bool:
     """Whether there is a closed form: for a top in alpha x3 + k x3²/2, and for a free or a symmetric body."""
-    return _of_body(problem) is not None or exact.vertical_field(problem) is not None
+    if kinds.rigid_body(problem):
+        return kinds.free_body(problem) or kinds.symmetric_body(problem)
+    return exact.vertical_field(problem) is not None
 
 
 def name(problem: Any) -> str:
@@ -45,20 +47,11 @@ def name(problem: Any) -> str:
     return "exact solution" if closed_form(problem) else "reference solution"
 
 
-def _of_body(problem: Any) -> Any:
-    """The function that computes the closed form of a rigid body; None if there is no closed form."""
-    forms = {kinds.free_body: free_body.solution, kinds.symmetric_body: symmetric_body.solution}
-    return next((form for of_kind, form in forms.items() if of_kind(problem)), None)
-
-
-def _solution(
-    which: str, problem: Any, y0: Array, when: tuple[Any, ...], times: Array, rest: Array, longest: float
-) -> Array:
-    """The closed form at `times` + `rest`, of a top by `exact.which(problem, y0, *when)`; else the reference solution there."""
-    if (of_body := _of_body(problem)) is not None:
-        return of_body(problem, y0, times, more=rest)  # type: ignore[no-any-return]
-    if closed_form(problem) and np.any(y0[3:]):  # a problem may start with x = 0
-        return getattr(exact, which)(problem, y0, *when)
+def _solution(problem: Any, y0: Array, times: Array, rest: Array, longest: float) -> Array:
+    """The truth at `times` + `rest`."""
+    has_no_axis = not kinds.rigid_body(problem) and not np.any(y0[3:])  # a problem may start with x = 0
+    if closed_form(problem) and not has_no_axis:
+        return exact.in_doubles(exact.motion_of(problem, y0), times, rest)
     end, most = np.max(np.abs(times), initial=0.0), longest * problem.scales(y0)[2]
     if end > most:
         possible = float(Context(prec=4, rounding=ROUND_DOWN).create_decimal_from_float(most))  # rounded down
