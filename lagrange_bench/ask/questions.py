@@ -173,8 +173,7 @@ def work_precision(
     Comparison
         A row for each step or tolerance. `error` is the largest in the last fifth of the run, without a closed form that at its
         end; `seconds` (missing where the error is above 0.1), `setup_seconds`, `total` of both, `steps` and `evals` are what it
-        costs. In the last row of a method `stopped` says why there are no more: a chaotic motion that doubles lose before the end
-        has no errors.
+        costs. In the last row of a method `stopped` says why there are no more.
 
     Raises
     ------

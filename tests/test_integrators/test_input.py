@@ -152,7 +152,6 @@ OTHERS = [  # a call, words in the message
     (lambda: exact.solution(*HUGE), ".*overflows"),
     *((lambda n=n: exact.after_steps(TOP, Y0, 0.1, n), ".*whole numbers") for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
     (lambda: reference.solution(TIDE, Y0 * np.repeat((1e200, 1), 3), [1e-200]), ".*less extreme units"),
-    (lambda: reference.horizon(TIDE, Y0, 1e-17), "tolerance must be larger"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
     *(
         (lambda V=V: prepare(PerturbedTop(TOP, Potential("mine", V)), Y0, 0.1), "y0: the potential mine is not finite")

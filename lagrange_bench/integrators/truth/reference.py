@@ -12,15 +12,14 @@ own would turn a division by a double into a product with the rounded reciprocal
 Results are cached, in memory and in the folder `reference` of the user's cache directory (LAGRANGE_BENCH_CACHE names another; if
 it is empty, there is none). Calls from several threads wait for each other.
 
-Source: Jorba & Zou, Exp. Math. 14 (2005) 99 (order and step); Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka); Benettin,
-Galgani, Giorgilli & Strelcyn, Meccanica 15 (1980) 9 and 21 (tangent vectors).
+Source: Jorba & Zou, Exp. Math. 14 (2005) 99 (order and step); Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka).
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -32,7 +31,7 @@ import numpy as np
 from flint import acb, arb
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange_bench.integrators.checks import Array, check_choice, check_real, check_times
+from lagrange_bench.integrators.checks import Array, check_choice, check_times
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.interface import StepError
@@ -45,15 +44,13 @@ from lagrange_bench.integrators.truth.curve import horner
 from lagrange_bench.support.files import cache_folder, write_file
 from lagrange_bench.support.precision import ONE_AT_A_TIME, workprec
 
-__all__ = ["Reference", "engines", "horizon", "solution"]
+__all__ = ["Reference", "engines", "solution"]
 
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
-TANGENT = 1e-20  # tolerance of a run with a tangent vector, whose growth is needed to a few digits
 BITS = 136  # of FLINT: 40 digits
 PAIR = 2.0**-105  # relative error of a number as a pair of doubles
 SHORTEST = 1e-12  # least step, in units of the motion; only a singularity needs a shorter one
 FARTHEST = 1e9  # longest time, in units of the motion; it takes hours
-SEGMENT = 2.0  # units of the motion between two renormalisations of a tangent vector
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,31 +90,6 @@ def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None =
     return Reference(table[:, :n], table[:, n : 2 * n], table[:, 2 * n], orbit.engine)
 
 
-def horizon(problem: Problem, y0: ArrayLike, tolerance: float, longest: float = 1e4) -> float:
-    """The time until an error of one ulp in y0 has grown to `tolerance`, both relative to the scales of J and x.
-
-    Up to this time an integrator in doubles can be judged by its errors, and later only by its invariants. The ulp grows like the
-    tangent vector v of the variational equations. The result is right to about two units of the motion, and inf beyond `longest`.
-    """
-    tolerance, longest = check_real(tolerance, "tolerance"), check_real(longest, "longest")
-    ulp = 2.0**-52
-    if not ulp < tolerance:
-        raise ValueError(f"tolerance must be larger than an ulp, 2^-52; got {tolerance:g}")
-    if not longest > 0.0:
-        raise ValueError(f"longest must be positive; got {longest:g}")
-    orbit = Orbit(problem, y0, tangent=True)
-
-    def compute() -> Array:
-        before = 0.0
-        for time, growth in orbit.growth(longest):
-            if growth >= math.log(tolerance / ulp):
-                return np.array([before])
-            before = time
-        return np.array([math.inf])
-
-    return float(_cached(orbit.key("horizon", tolerance.hex(), longest.hex()), (1,), compute)[0])
-
-
 class Orbit:
     """A motion to compute.
 
@@ -125,10 +97,10 @@ class Orbit:
     exact. Any other problem is computed in its own units, with the time as one more variable after the state.
     """
 
-    def __init__(self, problem: Any, y0: ArrayLike, engine: str | None = None, tangent: bool = False):
+    def __init__(self, problem: Any, y0: ArrayLike, engine: str | None = None):
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
-        self.problem, self.y0, self.tangent = problem, problem.check_state(y0), tangent
+        self.problem, self.y0 = problem, problem.check_state(y0)
         self.in_field = kinds.top(problem)
         if "smooth" not in problem.offers:
             reason = f"{problem.description} has corners, roots of squares, and no series goes on there"
@@ -153,7 +125,7 @@ class Orbit:
                 raise ValueError(
                     "y0 and the potential are too large or too small: choose less extreme units of time and length"
                 )
-            program, parameters = equations(_formulas(self.problem.system), self.tangent), (*units, *parameters)
+            program, parameters = equations(_formulas(self.problem.system)), (*units, *parameters)
         return {"heyoka": Heyoka, "flint": Flint}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array) -> Array:
@@ -166,7 +138,11 @@ class Orbit:
 
     def run(self, tolerance: float, times: Array) -> Array:
         """States (N, 2, n), as heads and tails."""
-        self.check_span(float(np.max(np.abs(times), initial=0.0)))
+        end = float(np.max(np.abs(times), initial=0.0))
+        if ldexp(end, self.clock) > FARTHEST:
+            raise StepError(
+                "reference", f"|t| = {end:g} is over {FARTHEST:g} time scales: more steps than can be taken"
+            )
         start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
         if not self.in_field:
             start = np.column_stack((start, (self.problem.start, 0.0)))
@@ -175,45 +151,16 @@ class Orbit:
         for sign in (1, -1):
             later = np.flatnonzero(sign * times > 0)
             grid, places = np.unique(np.ldexp(sign * times[later], self.clock), return_inverse=True)  # in order
-            if len(grid):
-                out[later] = self.advance(runner, start, sign * grid)[places]
+            try:
+                if len(grid):
+                    out[later] = runner.states(start, sign * grid)[places]
+            except Singularity as error:
+                time = error.args[0]  # NaN if the first step fails
+                at = f" at t = {math.ldexp(time, -self.clock):g}" if math.isfinite(time) else ""
+                raise StepError("reference", f"the motion runs into a singularity{at}") from None
         out[times == 0] = start
         with np.errstate(over="ignore"):
             return np.ldexp(out[:, :, : len(self.y0)], self.exponents)
-
-    def check_span(self, t: float) -> None:
-        """StepError if a time is too far away."""
-        if ldexp(t, self.clock) > FARTHEST:
-            raise StepError("reference", f"|t| = {t:g} is over {FARTHEST:g} time scales: more steps than can be taken")
-
-    def advance(self, runner: Any, start: Array, times: Array, since: float = 0.0) -> Array:
-        try:
-            states: Array = runner.states(start, times)
-        except Singularity as error:
-            time = since + error.args[0]  # NaN if the first step fails
-            at = f" at t = {math.ldexp(time, -self.clock):g}" if math.isfinite(time) else ""
-            raise StepError("reference", f"the motion runs into a singularity{at}") from None
-        return states
-
-    def growth(self, t: float) -> Iterator[tuple[float, float]]:
-        """Times up to |t| and log(|v|/|v(0)|) there, along the orbit forward or backward."""
-        self.check_span(abs(t))
-        runner = self.runner(TANGENT)
-        v = np.cos(np.arange(1.0, 7.0))
-        y = np.zeros((2, 12))
-        y[0] = (*np.ldexp(self.y0, -self.exponents), *(v / np.linalg.norm(v)))
-        total, end = 0.0, math.ldexp(abs(t), self.clock)
-        segments = math.ceil(end / SEGMENT)
-        for n in range(1, segments + 1):
-            length = SEGMENT if n < segments else end - SEGMENT * (segments - 1)
-            y = self.advance(
-                runner, y, np.array([math.copysign(length, t)]), since=math.copysign(SEGMENT * (n - 1), t)
-            )[0]
-            size = float(np.linalg.norm(y[0, 6:]))
-            exponent = math.frexp(size)[1]
-            yield math.ldexp(min(n * SEGMENT, end), -self.clock), total + math.log(size)
-            y[:, 6:] = np.ldexp(y[:, 6:], -exponent)
-            total += exponent * math.log(2)
 
 
 def _formulas(system: System) -> System:
@@ -231,18 +178,16 @@ def clocked(system: System) -> Program:
 
 
 @lru_cache(maxsize=64)
-def equations(system: System, tangent: bool) -> Program:
+def equations(system: System) -> Program:
     """A program of the rates of J and x, as functions of J, x, two units and the parameters, of |J|²/2 + U(x).
 
-    In the orbit's units x is size·x and U is weight·U. With `tangent`, a tangent vector comes after x, and its rates at the end.
+    In the orbit's units x is size·x and U is weight·U.
     """
     tape = Tape()
-    y = [tape.input() for _ in range(12 if tangent else 6)]
+    J, x = ([tape.input() for _ in range(3)] for _ in range(2))
     size, weight, *parameters = (tape.input() for _ in range(2 + system.parameters))
-    J, x = y[:3], y[3:6]
     g = system.force(tape, 0.0, [size * v for v in x], parameters)
-    rates = (*cross([weight * part for part in g], x), *cross(J, x))
-    return tape.program((*rates, *tape.along(rates, y[:6], y[6:])) if tangent else rates)
+    return tape.program((*cross([weight * part for part in g], x), *cross(J, x)))
 
 
 # ---------------------------------------------------------------- engines: states (N, 2, n), heads and tails, at times (N,)
