@@ -1,14 +1,14 @@
-"""An independent integrator for the tests: Taylor series of the equations of motion in integers. No method of the bench."""
+"""What tests share: the motion of a top by Taylor series in integers, which no closed form uses, and distances."""
 
 import math
 from fractions import Fraction
-from operator import mul
 
 import numpy as np
 from mpmath import mp, mpf
 from mpmath.libmp import to_rational
 
 from lagrange_bench import Problem
+from lagrange_bench.integrators.truth.rigid_body import solve
 
 
 def free_body(*moments):
@@ -18,59 +18,22 @@ def free_body(*moments):
 
 
 def flows(alpha, y, times, digits=40, k=0.0):
-    """States at `times`, monotone from 0, in V = k x3²/2; numbers are multiples of 2^-bits.
-
-    Eight steps to the unit 1/(|J| + √(|alpha||x|) + √|k| |x|).
-    """
-    bits = int(3.33 * digits) + 60
+    """States at `times`, monotone from 0, in V = k x3²/2, by Taylor series in integers."""
     J, x = (math.hypot(*map(float, part)) for part in (y[:3], y[3:]))
-    rate = Fraction(J + math.sqrt(abs(float(alpha))) * math.sqrt(x) + math.sqrt(abs(float(k))) * x)
-    alpha, k, *y = (_fixed(exactly(v), bits) for v in (alpha, k, *y))
-    now, states = Fraction(0), []
-    for t in map(exactly, times):
-        steps = math.ceil(8 * rate * abs(t - now)) or 1
-        h, now = _fixed((t - now) / steps, bits), t
-        for _ in range(steps):
-            y = _step(alpha, k, y, h, bits)
-        with mp.workprec(bits + 60):
-            states.append([mp.ldexp(mpf(v), -bits) for v in y])
-    return np.array(states, dtype=object)
+    rate = Fraction(J + math.sqrt(abs(float(alpha))) * math.sqrt(x) + math.sqrt(abs(float(k))) * x) or Fraction(1)
+    unit = (-1 if times[-1] < 0 else 1) / rate
+    alpha, k, *y = map(exactly, (alpha, k, *y))
+    force = [(-alpha * unit, 4), (-k * unit, 5, 4)], [(alpha * unit, 3), (k * unit, 5, 3)], []
+    moves = [[(unit, i, 3 + j), (-unit, j, 3 + i)] for i, j in ((1, 2), (2, 0), (0, 1))]
+    bits = int(3.33 * digits) + 60
+    found = solve([*force, *moves], y, [exactly(t) / unit for t in times], bits)
+    with mp.workprec(bits + 60):
+        return np.array([[mpf(v.numerator) / v.denominator for v in state] for state in found], dtype=object)
 
 
 def exactly(v):
     """A number as a fraction."""
     return Fraction(*to_rational(v._mpf_)) if isinstance(v, mpf) else Fraction(float(v))
-
-
-def _fixed(q, bits):
-    return (q.numerator << bits) // q.denominator
-
-
-def _step(alpha, k, y, h, bits):
-    """The terms of order n + 1 from those up to n, with h^n in them, until they vanish."""
-    J1, J2, J3, x1, x2, x3 = series = [[v] for v in y]
-    force = []  # alpha + k x3
-    n = 0
-    while n == 0 or any(c[-1] or c[-2] for c in series):
-
-        def product(a, b):
-            return sum(map(mul, a, reversed(b)))
-
-        force.append((k * x3[n] >> bits) + (0 if n else alpha))
-        rates = (
-            -product(force, x2),
-            product(force, x1),
-            0,
-            product(J2, x3) - product(J3, x2),
-            product(J3, x1) - product(J1, x3),
-            product(J1, x2) - product(J2, x1),
-        )
-        n += 1
-        new = [(r * h >> 2 * bits) // n for r in rates]
-        new = [0 if v == -1 else v for v in new]  # rounding is downwards: -1 would never vanish
-        for c, v in zip(series, new, strict=True):
-            c.append(v)
-    return [sum(c) for c in series]
 
 
 def real(z):

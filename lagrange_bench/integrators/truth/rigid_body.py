@@ -1,7 +1,7 @@
 """The motion of any heavy rigid body with a fixed point, to any number of digits. It checks the closed forms and the methods.
 
 It shares nothing with them, assumes no symmetry, and needs only the standard library. Taylor series in integers solve the
-equations of the whole body, in the body's frame, with I about the fixed point:
+equations of the whole body, in the body's frame, with I about the fixed point (`solve` takes any equations of this kind):
 
     R' = R Ω̂        L' = L × Ω + m X × RᵀG        L = I Ω
 
@@ -20,6 +20,7 @@ from typing import Any
 
 Vector = list[Fraction]
 Matrix = list[list[Fraction]]
+Terms = list[tuple[Any, ...]]  # of a rate: (c, i) stands for c u_i, (c, i, j) for c u_i u_j
 GUARD = 64  # bits beyond the digits, since rounding adds up over thousands of steps and errors grow like t or faster
 
 
@@ -59,20 +60,39 @@ def rigid_motion(
     s = math.frexp(2 * math.sqrt(fastest) or 1.0)[1]
     unit = Fraction(2) ** -s
     spins = [sum(a * b for a, b in zip(row, w, strict=True)) * unit / size for row in inertia]
-    state = _fixed(spins, bits) + [v for row in R for v in _fixed(row, bits)]
-    system = [_fixed(row, bits) for row in inverse], [_fixed([g * unit**2 * v for v in pull], bits) for g in G], bits
-    begin, series = 0, _series(state, *system)
-    length = _length(series, bits)
-    for time in moments:
-        place = time / unit * 2**bits
-        while place > begin + length:
-            state, begin = _value(series, length, bits), begin + length
-            series = _series(state, *system)
-            length = _length(series, bits)
-        now = _value(series, round(place) - begin, bits)
-        turned = [Fraction(v, 2**bits) for v in now]
+    # u: L, and the rows of R
+    L, *rows = (range(first, first + 3) for first in (0, 3, 6, 9))
+    rates = [terms for v in (L, *rows) for terms in _cross(v, [list(zip(row, L, strict=True)) for row in inverse])]
+    for g, row in zip(G, rows, strict=True):
+        pulls = [[(g * unit**2 * v,)] for v in pull]
+        for terms, more in zip(rates, _cross(row, pulls), strict=False):
+            terms += [(-c, i) for c, i in more]
+    start = spins + [Fraction(v) for row in R for v in row]
+    for turned in solve(rates, start, [time / unit for time in moments], bits):
         omega = [sum(a * b for a, b in zip(row, turned[:3], strict=True)) / unit for row in inverse]
         yield [turned[3:6], turned[6:9], turned[9:]], omega
+
+
+def _cross(v: Sequence[int], w: list[list[tuple[Any, ...]]]) -> list[Terms]:
+    """The terms of v × w, from the places of v and the parts of w, sums of terms (c, *places)."""
+    pairs = (1, 2), (2, 0), (0, 1)
+    return [
+        [(c, v[i], *places) for c, *places in w[j] if c] + [(-c, v[j], *places) for c, *places in w[i] if c]
+        for i, j in pairs
+    ]
+
+
+def solve(rates: Sequence[Terms], start: Vector, times: Vector, bits: int) -> Iterator[Vector]:
+    """The solution u of u' = Σ c u_i u_j + Σ c u_i at rising times, in multiples of 2^-bits. u and its rates are of size 1."""
+    fixed = [[(*_fixed([c], bits), *places) for c, *places in terms] for terms in rates]
+    begin, series = 0, _series(fixed, _fixed(start, bits), bits)
+    length = _length(series, bits)
+    for time in times:
+        place = time * 2**bits
+        while place > begin + length:
+            begin, series = begin + length, _series(fixed, _value(series, length, bits), bits)
+            length = _length(series, bits)
+        yield [Fraction(v, 2**bits) for v in _value(series, round(place) - begin, bits)]
 
 
 def _ascending(times: Sequence[Any]) -> Vector:
@@ -110,32 +130,18 @@ def _inverse(a: Matrix) -> Matrix:
     return [[cofactors[k][i] / determinant for k in range(3)] for i in range(3)]
 
 
-def _series(state: list[int], inverse: list[list[int]], pulls: list[list[int]], bits: int) -> list[list[int]]:
-    """Taylor coefficients of L and of the rows of R, as twelve lists. pulls[i] : m X G_i in the units of the run."""
-    degree = bits // 3
-    z = [[v] for v in state]
-    w: list[list[int]] = [[], [], []]
-    for k in range(degree):
-        for row, values in zip(inverse, w, strict=True):
-            values.append(sum(row[i] * z[i][k] for i in range(3)) >> bits)
-        back = [values[::-1] for values in w]
-        new = []
-        for first in (0, 3, 6, 9):
-            a, b, c = z[first : first + 3]
-            d, e, f = back
-            new += [
-                sum(map(mul, b, f)) - sum(map(mul, c, e)),
-                sum(map(mul, c, d)) - sum(map(mul, a, f)),
-                sum(map(mul, a, e)) - sum(map(mul, b, d)),
-            ]
-        for i, (X, Y, Z) in enumerate(pulls):
-            p, q, r = (z[3 * i + n][k] for n in (3, 4, 5))
-            new[0] += Y * r - Z * q
-            new[1] += Z * p - X * r
-            new[2] += X * q - Y * p
-        for values, total in zip(z, new, strict=True):
+def _series(rates: list[Terms], state: list[int], bits: int) -> list[list[int]]:
+    """Taylor coefficients of each u."""
+    u = [[v] for v in state]
+    pairs = {tuple(places) for terms in rates for _, *places in terms if len(places) == 2}
+    for k in range(bits // 3):
+        back = [values[::-1] for values in u]
+        products: dict[Any, int] = {(i, j): sum(map(mul, u[i], back[j])) >> bits for i, j in pairs}
+        products |= {(i,): values[k] for i, values in enumerate(u)}
+        totals = [sum(c * products[tuple(places)] for c, *places in terms) for terms in rates]
+        for values, total in zip(u, totals, strict=True):
             values.append((total >> bits) // (k + 1))
-    return z
+    return u
 
 
 def _length(series: list[list[int]], bits: int) -> int:
