@@ -101,7 +101,8 @@ def parts(word: str, v: arb) -> dict[str, Any]:
 
 def free_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a free body."""
-    numbers, exact, start = free_motion(body.inertia, y[4:]), motion_of(body, y), body.rotations(y)
+    numbers, start = free_motion(body.inertia, y[4:]), body.rotations(y)
+    exact: Any = motion_of(body, y)
     if numbers is None:
         rate = body.angular_velocity(y)
         with workprec(BITS):
@@ -178,7 +179,8 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     """The numbers for the templates of a symmetric heavy body."""
     start, alpha, world = body.reduced(y), body.top.alpha, Rotation.from_matrix(body.world)
     J, x = start[:3], start[3:]
-    exact, whole = motion_of(body, y), {}
+    exact: Any = motion_of(body, y)
+    whole: dict[str, Any] = {}
     if exact.node is None:
         with workprec(BITS):
             if exact.steady:
