@@ -74,14 +74,14 @@ class Run(NamedTuple):
     """The arguments of `diagnose`, and the causes that name each mistake."""
 
     rows: Rows
-    ways: dict[str, Array]
+    other_readings: dict[str, Array]
     body: RigidBody
     exact: Motion | None
     floor: Floor
     causes: list[set[str]]
 
     def findings(self) -> list[Any]:
-        return diagnose(self.rows, self.ways, self.body, self.exact, self.floor)
+        return diagnose(self.rows, self.other_readings, self.body, self.exact, self.floor)
 
 
 # ------------------------------------------------------------------------------------------------------------- motions
@@ -405,9 +405,9 @@ def run(rng: Any, names: Iterable[str], with_case: bool) -> Run:
             continue  # in this run it changes nothing
         if changes_omega(right, columns):
             break
-    rows, ways, floor = read(columns, int(rng.choice([5, 6, 7, 9, 12, 17])))
+    rows, other_readings, floor = read(columns, int(rng.choice([5, 6, 7, 9, 12, 17])))
     exact = exact_motion(Program(case), 1.3 * t[-1] + 4) if with_case else None
-    return Run(rows, ways, case.body, exact, floor, [causes_of(name, with_case) for name in names])
+    return Run(rows, other_readings, case.body, exact, floor, [causes_of(name, with_case) for name in names])
 
 
 def written(rng: Any, program: Program, t: Array, names: set[str]) -> Columns:
@@ -449,14 +449,14 @@ def rounded(v: Array, digits: int) -> Array:
 def read(c: Columns, digits: int) -> tuple[Rows, dict[str, Array], Floor]:
     """The columns as a file has them, and as a reader reads them."""
     digit = 10.0**-digits if digits < 17 else 1e-16
-    omega, x, ways, angles = rounded(c.omega, digits), rounded(c.x, digits), dict[str, Array](), None
+    omega, x, other_readings, angles = rounded(c.omega, digits), rounded(c.x, digits), dict[str, Array](), None
     sequence, _, wrong = c.kind.partition(" ")
     if sequence == "matrix":
         R = rounded(c.R, digits)
     elif sequence in ("wxyz", "xyzw"):
         q = rounded(Rotation.from_matrix(c.R).as_quat(scalar_first=sequence == "wxyz"), digits)
         R = Rotation.from_quat(q, scalar_first=True).as_matrix()
-        ways["--quat xyzw"] = Rotation.from_quat(q).as_matrix()
+        other_readings["--quat xyzw"] = Rotation.from_quat(q).as_matrix()
     else:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # near a pole
@@ -470,10 +470,10 @@ def read(c: Columns, digits: int) -> tuple[Rows, dict[str, Array], Floor]:
             (f"--angles {said.swapcase()}", said.swapcase(), angles),
             (f"--angles {said.swapcase()} --units angle=deg", said.swapcase(), np.radians(angles)),
         ):
-            ways[option] = Rotation.from_euler(axes, values).as_matrix()
+            other_readings[option] = Rotation.from_euler(axes, values).as_matrix()
     widest = 1.0 if angles is None else float(np.abs(angles).max())
     floor = Floor(0.0, digit * widest, digit * np.abs(omega).max(), digit * np.abs(x).max())
-    return Rows(c.t, R, omega, x, c.frame, angles), ways, floor
+    return Rows(c.t, R, omega, x, c.frame, angles), other_readings, floor
 
 
 def right_run(rng: Any) -> Run:
@@ -501,13 +501,13 @@ def right_run(rng: Any) -> Run:
         omega = omega + noise * rng.choice([0.1, 1.0]) * (speed or 1.0) * rng.normal(size=(len(t), 3))
         x = x + noise * rng.normal(size=(len(t), 3))
     kind = str(rng.choice(["wxyz", "matrix", rng.choice(SEQUENCES)]))
-    rows, ways, floor = read(Columns(t, R, omega, x, frame, kind, None), int(rng.integers(3, 18)))
+    rows, other_readings, floor = read(Columns(t, R, omega, x, frame, kind, None), int(rng.integers(3, 18)))
     gone = str(rng.choice(["R", "omega", "x", "", "", ""]))
     if gone == "R":
-        rows, ways = rows._replace(R=None, angles=None), {}
+        rows, other_readings = rows._replace(R=None, angles=None), {}
     elif gone:
         rows = rows._replace(**{gone: None})
-    return Run(rows, ways, case.body, exact if rng.random() < 0.5 else None, floor, [])
+    return Run(rows, other_readings, case.body, exact if rng.random() < 0.5 else None, floor, [])
 
 
 # --------------------------------------------------------------------------------------------------------------- power

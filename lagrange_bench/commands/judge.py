@@ -16,7 +16,7 @@ words, components and units. A name may begin with another one, such as the name
   rx ry rz | mrp1 … | axis_x …   rotation vector, modified Rodrigues parameters, axis and angle
   roll pitch yaw                 about the fixed axes x, y, z in this order; all other angles need --angles
   wx | angvel.x | gyro_x …       rad/s, in the frame of --omega; Lx Ly Lz in its place: angular momentum
-  x1 y1 z1 x2 …                  m, points of the body whose places the TOML file gives; XYZ files
+  x1 y1 z1 x2 …                  m, points of the body whose places the TOML file gives
   qpos, qvel                     of a free or a ball joint of MuJoCo
 Units are converted if they are in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names. In a text file
 the names are in the last line above the numbers that has as many words as a row has numbers. Commas, semicolons, tabs, bars or
@@ -129,8 +129,6 @@ def run(options: argparse.Namespace) -> Answer:
     steps = {f"{each.step:.6g}" for each in judged}
     if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
-    if orders.converges_elsewhere:
-        lines.append("With h → 0 this is another motion: damping, a cap, or no gyroscopic torque?")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [_draw(options.draw, judged)] if options.draw is not None else []
     data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders.values}

@@ -61,7 +61,7 @@ def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> 
         w, x, y, z = found.wxyz
         other_order = f"--columns qw={z},qx={w},qy={x},qz={y}"
     exact = None if frames.case is None else frames.exact
-    return Diagnosis(known, frames.ways(rows, other_order), frames.rigid_body, exact, hidden)
+    return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden)
 
 
 def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Array], findings: Sequence[Finding]) -> str:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
@@ -92,7 +92,7 @@ class Trajectory:
 
 
 def read(
-    path: Path, how: Options | None = None, points: ArrayLike | None = None, com: ArrayLike = (0, 0, 0)
+    path: Path, options: Options | None = None, points: ArrayLike | None = None, com: ArrayLike = (0, 0, 0)
 ) -> Trajectory:
     """The trajectory in a file. points : (K, 3), m, places in the body whose positions the file has; com : its centre of mass.
 
@@ -102,22 +102,20 @@ def read(
     ------
     ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things, rows of several bodies.
     """
-    how = how or Options()
-    table = open_table(path, [int(where) for where in how.columns.values() if where.isdecimal()])
+    options = options or Options()
+    table = open_table(path, [int(where) for where in options.columns.values() if where.isdecimal()])
     header = table.names or [""] * table.width
-    names, given = _names(header, table, how)
-    rows, within = _where(header, table, how)
+    names, given = _names(header, table, options)
+    rows, within = _where(header, table, options)
     sample = [row for row in table.sample if is_chosen(row, rows)]
-    free = [i for i in range(table.width) if i not in rows and i not in given]
-    labels = [i for i in free if _label(header[i], table.sample, i)]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
-    chosen = _points(groups, points) or _choose(groups, header, sample, how, notes)
+    chosen = _points(groups, points) or _choose(groups, header, sample, options, notes)
     counted = next(
         (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in given), None
     )
-    if how.step is None and "time" not in chosen:
+    if options.step is None and "time" not in chosen:
         raise ValueError(_no_times(table, counted))
-    if how.step is not None and "time" in chosen:
+    if options.step is not None and "time" in chosen:
         place = chosen.pop("time").places[0]
         if all(is_number(row[place]) for row in sample):  # else they are dates
             raise ValueError(f"--step is for files without times: leave it out, or the column {header[place] or place}")
@@ -125,9 +123,9 @@ def read(
         raise ValueError(_nothing(notes, table.names))
     factors: dict[int, float] = {}
     words: list[str] = []
-    found = Trajectory({}, np.empty(0), angles=how.angles, notes=notes)
+    found = Trajectory({}, np.empty(0), angles=options.angles, notes=notes)
     for kind, group in chosen.items():
-        factors |= _factors(kind, group, header, names, table, how, notes)
+        factors |= _factors(kind, group, header, names, table, options, notes)
         words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
@@ -135,16 +133,18 @@ def read(
     if unused := [name for i, name in enumerate(header) if i not in {*factors, *rows} and name]:
         words.append(f"not used: {' '.join(unused)[:200]}")
     found.columns = "; ".join(words)
-    if "quaternion" in chosen:
-        found.quat, found.wxyz = _order(chosen["quaternion"], header, how, notes)
+    if quaternion := chosen.get("quaternion"):
+        if quaternion.order[0] not in "01":
+            found.quat, found.wxyz = "wxyz", tuple(header[i] or f"{i}" for i in quaternion.places)
+        elif quaternion.order == "1 2 3 4" and options.quat is None:
+            found.quat = "xyzw"
+            notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     if omega := chosen.get("omega") or chosen.get("momentum"):
         found.frame = frame_of(omega.stem)
-    for i in labels:
-        if BODIES & set(parse(header[i]).stem) or (how.step is not None and _cyclic([row[i] for row in table.sample])):
-            raise ValueError(several(header, table, i))
+    labels = _labels(header, table, options, [i for i in range(table.width) if i not in rows and i not in given])
     clocks = chosen["time"].places if "time" in chosen else []
     stamps = [i for i in clocks if _is_stamp([row[i] for row in sample])]
-    counts = [counted] if how.step is not None and counted is not None else []
+    counts = [counted] if options.step is not None and counted is not None else []
     columns = table.load(sorted({*factors, *counts} - set(stamps)), [*rows, *stamps])
     keep = np.full(len(next(iter(columns.values()))), True)
     for i, value in rows.items():
@@ -160,14 +160,14 @@ def read(
         i = clocks[0]
         found.floor["time"] = _time_floor([row[i] for row in sample], factors[i], found.elapsed if stamps else t)
     else:
-        assert how.step is not None
+        assert options.step is not None
         k = np.arange(len(keep[keep]), dtype=float)
         if counts and len(k) > 1 and np.all((steps := np.diff(columns[counts[0]])) > 0):
             k = np.concatenate(([0.0], np.cumsum(steps / steps.min())))
-        t = found.elapsed = how.step * k
-    found.arrays = {"time": (t if how.t0 is None else found.elapsed + how.t0)[:, None], **found.arrays}
-    _drop_equal(found, [several(header, table, i) for i in labels[:1]])
-    _window(found, how)
+        t = found.elapsed = options.step * k
+    found.arrays = {"time": (t if options.t0 is None else found.elapsed + options.t0)[:, None], **found.arrays}
+    _drop_equal(found, labels)
+    _window(found, options)
     _turned(found)
     if "points" in found.arrays:
         _rigid(found, np.asarray(points, dtype=float), np.asarray(com, dtype=float))
@@ -181,16 +181,6 @@ def _no_times(table: Table, counted: int | None) -> str:
     columns = listed or f"it has no header of {table.width} names"
     advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
     return f"no column is named t or time; {columns}. {advice}"
-
-
-def _order(group: Group, header: list[str], how: Options, notes: list[str]) -> tuple[str | None, tuple[str, ...]]:
-    """The order of quaternions that their names tell, and the names if they do so by letters."""
-    if group.order[0] not in "01":
-        return "wxyz", tuple(header[i] or f"{i}" for i in group.places)
-    if group.order == "1 2 3 4" and how.quat is None:
-        notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
-        return "xyzw", ()
-    return None, ()
 
 
 def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
@@ -208,11 +198,11 @@ def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
     return {**chosen, "points": Group("points", every, (), " ".join(group.order for group in places), 1)}
 
 
-def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Name], set[int]]:
+def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
     names = {i: parse(word) for i, word in enumerate(header) if word and any(row[i] for row in table.sample)}
     given: set[int] = set()
-    for name, where in how.columns.items():
+    for name, where in options.columns.items():
         said = parse(name)
         if not said.part or (said.part != "t" and not SHAPES.get(kind_of(said.stem), ())):
             raise ValueError(f"--columns: unknown {name!r}{suggestion(name, KNOWN.split())} Known: {KNOWN}")
@@ -229,11 +219,11 @@ def _names(header: list[str], table: Table, how: Options) -> tuple[dict[int, Nam
     return names, given
 
 
-def _where(header: list[str], table: Table, how: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
+def _where(header: list[str], table: Table, options: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
     """The columns that choose rows, and whether a name belongs to the body that is asked for."""
     rows: dict[int, str] = {}
     bodies: list[str] = []
-    for name, value in how.where.items():
+    for name, value in options.where.items():
         place = next((i for i, word in enumerate(header) if word and word == name), None)
         place = int(name) if place is None and name.isdecimal() and int(name) < table.width else place
         if place is not None:
@@ -258,31 +248,28 @@ def is_chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -
     return all(same(row[i], value) for i, value in rows.items())
 
 
-def _label(name: str, sample: Sequence[Sequence[str]], i: int) -> bool:
-    """Whether a column may say of which body a row is: it has a few words or whole numbers in turn."""
-    words = [row[i] for row in sample if i < len(row)]
-    values = set(words)
-    if not 2 <= len(values) < min(len(words), 50) or "" in values:
-        return False
-    if any(not is_number(word) for word in values):
-        return True
-    may_count = not name or bool(BODIES & set(parse(name).stem)) or _cyclic(words)
-    return may_count and all(word.isdecimal() for word in values)
-
-
-def _cyclic(words: Sequence[str]) -> bool:
-    n = len(set(words))
-    return len(words) > n > 1 and all(word == words[i % n] for i, word in enumerate(words))
-
-
-def several(header: Sequence[str], table: Table, i: int) -> str:
-    """What to say of a file whose rows are of several bodies, as column i shows."""
-    name, values = header[i] or f"{i}", list(dict.fromkeys(row[i] for row in table.sample))
-    return f"the column {name} has {', '.join(values[:10])} in turn; say which rows: --where {name}={values[-1]}"
+def _labels(header: Sequence[str], table: Table, options: Options, places: Iterable[int]) -> list[str]:
+    """What to say of columns that tell of which body a row is; ValueError where that is sure."""
+    notes = []
+    for i in places:
+        words = [row[i] for row in table.sample if i < len(row)]
+        values = list(dict.fromkeys(words))
+        if "" in values or not 2 <= len(values) < min(len(words), 50):
+            continue
+        names_bodies, is_text = bool(BODIES & set(parse(header[i]).stem)), not all(map(is_number, values))
+        is_cyclic = all(word == values[k % len(values)] for k, word in enumerate(words))
+        is_count = all(word.isdecimal() for word in values) and (not header[i] or names_bodies or is_cyclic)
+        if is_text or is_count:
+            name = header[i] or f"{i}"
+            listed = f"the column {name} has {', '.join(values[:10])} in turn"
+            notes.append(f"{listed}; say which rows: --where {name}={values[-1]}")
+            if names_bodies or (options.step is not None and is_cyclic):
+                raise ValueError(notes[-1])
+    return notes
 
 
 def _choose(
-    groups: list[Group], header: list[str], sample: list[list[str]], how: Options, notes: list[str]
+    groups: list[Group], header: list[str], sample: list[list[str]], options: Options, notes: list[str]
 ) -> dict[str, Group]:
     """One group for each quantity; ValueError where two may be it."""
     for group in groups:
@@ -299,7 +286,7 @@ def _choose(
             words = " ".join(header[i] for i in group.places)
             group.kind = "omega"
             notes.append(f"{words} are taken for the rates of a gyro; else name ω: --columns wx=…,wy=…,wz=….")
-        if group.kind == "three of a rotation" and how.angles:
+        if group.kind == "three of a rotation" and options.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
             group.kind = "position" if _are_places(group, groups, sample) else "rotation vector"
@@ -328,21 +315,21 @@ def _choose(
             chosen[kind] = best[0]
     if "omega" in chosen:  # then a momentum tells nothing more, and may be in other axes
         chosen.pop("momentum", None)
-    _order_angles(chosen, header, how, notes)
+    _order_angles(chosen, header, options, notes)
     for group in groups:
-        if group.kind == "three of a rotation" and not how.angles and not {"quaternion", "matrix"} & set(chosen):
+        if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
             words = " ".join(header[i] for i in group.places)
             either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
             notes.append(f"{words} are no quaternion: {either}")
-    for what, word in how.units.items():
+    for what, word in options.units.items():
         if chosen and not {*OF_UNITS.get(what, chosen)} & {*chosen}:
             raise ValueError(f"--units {what}={word}: the file has no {what}, but {', '.join(chosen)}")
     return chosen
 
 
-def _order_angles(chosen: dict[str, Group], header: list[str], how: Options, notes: list[str]) -> None:
+def _order_angles(chosen: dict[str, Group], header: list[str], options: Options, notes: list[str]) -> None:
     """Angles in the order in which --angles names their axes; without it only roll, pitch and yaw are known."""
-    angles, axes = chosen.get("angles"), how.angles
+    angles, axes = chosen.get("angles"), options.angles
     if axes is not None:
         if not re.fullmatch(r"([xyz])(?!\1)([xyz])(?!\2)[xyz]|([XYZ])(?!\3)([XYZ])(?!\4)[XYZ]", axes):
             raise ValueError(f"--angles {axes}: three axes are needed, such as ZXZ or xyz")
@@ -390,10 +377,16 @@ def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarr
 
 
 def _factors(
-    kind: str, group: Group, header: list[str], names: Mapping[int, Name], table: Table, how: Options, notes: list[str]
+    kind: str,
+    group: Group,
+    header: list[str],
+    names: Mapping[int, Name],
+    table: Table,
+    options: Options,
+    notes: list[str],
 ) -> dict[int, float]:
     """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
-    for what, word in how.units.items():
+    for what, word in options.units.items():
         if what not in OF_UNITS:
             raise ValueError(f"--units: unknown {what!r}{suggestion(what, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
         if unit_of(word) is None:
@@ -401,7 +394,7 @@ def _factors(
     if kind not in EXPECTED:
         return dict.fromkeys(group.places, 1.0)
     expected = EXPECTED[kind]
-    said = next((unit_of(word) for what, word in how.units.items() if kind in OF_UNITS[what]), None)
+    said = next((unit_of(word) for what, word in options.units.items() if kind in OF_UNITS[what]), None)
     degrees = re.search(r"indegrees\s*[=,:]?\s*(yes|true)", table.above, re.IGNORECASE)
     lengths = re.search(r"length units?\W+(\w+)", table.above, re.IGNORECASE)
     general = UNITS["deg"] if degrees and expected == "rad" else None
@@ -409,13 +402,13 @@ def _factors(
     factors = {}
     for i, part in zip(group.places, group.order.split(), strict=False):
         name = names[i]
-        own = name.unit or table.units.get(i, "")
-        unit: Unit = said or (unit_of(own) if own else general) or UNITS["1"]
+        written = name.unit or table.units.get(i, "")
+        unit: Unit = said or (unit_of(written) if written else general) or UNITS["1"]
         if kind == "axis and angle" and part != "angle":
             unit = UNITS["1"]
         if unit.kind not in (expected, "1"):
             advice = f"say --units {kind if kind in OF_UNITS else 'angle'}={expected}"
-            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {own or how.units}: {advice}")
+            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {written or options.units}: {advice}")
         if name.strange and not said:
             taken = f"{expected} is taken; else say --units {kind}=…."
             notes.append(f"{header[i]}: {name.strange!r} is no known unit, {taken}")
@@ -474,14 +467,14 @@ def _scaled(values: Array, factor: float) -> Array:
 
 def _times(clocks: Sequence[tuple[Array, float]], is_stamp: bool) -> tuple[Array, Array]:
     """Times, and times since the first row, (n,), s, of clocks (column, factor) that are added. is_stamp : words, not numbers."""
-    if is_stamp:  # nanoseconds since 1970 have more digits than a double
-        exact = [([Decimal(word) for word in words.tolist()], factor) for words, factor in clocks]
-        t = sum(_scaled(np.array(words, dtype=float), factor) for words, factor in exact)
-        since = [(np.array([float(word - words[0]) for word in words]), factor) for words, factor in exact]
-    else:
-        t = sum(_scaled(values.astype(float), factor) for values, factor in clocks)
-        since = [(values.astype(float) - float(values[0]), factor) for values, factor in clocks]
-    return np.asarray(t), np.asarray(sum(_scaled(values, factor) for values, factor in since))
+    t, elapsed = np.zeros(1), np.zeros(1)
+    for column, factor in clocks:
+        since = column.astype(float) - float(column[0])
+        if is_stamp:  # nanoseconds since 1970 have more digits than a double
+            exact = [Decimal(word) for word in column.tolist()]
+            since = np.array([float(word - exact[0]) for word in exact])
+        t, elapsed = t + _scaled(column.astype(float), factor), elapsed + _scaled(since, factor)
+    return t, elapsed
 
 
 def _drop_equal(found: Trajectory, several: Sequence[str]) -> None:
@@ -497,12 +490,12 @@ def _drop_equal(found: Trajectory, several: Sequence[str]) -> None:
         found.notes.append(f"{count} row{'s are' if count > 1 else ' is'} equal to the one before, and left out.")
 
 
-def _window(found: Trajectory, how: Options) -> None:
+def _window(found: Trajectory, options: Options) -> None:
     """Leave out rows before `since` and after `until`."""
     t = found.arrays["time"][:, 0]
     blur = 1e-9 * max(float(np.abs(t).max(initial=0.0)), 1e-300)  # 0.30000000000000004 is 0.3
-    inside = (t >= (-math.inf if how.since is None else how.since - blur)) & (
-        t <= (math.inf if how.until is None else how.until + blur)
+    inside = (t >= (-math.inf if options.since is None else options.since - blur)) & (
+        t <= (math.inf if options.until is None else options.until + blur)
     )
     if np.all(inside | ~np.isfinite(t)):
         return

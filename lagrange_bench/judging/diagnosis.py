@@ -106,7 +106,7 @@ ALL_DIGITS = Floor()
 
 def diagnose(
     rows: Rows,
-    ways: Mapping[str, Array],
+    other_readings: Mapping[str, Array],
     body: RigidBody,
     exact: ff.Exact | None = None,
     floor: Floor = ALL_DIGITS,
@@ -117,8 +117,8 @@ def diagnose(
     ----------
     rows : Rows
         In the axes of the case. At most 2000 first rows are looked at; rows with a NaN are left out.
-    ways : dict of (N, 3, 3)
-        Other ways to read the rotations: the option → matrices. That they may be transposed need not be said.
+    other_readings : dict of (N, 3, 3)
+        Other readings of the rotations: the option → matrices. That they may be transposed need not be said.
     body : RigidBody
         The body that moves.
     exact : function, optional
@@ -127,7 +127,7 @@ def diagnose(
         The errors that the digits of the file hide.
     """
     with np.errstate(all="ignore"):
-        return Diagnosis(rows, ways, body, exact, floor).findings()
+        return Diagnosis(rows, other_readings, body, exact, floor).findings()
 
 
 class Diagnosis:
@@ -136,7 +136,9 @@ class Diagnosis:
     W, B : what takes their rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
     """
 
-    def __init__(self, rows: Rows, ways: Mapping[str, Array], body: RigidBody, exact: ff.Exact | None, floor: Floor):
+    def __init__(
+        self, rows: Rows, other_readings: Mapping[str, Array], body: RigidBody, exact: ff.Exact | None, floor: Floor
+    ):
         good = np.isfinite(rows.t)
         for part in (rows.R, rows.omega, rows.x):
             if part is not None:
@@ -146,7 +148,7 @@ class Diagnosis:
             part if part is None else part[keep] for part in (rows.R, rows.omega, rows.x, rows.angles)
         )
         self.rows = Rows(rows.t[keep], R, omega, x, rows.frame, angles)
-        self.ways = {name: R[keep] for name, R in ways.items()}
+        self.other_readings = {name: R[keep] for name, R in other_readings.items()}
         self.body, self.exact, self.floor = body, exact, floor
         self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
 
@@ -223,7 +225,7 @@ class Diagnosis:
         rows, late, price = self.rows, self.lateness(exact), math.log(EACH)
         zero, choice, gain = 0.0, None, 0.0
         for shift in dict.fromkeys((0.0, -float(rows.t[0]))) if rows.R is not None else ():
-            tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.ways, max(self.floor.R, ROUND_OFF))
+            tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.other_readings, max(self.floor.R, ROUND_OFF))
             if tried is not None and tried.gain - (price if shift else 0.0) > gain:
                 zero, choice, gain = shift, tried, tried.gain - (price if shift else 0.0)
         if late.winner is not None and late.gain > gain - price:
@@ -272,8 +274,8 @@ class Diagnosis:
         if reading:
             self.tell(fk.of_reading(reading), before, after)
             assert self.rows.R is not None
-            R = next(R for name, _, R in fk.readings(self.rows.R, self.ways) if name == reading)
-            self.rows, self.ways = self.rows._replace(R=R), {}
+            R = next(R for name, _, R in fk.readings(self.rows.R, self.other_readings) if name == reading)
+            self.rows, self.other_readings = self.rows._replace(R=R), {}
 
     def start(self, exact: ff.Exact) -> None:
         """Another start, of rows in which nothing else is wrong that concerns it."""
@@ -333,7 +335,7 @@ class Diagnosis:
         """ω in the body at the rows 2 … N − 3 if it turns the body, else the rates of the rotations; None if these are wrong."""
         rows = self.rows
         assert rows.R is not None
-        choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.ways), floor)
+        choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.other_readings), floor)
         off = choice.misfits
         if rows.angles is not None and blur < BLURRED:
             cause = self.angle_cause(rows.angles, omega, rate, choice, max(floor, fk.BLURS * blur))

@@ -77,7 +77,7 @@ class Flight(NamedTuple):
         return 6 * 2 * math.sqrt(180 / self.rows) * max(self.rest, floor) / self.span**2
 
 
-def frames(R: Array, exact_R: Array, ways: Mapping[str, Array], floor: float) -> Choice | None:
+def frames(R: Array, exact_R: Array, other_readings: Mapping[str, Array], floor: float) -> Choice | None:
     """The clearest choice of a `Frame` over prefixes of the rows."""
     best: Choice | None = None
     for n in [*(n for n in PREFIXES if n < len(R)), len(R)]:
@@ -90,7 +90,7 @@ def frames(R: Array, exact_R: Array, ways: Mapping[str, Array], floor: float) ->
         scale = min(1.0, turn) or 1.0  # what explains the rows is right to a share of their turn
         models = [
             Model(price + model.cost, model.misfit / scale, Frame(reading, *model.value))
-            for reading, price, A in readings(R, ways)
+            for reading, price, A in readings(R, other_readings)
             for model in turns(A[places], E, is_long)
         ]
         choice = choose(models, floor / scale)
@@ -187,8 +187,8 @@ def places(t: Array, x: Array, R: Array | None, right: Array, start: Array, is_f
         yield Model(1.5, size(off - R @ point) / length, ("point", point))
     if is_flying:
         T = (t - t[0])[:, None] ** 2 / 2
-        more = ((x - right) * T).sum(0) / (T**2).sum()
-        yield Model(1.0, size(x - right - T * more) / length, ("gravity", more))
+        fall = ((x - right) * T).sum(0) / (T**2).sum()
+        yield Model(1.0, size(x - right - T * fall) / length, ("gravity", fall))
 
 
 def parabola(t: Array, x: Array) -> Flight:

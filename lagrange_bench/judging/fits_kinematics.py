@@ -77,18 +77,18 @@ def rates(t: Array, R: Array) -> tuple[Array, float]:
     return five, (size(five - three) / length) ** 2 if length else 0.0
 
 
-def readings(R: Array, ways: Mapping[str, Array]) -> Iterator[tuple[str, float, Array]]:
+def readings(R: Array, other_readings: Mapping[str, Array]) -> Iterator[tuple[str, float, Array]]:
     """The rotations as read and as others would read them: a name, its cost, matrices."""
-    for name, matrices in {"": R, **ways}.items():
+    for name, matrices in {"": R, **other_readings}.items():
         cost = 1.0 if name else 0.0
         yield name, cost, matrices
         yield f"{name} {TRANSPOSED}".strip(), cost + 1.0, matrices.transpose(0, 2, 1)
 
 
-def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array]) -> Iterator[Model]:
+def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[str, Array]) -> Iterator[Model]:
     """Models of M ω = Θ' over readings of the rotations, frames and times of ω; the value is a `Spin`."""
     k, inner = np.arange(3, len(t) - 3), slice(1, -1)
-    for reading, price, A in readings(R, ways):
+    for reading, price, A in readings(R, other_readings):
         five, blur = rates(t, A)
         step = steps(A) / np.diff(t)[:, None]
         series = {  # rates in the body, and the attitudes that take them to the world
@@ -103,8 +103,8 @@ def spins(t: Array, R: Array, omega: Array, frame: str, ways: Mapping[str, Array
             targets = [(BODY, in_body, 0.0), (WORLD, in_world, 0.0)]
             if time == ON_TIME:
                 targets.append((BEFORE, np.einsum("kji,kj->ki", A[k - 1], in_world), 0.5))
-            for other, target, more in targets:
-                cost = price + TIMES[time] + more + (1.0 if other != frame else 0.0)
+            for other, target, extra in targets:
+                cost = price + TIMES[time] + extra + (1.0 if other != frame else 0.0)
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
                     misfit = max(model.misfit, BLURS * blur)
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))

@@ -159,8 +159,8 @@ def with_terms(windows: Windows, cost: float, law: Law, sets: list[tuple[str, ..
         price, is_seen = cost, True
         for place, name in enumerate(names):
             one = slice(place, place + 3) if name == "gravity" else place
-            a[one], more, seen = plain_gravity(a[one], g) if name == "gravity" else plain(name, a[one], span)
-            price, is_seen = price + more, is_seen and seen
+            a[one], added, seen = plain_gravity(a[one], g) if name == "gravity" else plain(name, a[one], span)
+            price, is_seen = price + added, is_seen and seen
         if is_seen:
             terms = {name: g + a[n:] if name == "gravity" else a[n] for n, name in enumerate(names)}
             yield Model(price, size(defect - T @ a) / windows.scale, law._replace(terms=terms))
@@ -176,20 +176,20 @@ def plain(name: str, a: float, span: float) -> tuple[float, float, bool]:
     return a, 1.0, True
 
 
-def plain_gravity(more: Array, g: Array) -> tuple[Array, float, bool]:
+def plain_gravity(added: Array, g: Array) -> tuple[Array, float, bool]:
     """What is added to g, cheap if gravity is then along an axis, 0, or weaker or stronger; its cost; whether it is seen."""
     strength = float(np.linalg.norm(g)) or 1.0
-    ratio = (g + more) / strength
+    ratio = (g + added) / strength
     is_plain = np.abs(ratio - ratio.round()).max() < VERY and np.abs(ratio.round()).sum() < 2
-    new = strength * ratio.round() - g if is_plain else more
-    is_along = np.linalg.norm(np.cross(more, g)) < NEAR * strength * np.linalg.norm(more)
+    new = strength * ratio.round() - g if is_plain else added
+    is_along = np.linalg.norm(np.cross(added, g)) < NEAR * strength * np.linalg.norm(added)
     return new, 1.0 if is_plain else 1.5 if is_along else 2.0, bool(np.linalg.norm(new) > NEAR * strength)
 
 
 def bodies(windows: Windows) -> Iterator[tuple[float, Law]]:
     """Other bodies that a program may have followed, and their costs."""
     I, mc, body = windows.I, windows.claimed[6:], windows.body
-    some = 9 if np.any(body.gravity) else 6  # without gravity m c tells nothing
+    count = 9 if np.any(body.gravity) else 6  # without gravity m c tells nothing
     diagonal, arm, points = np.diag(np.diag(I)), I - body.inertia_com, ("fixed point", "centre of mass")
     others = [
         (1.0, say("moments left-out"), diagonal, mc),
@@ -202,7 +202,7 @@ def bodies(windows: Windows) -> Iterator[tuple[float, Law]]:
         others.append((1.5, say("body-axes moments", axes=triple(P.T), moments=numbers(np.diag(J))), J, P @ mc))
     for cost, finding, J, lever in others:
         v = vector(J, lever)
-        if np.abs(v - windows.claimed)[:some].max() > NEAR * np.abs(windows.claimed[:some]).max():
+        if np.abs(v - windows.claimed)[:count].max() > NEAR * np.abs(windows.claimed[:count]).max():
             yield cost, Law(v, finding)
     for v in followed(windows):
         I, products = moments(v), v[3:6]
@@ -216,17 +216,17 @@ def bodies(windows: Windows) -> Iterator[tuple[float, Law]]:
 
 def followed(windows: Windows) -> Iterator[Array]:
     """The bodies that the rows follow: the part of the claimed body in the span of the smallest singular vectors of X."""
-    some = 9 if windows.is_heavy and np.any(windows.body.gravity) else 6
-    X, claimed = windows.X[:, :, :some], windows.claimed[:some]
-    unit = np.repeat([np.linalg.norm(claimed[:3]), np.linalg.norm(claimed[6:])], 6)[:some]
-    rows = (X[common(X @ claimed)] * unit).reshape(-1, some)
+    count = 9 if windows.is_heavy and np.any(windows.body.gravity) else 6
+    X, claimed = windows.X[:, :, :count], windows.claimed[:count]
+    unit = np.repeat([np.linalg.norm(claimed[:3]), np.linalg.norm(claimed[6:])], 6)[:count]
+    rows = (X[common(X @ claimed)] * unit).reshape(-1, count)
     V = np.linalg.svd(np.linalg.qr(rows, mode="r"))[2][::-1]
     misfits = [size(X @ (unit * v)) for v in V]
     for m in range(1, SMALLEST + 1):
         if misfits[m] < EACH * misfits[m - 1]:
             continue  # not all of the small ones
         v = np.zeros(9)
-        v[:some] = unit * (V[:m].T @ (V[:m] @ (claimed / unit)))
+        v[:count] = unit * (V[:m].T @ (V[:m] @ (claimed / unit)))
         length = np.linalg.norm(v[:3])
         if length < NEAR * unit[0]:
             continue

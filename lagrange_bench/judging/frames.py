@@ -144,7 +144,7 @@ class Frames:
         """The attitudes (n, 3, 3) of the first group of columns that holds attitudes; None without one."""
         return next((self.attitude(name, trajectory[name])[0] for name in ATTITUDES if name in trajectory), None)
 
-    def ways(self, trajectory: Mapping[str, Array], wxyz: str = "") -> dict[str, Array]:
+    def other_readings(self, trajectory: Mapping[str, Array], wxyz: str = "") -> dict[str, Array]:
         """Other ways to read the first group of attitudes: the option → matrices (n, 3, 3).
 
         wxyz : the option for the other order of quaternions, where their names tell an order.
@@ -199,7 +199,7 @@ class Frames:
 
         A matrix that is no rotation becomes NaN: it mirrors, or is off by more than `OFF` and than the digits of the file.
         """
-        how, defect = self.convention, {}
+        convention, defect = self.convention, {}
         if group == "matrix":
             R = values.reshape(-1, 3, 3)
             off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
@@ -209,12 +209,14 @@ class Frames:
         elif group == "quaternion":
             length = np.linalg.norm(values, axis=1)
             defect["orthogonality"] = np.abs(length - 1)
-            R = Rotation.from_quat(_unit(values), scalar_first=how.quat == "wxyz").as_matrix()
+            R = Rotation.from_quat(_unit(values), scalar_first=convention.quat == "wxyz").as_matrix()
             R[~(np.isfinite(length) & (length > 0))] = np.nan
         else:
             known = np.nan_to_num(values)
             R = (
-                Rotation.from_rotvec(known) if group == "rotation vector" else Rotation.from_euler(how.angles, known)
+                Rotation.from_rotvec(known)
+                if group == "rotation vector"
+                else Rotation.from_euler(convention.angles, known)
             ).as_matrix()
             R[~np.isfinite(values).all(1)] = np.nan
         return self.to_world @ R @ self.from_body, defect

@@ -206,16 +206,6 @@ class Orders(NamedTuple):
             lines.append(f"These are the orders until t = {self.until:.4g} s, while all files are within {NEAR} rad.")
         return lines
 
-    @property
-    def converges_elsewhere(self) -> bool:
-        """Whether errors stop falling far from round-off, as those of a program that follows another motion."""
-        finite = [
-            [order for order in values if math.isfinite(order)]
-            for name, values in self.values.items()
-            if name in ("position", "rotation")
-        ]
-        return any(len(known) > 1 and known[-1] < 0.3 < max(known) for known in finite)
-
 
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> Orders:
     """Observed orders of what all files have, over the longest time for which all of them are near the exact motion."""

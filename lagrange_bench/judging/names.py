@@ -368,7 +368,7 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
         if "t" in parts:
             groups += [Group("time", [i], stem, "t", 0 if i in given else 1, len(parts["t"]) > 1) for i in parts["t"]]
         used: set[str] = set()
-        for what, orders in SHAPES.get(kind, ()):
+        for shape, orders in SHAPES.get(kind, ()):
             for order in orders:
                 if order[0].isdecimal() and indexed != len(order.replace("angle", "").split()) and not state:
                     continue
@@ -378,13 +378,13 @@ def groups_of(names: Mapping[int, Name], given: set[int]) -> tuple[list[Group], 
                 places, twice = [each[0] for each in choices], any(len(each) > 1 for each in choices)
                 rank = 0 if given & set(places) else 1 if kind else 3 if stem else 2
                 index = 0.5 * order[0].isdecimal()  # qw says more than q0
-                groups.append(Group(what, places, stem, order, rank + index, twice))
+                groups.append(Group(shape, places, stem, order, rank + index, twice))
                 used |= set(order.split())
         if not used and kind and kind != "velocity":
-            forms = [(what, order.split()) for what, orders in SHAPES.get(kind, ()) for order in orders]
-            what, best = max(forms, key=lambda pair: sum(part in parts for part in pair[1]) / len(pair[1]))
+            forms = [(shape, order.split()) for shape, orders in SHAPES.get(kind, ()) for order in orders]
+            shape, best = max(forms, key=lambda pair: sum(part in parts for part in pair[1]) / len(pair[1]))
             if absent := [part for part in best if part not in parts and set(best) & set(parts)]:
-                missing[what] = f"No {what}: there is no column {', '.join(_written(stem, part) for part in absent)}."
+                missing[shape] = f"No {shape}: there is no column {', '.join(_written(stem, part) for part in absent)}."
     have = {group.kind for group in groups}
     return groups, [note for kind, note in missing.items() if kind not in have]
 
