@@ -5,7 +5,6 @@ import sys
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -50,12 +49,7 @@ def load(name: str) -> ModuleType:
         path = installed()[name].module
     else:
         known = [*EXPERIMENTS, *installed()]
-        own = (
-            f"; a file of your own needs a folder: study/{name}.py is study.{name}"
-            if Path(f"{name}.py").exists()
-            else ""
-        )
-        raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}{own}")
+        raise UnknownExperiment(f"unknown experiment {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     try:
         with no_exit():
             module = find(path)

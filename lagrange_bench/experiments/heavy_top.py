@@ -114,7 +114,7 @@ def measured_orders(group: pd.DataFrame) -> dict[str, float]:
         error = group[name]
         best = group.h[error == error.min()].max()
         floor = max(FLOOR, error[group.h < best].max())
-        orders[f"order of {name}"] = metrics.order(group.h, error, floor=floor).p
+        orders[f"order of {name}"] = metrics.order(group.h, error, floor=floor)
     return orders
 
 

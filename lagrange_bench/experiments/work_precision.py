@@ -179,20 +179,16 @@ def races(
                 yield {**dict(zip(apart, values, strict=True)), "error at most": target}, race
 
 
-@of_part(
-    "", "The cheapest method for each length of run and error, and the next, with set-up counted and not", failed=True
-)
+@of_part("", "The cheapest method for each length of run and error, and the next, set-up counted", failed=True)
 def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each run and target error, with set-up and without."""
-    both = (races(useful(rows), APART, TARGETS, price) for price in ("seconds", "total"))
+    """A line for each run and target error."""
     table = []
-    for pair in zip(*both, strict=True):
-        for (fields, race), counted, price in zip(pair, ("no", "yes"), ("seconds", "total"), strict=True):
-            first, others = race.iloc[0], race.iloc[1:]
-            line = {**fields, "set-up counted": counted, "cheapest": first.method, "seconds": first[price]}
-            line["next"] = others.method.iloc[0] if len(others) else ""
-            line["times as long"] = others[price].iloc[0] / first[price] if len(others) else np.nan
-            table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
+    for fields, race in races(useful(rows), APART, TARGETS, "total"):
+        first, others = race.iloc[0], race.iloc[1:]
+        line = {**fields, "cheapest": first.method, "seconds": first.total}
+        line["next"] = others.method.iloc[0] if len(others) else ""
+        line["times as long"] = others.total.iloc[0] / first.total if len(others) else np.nan
+        table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
     return pd.DataFrame(table)
 
 

@@ -99,19 +99,6 @@ def test_what_an_engine_tends_to():
     assert part.limit.tolist() == ["the exact motion", *[engines.ENGINES["MJX"].missing] * 2]  # Euler and RK4
 
 
-def test_the_figure_of_games_has_the_best_default_on_top():
-    rows = stored("Drake", "default", (0.01, 1e-4, 1e-5)) + stored("Drake", "best", (1e-8, 1e-9, 1e-9))
-    rows += stored("Jolt", "default", (1.0, 0.3, 0.1)) + stored("Oimo", "default", (2.0, 1.0, 0.5))
-    drawn = engines.draw(pd.DataFrame(rows))
-    assert set(drawn) == {"games"}
-    (ax,) = drawn["games"].axes
-    assert [text.get_text() for text in ax.get_yticklabels()] == ["Drake", "Jolt"], "Oimo is not among them"
-    default, advised = (line for line in ax.get_lines() if not line.get_label().startswith("_"))
-    assert (list(default.get_xdata()), list(default.get_ydata())) == ([0.01, 1.0], [0, 1])
-    assert advised.get_xdata()[0] == 1e-8
-    assert drawn["games"].headline.startswith("1 of 2 engines")
-
-
 def test_a_version_is_that_of_the_engine_with_the_package_beside_it():
     known = {"MuJoCo 3.10": "3.10.0", "PhysX": "2.7.3", "Jolt": "1.1.0", "gone": "1"}
     assert [figures.title(name, version) for name, version in known.items()] == [
@@ -168,23 +155,11 @@ def test_followed_bodies(engine):
     assert (far["rotation"], far["until"]) == (pytest.approx(0.25, rel=1e-4), 0.0)
 
 
-def test_an_energy_and_a_spin_that_are_lost_and_an_energy_that_grows():
+def test_an_energy_and_a_spin_that_are_lost():
     rows = np.array(list(exact(follow.Body.of(programs.RACKET), "wrong", 1e-3, 100, 10)))
     found = engines.errors(programs.RACKET, np.arange(11) * 0.01, rows)
     assert (found["energy"], found["spin"]) == (pytest.approx(-0.75, abs=1e-6), pytest.approx(-2.5, abs=1e-3))
     assert np.isnan(found["turns_over"])
-    assert found["energy_growth"] == pytest.approx(0.0, abs=1e-6), "lost at once"
-    t = np.arange(513) / 256
-    motion = programs.RACKET.solution(t)
-    matrices = motion.rotation.as_matrix().reshape(-1, 9)
-
-    def growth(factors):
-        rows = np.hstack((np.zeros((513, 3)), matrices, motion.omega_world * factors[:, None]))
-        return engines.errors(programs.RACKET, t, rows)["energy_growth"]
-
-    assert growth(1 + 1e-6 * t) == pytest.approx(1.0, abs=1e-3)
-    assert growth(1 + 1e-6 * t**2) == pytest.approx(2.0, abs=1e-2)
-    assert np.isnan(growth(np.ones(513))), "round-off is no growth"
 
 
 def test_each_engine_says_what_it_needs_and_has_a_file():
@@ -219,22 +194,12 @@ def test_a_run_is_a_file_that_judge_reads(tmp_path):
     assert judged.rotation.end == pytest.approx(engines.measure(cell)[0]["rotation"], rel=1e-4)
 
 
-ORDERS = [
-    ("MuJoCo", "RK4", 4),
-    ("Exudyn", "generalized-alpha", 2),
-    ("Exudyn", "RK67", 6),
-]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "kind", "order"), ORDERS)
+@pytest.mark.parametrize(("name", "kind", "order"), [("MuJoCo", "RK4", 4), ("Exudyn", "generalized-alpha", 2)])
 @pytest.mark.filterwarnings("ignore")  # of the engines
 def test_the_engines_follow_the_slow_top(name, kind, order):
-    engine = engines.ENGINES[name]
-    if engine.version is None:
+    if engines.ENGINES[name].version is None:
         pytest.skip(f"there is no {name}")
-    steps = (2**11, 2**12) if order < 5 else (2**7, 2**8)
-    cells = [{**ABSENT, "engine": name, "integrator": kind, "h": engines.UNTIL / n} for n in steps]
-    coarse, fine = (engines.measure(cell)[0] for cell in cells)
-    assert np.log2(coarse["rotation"] / fine["rotation"]) == pytest.approx(order, abs=0.6)
-    assert fine["position"] < 1e-3
+    cells = [{**ABSENT, "engine": name, "integrator": kind, "h": engines.UNTIL / n} for n in (2**11, 2**12)]
+    coarse, fine = (engines.measure(cell)[0]["rotation"] for cell in cells)
+    assert np.log2(coarse / fine) == pytest.approx(order, abs=0.6)

@@ -126,7 +126,6 @@ def test_tables_and_figures_are_made_of_the_rows_of_their_part():
         ("a", "table"): [1], ("a", "crosses"): [1, 2], ("", "all"): [1, 3], ("c", "none"): None,
     }  # fmt: skip
     assert made["a", "table"].attrs["caption"] == "table"
-    assert [reductions.done(rows, part).x.tolist() for part in ("", "b", "c")] == [[1, 3], [3], []]
 
 
 @pytest.mark.parametrize("name", ["near_regular", "near_separatrix", "inverted"])
@@ -163,23 +162,20 @@ def test_order_between_round_off_and_saturation(p):
     h = 2.0 ** -np.arange(16)
     rng = np.random.default_rng(p)
     error = np.minimum(3.0, 2 * h**p * (1 + 0.5 * h)) + 1e-14 * rng.uniform(0.5, 2, 16) / h
-    fit = metrics.order(h, error)
-    assert fit.p == pytest.approx(p, abs=0.15)
-    assert fit.mask.sum() >= 3
-    assert np.all(error[fit.mask] < 0.1)
+    assert metrics.order(h, error) == pytest.approx(p, abs=0.15)
     shuffled = rng.permutation(16)
     again = metrics.order(-h[shuffled], error[shuffled])  # any order, any sign of h
-    assert (again.p, again.mask.tolist()) == (pytest.approx(fit.p), fit.mask[shuffled].tolist())
+    assert again == pytest.approx(metrics.order(h, error))
 
 
 def test_order_of_no_power_law():
     h = 2.0 ** -np.arange(8)
     rng = np.random.default_rng(0)
     for error in (np.full(8, 1e-3), np.full(8, np.nan), np.zeros(8)):
-        assert np.isnan(metrics.order(h, error).p)
-    assert np.isnan(metrics.order(h, 1e-15 * rng.uniform(0.5, 2, 8), floor=1e-15).p)
-    assert np.isnan(metrics.order(h[:2], h[:2] ** 2 / 20).p)  # two points are no fit
-    assert metrics.order(h, h**2 / 20, floor=1e-4).mask.sum() == 3
+        assert np.isnan(metrics.order(h, error))
+    assert np.isnan(metrics.order(h, 1e-15 * rng.uniform(0.5, 2, 8), floor=1e-15))
+    assert np.isnan(metrics.order(h[:2], h[:2] ** 2 / 20))  # two points are no fit
+    assert metrics.order(h, h**2 / 20, floor=1e-4) == pytest.approx(2.0)
 
 
 def test_the_condition_of_a_known_motion():

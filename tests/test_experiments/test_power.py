@@ -83,25 +83,10 @@ def test_a_wrong_top_is_caught():
     assert not next(check.solution(liar, True)).passed
 
 
-class Biased(Wrapped):
-    """A good stepper whose every step makes x longer by so many ulps of its own."""
-
-    def __init__(self, ulps, *where):
-        super().__init__(*where, "strang")
-        self.ulps = ulps
-
-    def record(self, y, n, every):
-        rows = self.inner.record(y, n, every)
-        rows[:, 3:] *= 1 + self.ulps * 2.0**-53 * every * np.arange(len(rows))[:, None]
-        return rows
-
-
-@pytest.mark.parametrize(("ulps", "quick", "kept"), [(0.1, False, True), (2, True, False), (1, False, False)])
-def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, quick, kept):
-    biased = in_uniform_fields(METHODS["strang"], prepare=partial(Biased, ulps))
-    verdict = by_claim(check.conserves(biased, quick))["conserves C1"]
-    assert verdict.passed is kept, verdict
-    assert ("A rounding that always" in verdict.how) is (ulps == 1)
+@pytest.mark.parametrize(("ulps", "kept"), [(0.1, True), (1, False)])
+def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, kept):
+    biased = off("strang", lambda y, h, n: longer(ulps * 2.0**-53 * n)(y))
+    assert by_claim(check.conserves(biased, False))["conserves C1"].passed is kept
 
 
 @pytest.mark.parametrize(("limit", "passed"), [(0.3, None), (0.05, False)])
@@ -329,9 +314,7 @@ def mine(folder):
 
 FAULTS = [  # a change of the file, and what is said
     ("c[MIDDLE]", "c[MIDLE]", "the kernel step cannot be compiled: NameError: name 'MIDLE' is not defined"),
-    ("    return s\n", "    return s[0], s[1], s[2]\n", "the kernel step returns 3 numbers, 6 are needed"),
     ("@compiled\ndef step", "def step", "the kernel step is not compiled: put @compiled above it ({file}:56)"),
-    ("prepare(top, y0, h):", "prepare(top, y0):\n    h = 1", "TypeError: prepare() takes 2 positional arguments"),
     ("    return Fixed", "    raise SystemExit(3)\n    return Fixed", "SystemExit: 3 ({file}:57)"),
 ]
 
@@ -354,7 +337,6 @@ def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
 
 RECORDS = [
     ('{"J3", "C1", "C2"}', '{"J 4"}', "conserves names invariants by words, as {'J3'}; got {'J 4'}"),
-    ("order=4", 'order=4, needs="force"', "needs must be one of uniform, rhs, "),
     ("order=4", "oder=4", "unexpected keyword argument 'oder'"),
 ]
 
@@ -494,21 +476,12 @@ def test_a_method_that_forgets_the_time_fails(short, time_counts, passed):
 
 
 def test_a_claim_that_a_problem_does_not_have_is_said():
-    claims = {"C1", "C2", "J3"}
-    record = replace(METHODS["rkmk4"], claims=Claims(conserves=claims))
-    assert not any(
-        "claims" in v.how
-        for v in check.conserves(record, True, ("free_body",), 10)
-        if v.claim in ("conserves C1", "conserves C2")
-    ), "they stand for the Casimir function"
-    for word in claims:
-        alone = replace(record, claims=Claims(conserves={word}))
-        verdict = by_claim(check.conserves(alone, True, ("free_body",), 10))[f"conserves {word}"]
-        assert (verdict.word, verdict.how.partition(";")[0]) == (
-            "not judged",
-            f"claims {word}, which the problem free_body does not have",
-        )
-        assert "its invariants are H, C." in verdict.how
+    record = replace(METHODS["rkmk4"], claims=Claims(conserves={"C1", "C2", "J3"}))
+    verdicts = by_claim(check.conserves(record, True, ("free_body",), 10))
+    assert list(verdicts) == ["conserves J3", "conserves H", "conserves C"], "C1 and C2 stand for the Casimir function"
+    said = verdicts["conserves J3"]
+    assert said.word == "not judged"
+    assert said.how.startswith("claims J3, which the problem free_body does not have; its invariants are H, C.")
 
 
 @cache
@@ -517,12 +490,11 @@ def without_weight(body):
 
 
 def test_a_method_for_free_bodies_is_tested_on_one(short):
-    """Whether its record says so or not; if not, the verdict says what is wrong."""
+    """Whether its record says so or not."""
     step = METHODS["simo_wong"].prepare
     careless = replace(METHODS["simo_wong"], prepare=lambda body, y0, h: step(without_weight(body), y0, h))
     verdicts = by_claim(check.of_its_kind(careless, True))
     assert [verdicts[f"{name}: order 2"].passed for name in check.BODIES] == [False, True]
-    assert "is the weight left out?" in verdicts["heavy body: order 2"].how
     right = list(check.of_its_kind(replace(careless, needs=kinds.free_body), True))
     assert wrong(right) == set()
     assert {v.claim.partition(":")[0] for v in right} == {"free body"}

@@ -4,11 +4,10 @@ import re
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
 from lagrange_bench.commands.run import _own_modules
-from lagrange_bench.experiments import phase, sweep
+from lagrange_bench.experiments import sweep
 from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import integrate
@@ -96,11 +95,3 @@ def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process,
     assert run("report", "--results", tmp_path / "out", "--quiet")[0] == 0
     page = (tmp_path / "out" / "page" / "index.html").read_text("utf-8")
     assert ("redraw: " in page, "recompute: " in page) == (True, False), "it would add the cells of a profile"
-
-
-def test_the_first_figure_has_a_top_of_the_file_beside_a_named_one():
-    rows = pd.DataFrame(
-        {"state": np.repeat(["heavy", "generic"], 3), "h": [1.0, 0.5, 0.25] * 2, "error": [1.0, 0.1, 0.01] * 2}
-    )
-    figure = phase.draw(rows.assign(part="h", method="rk4", status="done"))["h"]
-    assert [ax.get_title() for ax in figure.axes] == ["heavy", "generic unit top"]

@@ -35,7 +35,7 @@ def test_samples_are_calibrated_and_the_first_call_is_in_none(work):
     result = timing.time_call(work(5e-3, 1e-7), min_time=0.02, repeats=5)
     assert result.samples == pytest.approx([1e-7] * 5)
     assert 0.02 <= result.loops * 1e-7 < 0.05  # calibrated, not just large
-    assert result.min == pytest.approx(result.median) == pytest.approx(1e-7)
+    assert result.min == pytest.approx(1e-7)
     assert timing.time_call(work(0.05), repeats=3).loops == 1
     assert timing.time_call(work(1e-6, 0.05, 1e-6), min_time=0.02).loops * 1e-6 >= 0.02, "interrupted once"
 
@@ -49,9 +49,7 @@ def test_a_slowing_machine_does_not_favour_anyone(work):
     assert np.max(ratios) > 1.09  # the drift was there
 
 
-def test_unstable_timings_are_marked_and_bad_calls_refused():
-    for samples, unstable in (((1.0, 1.05, 0.95, 1.0), False), ((1.0, 1.0, 1.0, 1.4), True)):
-        assert timing.Timing(1, samples).unstable is unstable
+def test_the_least_sample_is_quoted_and_bad_calls_are_refused():
     assert timing.Timing(1, (3.0, 1.0, 2.0)).min == 1.0
     with pytest.raises(ValueError, match="repeats"):
         timing.time_call(lambda: None, repeats=0)
@@ -67,7 +65,7 @@ RACE |= {"per_octave": 1, "decades": 1, "longest": 100.0}
 UNITS = {  # experiment and part, other fields of a cell → what its row has
     "cost step": (
         {"method": "strang", "h": 0.5, "repeats": 2},
-        {"ns_per_step": STEP, "ns_per_step_median": STEP, "ns_per_time": 2 * STEP, "setup_us": 3e3},
+        {"ns_per_step": STEP, "ns_per_time": 2 * STEP, "setup_us": 3e3},
     ),
     "cost headline": ({"method": "taylor", "fraction": 0.5, "time": 100.0}, {"backlund_s": CALL, "heyoka_s": CALL}),
     "work_precision ": (RACE, {"seconds": CALL, "setup_seconds": 3e-3}),

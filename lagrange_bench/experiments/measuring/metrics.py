@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array
@@ -152,36 +151,21 @@ def _torus_basis(top: LagrangeTop, y: Array) -> Array:
 # ---------------------------------------------------------------- order
 
 
-class Order(NamedTuple):
-    """Exponent of error ~ h^p, its standard error, and a mask (N,) of the points that were used."""
-
-    p: float
-    stderr: float
-    mask: NDArray[np.bool_]
-
-
-def order(h: ArrayLike, error: ArrayLike, floor: float | None = None, saturation: float = 0.1) -> Order:
-    """Order of convergence, from errors (N,) at several h (N,).
+def order(h: ArrayLike, error: ArrayLike, floor: float = 0.0, saturation: float = 0.1) -> float:
+    """Order of convergence p of errors ~ h^p, from errors (N,) at several h (N,).
 
     Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. The fit then takes the
     longest run of neighbours whose local slopes agree within ½ or 20 % of their median. The median must exceed ½. So neither a
     round-off plateau nor too large steps take part. NaN for fewer than 3 points.
     """
     steps, errors = np.abs(_floats(h)), _floats(error)
-    usable = np.isfinite(errors) & (errors > 0) & (errors <= saturation)
-    if floor is not None:
-        usable &= errors > 10 * floor
-    candidates = np.flatnonzero(usable)
-    candidates = candidates[np.argsort(-steps[candidates], kind="stable")]
-    x, y = np.log(steps[candidates]), np.log(errors[candidates])
-    mask = np.zeros(steps.shape, dtype=np.bool_)
+    usable = np.flatnonzero(np.isfinite(errors) & (errors > 10 * floor) & (errors <= saturation))
+    usable = usable[np.argsort(-steps[usable], kind="stable")]
+    x, y = np.log(steps[usable]), np.log(errors[usable])
     first, last = _straight_run(np.diff(y) / np.diff(x))
     if last - first < 2:
-        return Order(np.nan, np.nan, mask)
-    run = slice(first, last + 1)
-    mask[candidates[run]] = True
-    fit = scipy.stats.linregress(x[run], y[run])
-    return Order(float(fit.slope), float(fit.stderr), mask)
+        return np.nan
+    return float(np.polyfit(x[first : last + 1], y[first : last + 1], 1)[0])
 
 
 def _straight_run(slopes: Array) -> tuple[int, int]:

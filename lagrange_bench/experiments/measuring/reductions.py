@@ -64,13 +64,6 @@ def in_part(rows: pd.DataFrame, part: str) -> pd.Series:
     return rows["part"].eq(part) if part else rows["part"].isna()
 
 
-def done(rows: pd.DataFrame, part: str = "") -> pd.DataFrame:
-    """The measured rows of one part ("": all); none if no part has this name."""
-    if "status" not in rows or (part and "part" not in rows):
-        return rows[:0]
-    return rows[rows["status"].eq("done") & (rows["part"].eq(part) if part else True)]
-
-
 def largest(values: ArrayLike) -> float:
     """The largest absolute value; NaN if there is a NaN."""
     return float(np.max(np.abs(np.asarray(values, dtype=float))))

@@ -1,7 +1,7 @@
 """Times short functions: calibrated, repeated, in turn, with all samples kept.
 
-Quote the minimum. It repeats within a few per cent between processes; the mean does not. The median and the spread say how quiet
-the machine was. The first call compiles and belongs to no sample.
+Quote the minimum. It repeats within a few per cent between processes; the mean does not. The first call compiles and belongs to
+no sample.
 """
 
 from __future__ import annotations
@@ -9,13 +9,10 @@ from __future__ import annotations
 import timeit
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from statistics import mean, median, stdev
 from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
-
-UNSTABLE = 0.1  # a timing with a larger coefficient of variation counts as unstable
 
 
 @dataclass(frozen=True)
@@ -28,15 +25,6 @@ class Timing:
     @property
     def min(self) -> float:
         return min(self.samples)
-
-    @property
-    def median(self) -> float:
-        return median(self.samples)
-
-    @property
-    def unstable(self) -> bool:
-        """Whether the standard deviation of the samples is more than UNSTABLE of their mean."""
-        return len(self.samples) > 1 and stdev(self.samples) > UNSTABLE * mean(self.samples)
 
     def ratios(self, reference: Timing) -> NDArray[np.float64]:
         """The samples over the samples of `reference`, round by round, (repeats,). Both must come from one `interleave`."""

@@ -29,10 +29,6 @@ class Verdict:
             return NOT_CLAIMED if self.how.startswith(NOT_CLAIMED) else "not judged"
         return "pass" if self.passed else "fail"
 
-    def __str__(self) -> str:
-        measured = "" if self.measured is None else f" {self.measured:.4g}, bound {self.bound};"
-        return f"{self.claim}:{measured} {self.how}"
-
 
 class Worst(NamedTuple):
     """The largest of several errors, with its top and step. NaN counts as infinite."""
