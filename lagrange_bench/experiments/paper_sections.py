@@ -1,16 +1,15 @@
-"""Runs the paper, section by section, for `lagrange-bench paper`: a picture, and by how much each formula misses.
+"""Runs the paper, section by section, for `lagrange-bench paper`: by how much does each formula miss?
 
-Each function `show_…` takes a top and a real state, and returns residuals, name → (residual, allowed), and a figure. Most
-residuals are relative to 1 plus the size of their terms. Nothing is stored, because a section runs in seconds.
+Each function `check_…` takes a top and a real state, and returns residuals, name → (residual, allowed). Most residuals are
+relative to 1 plus the size of their terms. Nothing is stored, because a section runs in seconds.
 """
 
 import math
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from lagrange_bench.experiments.drawing import style
 from lagrange_bench.integrators import prepare
 from lagrange_bench.integrators.interface import INVARIANTS, Array
 from lagrange_bench.integrators.paper import (
@@ -30,11 +29,6 @@ from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.truth import exact
 
 Residuals = dict[str, tuple[float, float]]
-
-
-class Shown(NamedTuple):
-    residuals: Residuals
-    figure: Any
 
 
 def size(a: Any) -> float:
@@ -66,25 +60,18 @@ def order_miss(x: Any, error: Any, order: int) -> float:
     return float(abs(np.polyfit(np.log(x), np.log(error), 1)[0] - order))
 
 
-def show_contraction(top: LagrangeTop, y: Array) -> Shown:
+def check_contraction(top: LagrangeTop, y: Array) -> Residuals:
     """2: two spins of the magnet become the top; what is contracted, against ε."""
     lam, eps = parameter(top, y), 2.0 ** -np.arange(6, 15)
     results = [contraction.deviations(top, y, lam, float(e)) for e in eps]
-    fig, ax = style.figure("page", 3.2)
-    residuals: Residuals = {}
-    for name in results[0]:
-        error = np.array([row[name] for row in results])
-        ax.loglog(eps, error, marker=".", label=name)
-        residuals[f"{name}: order in ε, less 1"] = (order_miss(eps, error, 1), 0.05)
+    errors = {name: np.array([row[name] for row in results]) for name in results[0]}
+    residuals = {f"{name}: order in ε, less 1": (order_miss(eps, error, 1), 0.05) for name, error in errors.items()}
     magnet, spins = contraction.to_magnet(top, y, 0.125)
     residuals["H from the magnet at ε = 1/8"] = (abs(contraction.energy(magnet, spins) - invariants(top, y)[0]), 1e-11)
-    ax.set(xlabel="ε", ylabel="distance from the limit")
-    style.legend_below(fig)
-    fig.caption = "The contraction: distance of each object of the two-site magnet from that of the top. All are O(ε)."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_separation(top: LagrangeTop, y: Array) -> Shown:
+def check_separation(top: LagrangeTop, y: Array) -> Residuals:
     """3: the separation variables and the Darboux chart along an orbit."""
     states = orbit(top, y, 3.0, 601)[1].astype(complex)
     H, J3, c1, c2 = (v[0] for v in invariants(top, states))
@@ -112,19 +99,10 @@ def show_separation(top: LagrangeTop, y: Array) -> Shown:
         "(3.14) p": (miss(p, z[:, 2:], terms), 1e-13),
         "(3.14) u": (miss(u, w[:, ::2]), 1e-13),
     }
-    fig, axes = style.figure("page", 2.9, ncols=2)
-    for ax, curves, names in zip(axes, ((w[:, 0], w[:, 2]), (z[:, 2], z[:, 3])), (("u", "u"), ("p", "p")), strict=True):
-        for k, (curve, name) in enumerate(zip(curves, names, strict=True), start=1):
-            ax.plot(curve.real, curve.imag, linewidth=0.8, label=f"${name}_{k}$")
-        ax.set(xlabel="real part", ylabel="imaginary part")
-        ax.legend()
-    axes[0].set_title("separation variables")
-    axes[1].set_title("momenta of the Darboux chart")
-    fig.caption = "Three nutations of the motion in the complex variables of section 3."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_euler(top: LagrangeTop, y: Array) -> Shown:
+def check_euler(top: LagrangeTop, y: Array) -> Residuals:
     """4: Euler angles, and the motion by ℘, ζ and σ."""
     t, states = orbit(top, y, 2.0, 33)
     by_sigma, angles = euler_angles.states(top, y, t), euler_angles.angles(top, y, t)
@@ -139,15 +117,10 @@ def show_euler(top: LagrangeTop, y: Array) -> Shown:
         "(4.3) H": (miss(euler_angles.hamiltonian(top.alpha, angles, c1, c2), np.full(len(t), H)), 1e-12),
         "(4.2) θ', φ', p'": (miss((ahead - behind) / (2 * d), rates[1::8]), 1e-8),
     }
-    fig, axes = style.figure("page", 2.6, ncols=2)
-    for ax, column, name in zip(axes, (0, 1), ("θ", "φ"), strict=True):
-        ax.plot(t, angles[:, column])
-        ax.set(xlabel="time", ylabel=name)
-    fig.caption = "Two nutations: θ = arccos(x3/|x|) is an elliptic function, φ an integral of the third kind."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_one_point(top: LagrangeTop, y: Array) -> Shown:
+def check_one_point(top: LagrangeTop, y: Array) -> Residuals:
     """5.1: the one-point map on its complex orbit."""
     lam, steps = parameter(top, y), 60
     states, _ = one_point.orbit(top, y + 0j, lam, steps)
@@ -172,18 +145,10 @@ def show_one_point(top: LagrangeTop, y: Array) -> Shown:
         "the inverse": (miss(one_point.inverse(top, image, lam), states, image**2), 1e-11),
         "two λ commute": (miss(*twice, image**2), 1e-11),
     }
-    fig, axes = style.figure("page", 2.9, ncols=2)
-    axes[0].plot(states[:, 5].real, states[:, 5].imag, ".-", linewidth=0.4)
-    axes[0].set(xlabel=r"Re $x_3$", ylabel=r"Im $x_3$", title="the orbit leaves the real states")
-    for name, column in zip(INVARIANTS, error.T, strict=True):
-        axes[1].semilogy(column[1:].clip(1e-18), label=name)
-    axes[1].set(xlabel="number of steps", ylabel="relative error", title="the invariants")
-    axes[1].legend()
-    fig.caption = f"{steps} steps of the one-point map, λ = {lam:.3g}. Errors are relative to the square of the state."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_generating(top: LagrangeTop, y: Array) -> Shown:
+def check_generating(top: LagrangeTop, y: Array) -> Residuals:
     """5.2 to 5.4: generating functions, spectrality, and the same in Euler angles."""
     share = np.linspace(0.2, 1.0, 25)
     start, rows = y + 0j, []
@@ -209,17 +174,10 @@ def show_generating(top: LagrangeTop, y: Array) -> Shown:
         "(5.3.1) −∂F/∂λ, by differences": (size((slopes - mu) / mu), 1e-6),
         "(5.4) momenta of the Euler angles": (size(angles), 1e-10),
     }
-    fig, ax = style.figure("page", 2.8)
-    for part, name in ((np.real, "Re"), (np.imag, "Im")):
-        (line,) = ax.plot(share, part(mu), label=f"{name} μ")
-        ax.plot(share, part(slopes), "o", color=line.get_color(), markersize=3, label=f"{name} −∂F/∂λ")
-    ax.set(xlabel="λ, as a share of the λ of this section", ylabel="μ")
-    style.legend_below(fig)
-    fig.caption = "Spectrality: the derivative of the generating function by λ is the eigenvalue μ of the Lax matrix."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_two_point(top: LagrangeTop, y: Array) -> Shown:
+def check_two_point(top: LagrangeTop, y: Array) -> Residuals:
     """5.5, 5.6: the two-point map with independent λ1, λ2, and the flows it discretises."""
     lam1, lam2 = parameter(top, y), parameter(top, y, 0.25).conjugate() + 0.05
     start = y + 0j
@@ -260,23 +218,12 @@ def show_two_point(top: LagrangeTop, y: Array) -> Shown:
     slopes = [(two_point.pole_free(top, start, lam2 - 1j * e, lam2) - start) / e for e in eps]
     error = [size(slope - rate) / (1 + size(rate)) for slope in slopes]
     residuals["the flow of iμ2: order in ε, less 1"] = (order_miss(eps[3:], error[3:], 1), 0.05)
-    offsets = np.linspace(0.0, 1.0, 41) * abs(lam1)
-    imaginary = [size(two_point.pole_free(top, start, lam1, lam1.conjugate() + s).imag) for s in offsets]
-    residuals["imaginary part at λ2 = λ̄1"] = (imaginary[0] / scale, 1e-12)
-    fig, axes = style.figure("page", 2.8, ncols=2)
-    axes[0].plot(offsets / abs(lam1), imaginary)
-    axes[0].set(
-        xlabel=r"$(\lambda_2 - \bar\lambda_1)/|\lambda_1|$", ylabel="largest imaginary part", title="real or not"
-    )
-    axes[1].loglog(eps, error, ".-")
-    axes[1].set(xlabel="ε = iΔλ", ylabel="distance from the flow of iμ2", title="the flow it discretises")
-    fig.caption = (
-        "The image of a real state is real only for λ2 = λ̄1. For λ1 → λ2 the map is the flow of iμ2(λ2), to O(ε)."
-    )
-    return Shown(residuals, fig)
+    real = two_point.pole_free(top, start, lam1, lam1.conjugate())
+    residuals["imaginary part at λ2 = λ̄1"] = (size(real.imag) / scale, 1e-12)
+    return residuals
 
 
-def show_flow(top: LagrangeTop, y: Array) -> Shown:
+def check_flow(top: LagrangeTop, y: Array) -> Residuals:
     """5.6: the interpolating flow, T and Θ of a step."""
     lam = parameter(top, y, 0.9)
     shares = np.linspace(0.1, 1.0, 10)
@@ -298,19 +245,10 @@ def show_flow(top: LagrangeTop, y: Array) -> Shown:
         "the same after 200 steps": (size(np.array(iterated) - turned), 1e-10),
         "∂H_int/∂λ is −μ": (float(abs(rate - right) / (1 + abs(rate))), 1e-6),
     }
-    fig, axes = style.figure("page", 2.8, ncols=2)
-    axes[0].plot(shares, clock[:, 0], label="T")
-    axes[0].plot(shares, clock[:, 1], label="Θ")
-    axes[0].set(xlabel="λ, as a share of the λ of this section")
-    axes[0].legend()
-    points = np.array(iterated)
-    axes[1].plot(points[:, 3], points[:, 4], ".", markersize=2)
-    axes[1].set(xlabel=r"$x_1$", ylabel=r"$x_2$", aspect="equal", title="200 steps")
-    fig.caption = "Time and turn of one step against λ, and 200 steps with the largest of these λ, seen from above."
-    return Shown(residuals, fig)
+    return residuals
 
 
-def show_discrete(top: LagrangeTop, y: Array) -> Shown:
+def check_discrete(top: LagrangeTop, y: Array) -> Residuals:
     """5: the discrete tops of Bobenko–Suris and Kahan, their Lax pair and their clock."""
     unit = top.scales(y)[2]
     h = 0.5 * unit
@@ -339,27 +277,19 @@ def show_discrete(top: LagrangeTop, y: Array) -> Shown:
         T = float(interpolating_flow.time_and_turn(top, y, 0.5j * k * math.hypot(*y[3:]))[0])
         rates["backlund_paper"].append(abs(T / k - 1))
     for name, errors in rates.items():
-        residuals[f"clock of {style.label(name)}: order, less 2"] = (order_miss(hs[2:], errors[2:], 2), 0.1)
-    fig, ax = style.figure("page", 2.9)
-    for name, errors in rates.items():
-        ax.loglog(hs / unit, errors, **style.of(name))
-    ax.set(xlabel="step, in units of 1/(|J| + √(|α||x|))", ylabel="error of the rate of nutation")
-    style.legend_below(fig)
-    fig.caption = (
-        "Three integrable maps have a wrong clock: relative error of nutations per time, by elliptic integrals."
-    )
-    return Shown(residuals, fig)
+        residuals[f"clock of {name}: order, less 2"] = (order_miss(hs[2:], errors[2:], 2), 0.1)
+    return residuals
 
 
-SECTIONS: dict[str, tuple[str, Callable[[LagrangeTop, Array], Shown]]] = {
-    "contraction": ("2", show_contraction),
-    "separation": ("3", show_separation),
-    "euler": ("4", show_euler),
-    "discrete": ("5", show_discrete),
-    "one-point": ("5.1", show_one_point),
-    "generating": ("5.2–5.4", show_generating),
-    "two-point": ("5.5, 5.6", show_two_point),
-    "flow": ("5.6", show_flow),
+SECTIONS: dict[str, tuple[str, Callable[[LagrangeTop, Array], Residuals]]] = {
+    "contraction": ("2", check_contraction),
+    "separation": ("3", check_separation),
+    "euler": ("4", check_euler),
+    "discrete": ("5", check_discrete),
+    "one-point": ("5.1", check_one_point),
+    "generating": ("5.2–5.4", check_generating),
+    "two-point": ("5.5, 5.6", check_two_point),
+    "flow": ("5.6", check_flow),
 }
 
 
@@ -367,9 +297,3 @@ def title(name: str) -> str:
     """The title of a section, in one line."""
     text = SECTIONS[name][1].__doc__ or ""
     return text.strip().partition(": ")[2].rstrip(".")
-
-
-def show(name: str, top: LagrangeTop, y: Array) -> Shown:
-    """Run one section at one top, and draw it in the style of all figures."""
-    with style.apply():
-        return SECTIONS[name][1](top, np.asarray(y, dtype=float))

@@ -125,10 +125,8 @@ def test_perturbed_tops_say_who_wins_and_who_loses():
     assert perturbed.draw(alone) == {}
 
 
-def test_the_command_draws_and_tells_the_residuals(answer, tmp_path):
-    path = tmp_path / "picture.svg"
-    assert len(answer("paper", "separation", "--output", path)["residuals"]) > 5
-    assert path.read_text("utf-8").startswith("<?xml")
+def test_the_command_tells_the_residuals(answer):
+    assert len(answer("paper", "separation")["residuals"]) > 5
 
 
 def test_an_implicit_method_in_the_interpreter_takes_a_tenth_of_the_steps():
