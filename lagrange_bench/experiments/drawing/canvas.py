@@ -35,16 +35,13 @@ RC: Any = {
     "axes.titlesize": 8.5,
     "axes.titleweight": "bold",
     "axes.titlelocation": "left",
-    "axes.titlepad": 5,
     "axes.titley": 1.0,  # the usual place, but matplotlib need not search for it
     "legend.fontsize": 7.5,
     "legend.frameon": False,
-    "legend.handlelength": 2.4,
     "text.color": INK,
     "axes.labelcolor": INK,
     "axes.edgecolor": FAINT,
     "axes.prop_cycle": cycler(color=["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#5A5A5A"]),
-    "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
@@ -53,7 +50,6 @@ RC: Any = {
     "grid.linewidth": 0.5,
     "lines.linewidth": 1.2,
     "lines.markersize": 4,
-    "lines.markeredgewidth": 0.8,
     "lines.solid_capstyle": "round",
     "axes.formatter.use_mathtext": True,
     "axes.formatter.limits": (-3, 4),
@@ -126,7 +122,8 @@ def figure(
         rows, columns = nrows * ncols, 1
         height = min(height * ncols, max(TALLEST, PANEL * rows))
         more |= {name: bool(more[name]) for name in ("sharex", "sharey") if name in more}
-    fig = Figure(figsize=(WIDTHS.get(width, width), height), layout="constrained")  # type: ignore[call-overload]
+    inches = WIDTHS[width] if isinstance(width, str) else width
+    fig = Figure(figsize=(inches, height), layout="constrained")
     grid = fig.subplots(rows, columns, squeeze=False, **more).reshape(nrows, ncols)
     if not squeeze:
         return fig, grid

@@ -121,8 +121,9 @@ def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> No
         colour = of(method)["color"] if method else INK
         is_first = not any(line.get_gid() == "failed" for line in ax.get_lines())
         label = "failed" if is_first else "_failed"
-        where = {"transform": ax.get_xaxis_transform(), "clip_on": False, "zorder": 5}
-        ax.plot(places, [0.99] * len(places), "x", color=colour, gid="failed", label=label, **where)
+        look: dict[str, Any] = {"color": colour, "clip_on": False, "zorder": 5}
+        at_top = ax.get_xaxis_transform()
+        ax.plot(places, [0.99] * len(places), "x", gid="failed", label=label, transform=at_top, **look)
 
 
 def ulp_line(ax: Axes) -> None:
