@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.commands.arguments import add_choice, add_module, choice_of, limits, location, results_folder
+from lagrange_bench.support import announce
 from lagrange_bench.support.output import PICTURES, Answer
 
 FORMATS = tuple(suffix.removeprefix(".") for suffix in PICTURES)
@@ -57,7 +58,7 @@ def run(options: argparse.Namespace) -> Answer:
     results = find_results(options.results)
     choice = choice_of(options, None if options.x else results)
     if options.list:
-        with progress.waiting("figures are drawn to see which there are", show=not (options.quiet or options.json)):
+        with announce.long_work("figures are drawn to see which there are"):
             figures = export.names(results, choice)
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})
     kind = _format(options)

@@ -100,7 +100,6 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.ask import summary
     from lagrange_bench.integrators.api import default_method, own_step
     from lagrange_bench.integrators.registry import METHODS, find_method, without_archive
-    from lagrange_bench.runner import progress
 
     name, top, y0 = _start(options)
     if options.times is None:
@@ -122,18 +121,26 @@ def run(options: argparse.Namespace) -> Answer:
     if options.draw is not None and top.space.name != "e3":
         raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
 
-    text = f"{method.name}: the first run on a machine compiles, for some seconds"
     begin = perf_counter()
-    with progress.waiting(text, show=not (options.quiet or options.json)):
-        trajectory = _follow(word, method, top, y0, {**grid, **settings})
+    trajectory = _follow(word, method, top, y0, {**grid, **settings})
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
-    facts = {"top": name, "alpha": getattr(top, "alpha", None), "y0": y0, "method": method.name, "options": settings}
-    facts |= {"potential": potential and (options.potential or potential.name)}
-    facts |= {"parameters": list(getattr(top, "parameters", ()))}
-    facts |= {} if options.physical is None else {"physical": options.physical}
-    facts |= {"h": options.h, "h_scaled": options.h and options.h / top.scales(y0)[2]}
-    facts |= {"steps": options.steps, "every": grid["every"], "work": vars(trajectory.work)}
+    facts = {
+        "top": name,
+        "alpha": getattr(top, "alpha", None),
+        "y0": y0,
+        "method": method.name,
+        "options": settings,
+        "potential": potential and (options.potential or potential.name),
+        "parameters": list(getattr(top, "parameters", ())),
+        "h": options.h,
+        "h_scaled": options.h and options.h / top.scales(y0)[2],
+        "steps": options.steps,
+        "every": grid["every"],
+        "work": vars(trajectory.work),
+    }
+    if options.physical is not None:
+        facts["physical"] = options.physical
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
@@ -183,45 +190,41 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
         top = LagrangeTop(1.0 if options.alpha is None else options.alpha)
         state = check_state(options.state, "--state")
     elif options.physical is not None:
-        top, state = _of_body(**options.physical)
+        top, state = _of_body(options.physical)
     else:
         named = find(options.top or "generic", NAMED_TOPS)
         name, top, state = named.name, named.top, named.state
     return name, arguments.in_potential(top, options), state
 
 
-def _of_body(
-    *, mass: float, distance: float, gravity: float, A: float, C: float,
-    theta: float, phi: float, psi: float, dtheta: float, dphi: float, dpsi: float,
-) -> tuple[Any, Any]:  # fmt: skip
+def _of_body(given: dict[str, float]) -> tuple[Any, Any]:
     """The Lagrange top of a body with the moments A and C about its tip, and its state from Euler angles and rates."""
+    import numpy as np
     from scipy.spatial.transform import Rotation
 
     from lagrange_bench.integrators import RigidBody
 
+    phi, theta, psi = (given[name] for name in ("phi", "theta", "psi"))
     if abs(theta) > 2 * math.pi:
         raise ValueError(f"--physical: theta = {theta:g} is in rad, not in degrees, and at most 2π")
-    across = A - mass * distance * distance
-    body = RigidBody(mass, (0.0, 0.0, distance), (across, across, C), (0.0, 0.0, -gravity))
+    across = given["A"] - given["mass"] * given["distance"] ** 2
+    com, gravity = (0.0, 0.0, given["distance"]), (0.0, 0.0, -given["gravity"])
+    body = RigidBody(given["mass"], com, (across, across, given["C"]), gravity)
     rotation = Rotation.from_euler("ZYZ", (phi, theta, psi))
     # ω = θ' node + φ' e3 + ψ' axis
-    node, axis = (-math.sin(phi), math.cos(phi), 0.0), rotation.apply((0.0, 0.0, 1.0))
-    omega = [dtheta * n + dpsi * a for n, a in zip(node, axis, strict=True)]
-    omega[2] += dphi
+    node, axis = np.array((-math.sin(phi), math.cos(phi), 0.0)), rotation.apply((0.0, 0.0, 1.0))
+    omega = given["dtheta"] * node + given["dphi"] * np.array((0.0, 0.0, 1.0)) + given["dpsi"] * axis
     return body.top, body.reduced(body.state(rotation=rotation, omega_world=omega))
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:
     """The arguments of `lagrange_bench.integrate` that set the times; it checks whether they fit each other."""
-    every = options.every
+    grid = {name: getattr(options, name) for name in ("h", "h_scaled", "steps", "every")}
     if options.times is not None:
-        flags = ("h", "h-scaled", "steps", "every")
-        if extra := [flag for flag in flags if vars(options)[flag.replace("-", "_")] is not None]:
-            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0]}")
-    else:
-        if options.h is None or options.steps is None:
-            raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
-        if every is None:
-            every = 1 if options.output or options.draw else max(options.steps, 1)
-    words = ("h", "h_scaled", "steps")
-    return {"t": options.times, "every": every, **{word: getattr(options, word) for word in words}}
+        if extra := [name for name, value in grid.items() if value is not None]:
+            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0].replace('_', '-')}")
+    elif options.h is None or options.steps is None:
+        raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
+    elif options.every is None:
+        grid["every"] = 1 if options.output or options.draw else max(options.steps, 1)
+    return {"t": options.times, **grid}

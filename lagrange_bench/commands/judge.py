@@ -54,6 +54,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange_bench.commands.arguments import location, number, number_pairs, pairs, seconds
+from lagrange_bench.support import announce
 from lagrange_bench.support.output import PICTURES, Answer, check_target, table
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
@@ -106,7 +107,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench import judging
     from lagrange_bench.judging import columns, frames, judgement
-    from lagrange_bench.runner import progress
 
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
@@ -117,7 +117,7 @@ def run(options: argparse.Namespace) -> Answer:
     convention = frames.Convention(options.quat or "wxyz", options.omega or "body", options.up, options.axis)
     names = ("columns", "units", "angles", "where", "step", "t0", "quat", "since", "until")
     written = columns.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
-    with progress.waiting(f"comparing with the motion of {body}", not (options.quiet or options.json)):
+    with announce.long_work(f"comparing with the motion of {body}"):
         judged = [judging.judge_file(path, request, convention, written) for path in options.files]
     orders = judgement.orders(judged, options.steps or [each.step for each in judged])
     until = request.case.until if known else -math.inf

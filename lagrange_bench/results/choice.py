@@ -46,12 +46,13 @@ class Choice:
         if not (self or self.highlight):
             return
         cells = list(cells)
-        methods, tops = ({cell.get(field) for cell in cells} for field in ("method", "state"))
-        for flag, names in (("--methods", self.methods), ("--highlight", self.highlight)):
-            if unknown := [name for name in names if name not in methods]:
-                raise ValueError(f"{flag}: {_no_method(unknown[0], methods, tops)}")
-        if unknown := [name for name in self.tops if name not in tops]:
-            raise ValueError(f"--tops: {_no_top(unknown[0], tops)}")
+        asked = ("--methods", self.methods), ("--highlight", self.highlight), ("--tops", self.tops)
+        for flag, names in asked:
+            word, field = ("top", "state") if flag == "--tops" else ("method", "method")
+            known = {str(cell[field]) for cell in cells if cell.get(field) is not None}
+            for name in names:
+                if name not in known:
+                    raise ValueError(f"{flag}: no cell here has the {word} {name!r}{_advice(word, name, known)}")
         if not any(map(self.takes, cells)):
             raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")
 
@@ -59,31 +60,11 @@ class Choice:
 ALL = Choice()
 
 
-def _no_method(name: str, methods: Iterable[Any], tops: Iterable[Any]) -> str:
-    """The message for a method that no cell has. If it takes no potential of these tops, that is the reason."""
-    from lagrange_bench.integrators import METHODS, PERTURBED_TOPS
+def _advice(word: str, name: str, known: Iterable[str]) -> str:
+    """What may be meant by a name that no cell has. Tops that are drawn at random are too many to list."""
     from lagrange_bench.integrators.own_modules import in_own_file
-
-    fields = sorted(top for top in tops if top in PERTURBED_TOPS)
-    if name in METHODS and fields and "generic" not in tops:
-        reasons = (METHODS[name].takes(PERTURBED_TOPS[top].top) for top in fields)
-        if reason := next(filter(None, reasons), None):
-            return reason
-    known = sorted(method for method in methods if isinstance(method, str))
-    return _no_cell("method", name, in_own_file(name, "method") or suggestion(name, known), known)
-
-
-def _no_top(name: str, tops: Iterable[Any]) -> str:
-    """The message for a top that no cell has. Tops that are drawn at random are too many to list."""
     from lagrange_bench.integrators.problem.examples import is_drawn
-    from lagrange_bench.integrators.registry import NAMED_TOPS
 
-    known = sorted(top for top in tops if isinstance(top, str) and not is_drawn(top))
-    elsewhere = f"; perhaps with --profile full, and from Python with tops={name!r}."
-    close = elsewhere if name in NAMED_TOPS else suggestion(name, known)
-    return _no_cell("top", name, close, known)
-
-
-def _no_cell(word: str, name: str, close: str, known: list[str]) -> str:
-    more = f" Known: {', '.join(known)}" if close.endswith(".") and known else ""
-    return f"no cell here has the {word} {name!r}{close}{more}"
+    listed = sorted(name for name in known if not is_drawn(name))
+    advice = in_own_file(name, word) or suggestion(name, listed)
+    return f"{advice} Known: {', '.join(listed)}" if advice.endswith(".") and listed else advice

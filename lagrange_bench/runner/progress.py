@@ -65,28 +65,14 @@ def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], N
 
 
 @contextlib.contextmanager
-def waiting(text: str, show: bool = True) -> Iterator[None]:
-    """Show a text and a spinner, while something runs that does not say how far it is."""
-    console = _console(show)
-    with contextlib.nullcontext() if console.quiet else console.status(text):
-        yield
-
-
-@contextlib.contextmanager
 def _bars(*more: str, show: bool) -> Iterator[Any]:
     """Progress bars on stderr. They show nothing unless stderr is a terminal that can move its cursor."""
+    from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     bar, time = BarColumn(bar_width=24), TimeRemainingColumn(elapsed_when_finished=True)
     columns = (TextColumn("{task.description}"), bar, MofNCompleteColumn(), *map(TextColumn, more), time)
-    console = _console(show)
-    with Progress(*columns, console=console, refresh_per_second=5, disable=console.quiet) as bars:
-        yield bars
-
-
-def _console(show: bool) -> Any:
-    from rich.console import Console
-
     console = Console(stderr=True, highlight=False)
-    console.quiet = not show or not sys.stderr.isatty() or console.is_dumb_terminal
-    return console
+    hidden = not show or not sys.stderr.isatty() or console.is_dumb_terminal
+    with Progress(*columns, console=console, refresh_per_second=5, disable=hidden) as bars:
+        yield bars

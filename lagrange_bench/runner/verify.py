@@ -12,7 +12,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lo
 from lagrange_bench.integrators.registry import METHODS, POTENTIALS, available, find_stored
 from lagrange_bench.report import origin
 from lagrange_bench.results import sources
-from lagrange_bench.results.compare import compare_cell, is_time
+from lagrange_bench.results.compare import Tolerance, compare_cell, is_time
 from lagrange_bench.results.store import Record, Store, StoreError, _canonical, find_results
 from lagrange_bench.runner import progress, workers
 from lagrange_bench.runner.workers import Task
@@ -25,7 +25,7 @@ ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
 COUNTS = ("n", "steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("t", "J1", "J2", "J3", "x1", "x2", "x3", "H", "C1", "C2")
 EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
-SHOWN = 3  # so many reasons, or names of what is absent, are listed
+SHOWN = 3  # so many reasons are listed
 
 
 @dataclass
@@ -61,10 +61,10 @@ def verify(
     records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, here)
     if not records and not (old and set(result.stored) == {sources.SAME} and not result.notes):
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
-        more = [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
-        raise StoreError(f"no cell of {folder} was computed again: {'; '.join([*reasons, *more])}")
-    ages = sources.summary(result.stored)
-    result.notes += [ages] if ages else []
+        reasons += [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
+        raise StoreError(f"no cell of {folder} was computed again: {'; '.join(reasons)}")
+    if ages := sources.summary(result.stored):
+        result.notes.append(ages)
     current: dict[tuple[str, str], Record] = {}
     with progress.follow({"verify": len(records)}, show) as bar:
 
@@ -89,7 +89,7 @@ def verify(
     return result
 
 
-def tolerance_of(method: Any) -> Any:
+def tolerance_of(method: Any) -> Tolerance:
     compiled = isinstance(method, str) and find_stored(method, METHODS).engine == "numba"
     return lambda column: (0.0, 0.0) if compiled and column in EXACT else (RTOL, ATOLS.get(column, ATOL))
 
@@ -99,7 +99,7 @@ def _sample(
 ) -> list[Record]:
     """Stored cells, in turn from every (experiment, part, method), in random order within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
-    outdated, absent, long = set(), set(), 0
+    left_out = Counter[str]()
     for experiment in store.experiments():
         try:
             module = load_stored(experiment)
@@ -108,42 +108,33 @@ def _sample(
             continue
         journal = store.open(experiment)
         result.notes += journal.problems
+        if journal.latest and journal.latest[0]["version"] != module.VERSION:
+            again = origin.again(store.folder, experiment, journal.latest)
+            raise StoreError(f"{store.folder}: {experiment} changed (VERSION) since this was stored: {again}")
         for record in journal.latest:
             cell, age = record["cell"], sources.judge(record, here)
             result.stored[age] += 1
             if old and age == sources.SAME:
                 continue
-            if record["version"] != module.VERSION:
-                outdated.add(experiment)
-            elif reason := _absent(cell) or missing_package(experiment, cell):
-                absent.add(reason)
+            if reason := _absent(cell) or missing_package(experiment, cell):
+                left_out[f"{reason} is not available here (of a file of your own: --module NAME)"] += 1
             elif record["seconds"] > longest:
-                long += 1
+                left_out[f"they took longer than {longest:g} s"] += 1
             elif _comparable(record, getattr(module, "TIMES", ())):
                 group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
-    if outdated:
-        again = " && ".join(origin.again(store.folder, name, store.open(name).latest) for name in sorted(outdated))
-        changed = ", ".join(sorted(outdated))
-        raise StoreError(f"{store.folder}: {changed} changed (VERSION) since this was stored: {again}")
-    if absent:
-        names, count = ", ".join(sorted(absent)[:SHOWN]), len(absent) - SHOWN
-        names += f" and {count} more" if count > 0 else ""
-        result.notes.append(
-            f"not computed: cells of {names}: not available here (of a file of your own: --module NAME)"
-        )
-    result.notes += [f"not computed: {long} cells that took longer than {longest:g} s"] if long else []
+    result.notes += [f"not computed: {reason}: {count} of the stored cells" for reason, count in left_out.items()]
     for records in groups.values():
         draw.shuffle(records)
     turns = zip_longest(*groups.values())
     return [record for turn in turns for record in turn if record is not None][:sample]
 
 
-def _comparable(record: Record, own: Iterable[str]) -> bool:
+def _comparable(record: Record, times: Iterable[str]) -> bool:
     """Whether a record has anything to compare but times."""
     if record["status"] == "failed":
         return record["error"]["type"] not in ("TimeLimit", workers.DIED)
-    return any(not is_time(column, record["cell"], own) for row in record["rows"] for column in row)
+    return any(not is_time(column, record["cell"], times) for row in record["rows"] for column in row)
 
 
 def _absent(cell: dict[str, Any]) -> str | None:
