@@ -114,12 +114,6 @@ def known() -> list[str]:
     return table(f"program | setting | {errors} | smaller steps lead to", lines)
 
 
-def scripts() -> list[str]:
-    """Two of the files that run engines, whole."""
-    texts = [(programs.HERE / f"{name}_run.py").read_text(encoding="utf-8") for name in ("mujoco", "rapier")]
-    return ["\n".join(["```py", text.rstrip(), "```", ""]) for text in texts]
-
-
 FAMILY = 0.05  # relative: integrators whose errors differ by less at all steps take the same step
 
 
@@ -156,12 +150,8 @@ def story() -> list[str]:
     twice = sorted(set(near) & set(games[games.until < programs.UNTIL].engine))  # engines with two defaults
     other_default = f", and {' and '.join(twice)} with another default," if twice else ""
     names, errors = same_step()
-    spins = {name: 10 + value(name, "default", column="spin") for name in ("cannon-es", "PhysX", "Jolt", "Havok")}
     releases = {"3.6": "MuJoCo 3.6", "3.10": "MuJoCo 3.10", "3.17": "MuJoCo 3", "4.0": "MuJoCo"}
     box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}
-    rapier = [value("Rapier", "32 iterations, fast rotation", "racket", h, "rotation") for h in (1 / 60, 1 / 1024)]
-    calm = [value("cannon-es", "undamped, 100 iterations", column=name) for name in ("energy", "position")]
-    spun = ", ".join(f"{spin:.3g} in {name}" for name, spin in spins.items())
     joint = value("Bullet (ammo.js)", "default", h=1 / 1024)
     return [
         f"1. **Many engines leave out the gyroscopic torque ω × Iω by default**: {', '.join(lost)}. In them `racket` never "
@@ -171,13 +161,8 @@ def story() -> list[str]:
         f"3. **One formula has many names**: {', '.join(names)} take the "
         f"semi-implicit Euler step in reduced coordinates, and are all off by {errors[1 / 1024]:.2g} m with 1/1024 s. "
         f"Bullet's point joint, a constraint, errs by {joint:.2g} m there.",
-        "4. **Some defaults are no physics**: damping and caps. With the smallest step a spin of 10 rad/s on `slow` is after "
-        f"2 s {spun}.",
-        "5. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation "
+        "4. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation "
         f"of `box` is off by {', '.join(f'{error:.2g} rad in {name}' for name, error in box.items())}.",
-        f"6. **Energy and small steps can mislead**: cannon-es without damping changes the energy of `slow` by {calm[0]:.0e} "
-        f"and is {calm[1]:.2g} m off. In single precision, with 32 iterations, Rapier errs on `racket` by {rapier[0]:.2g} rad "
-        f"with 1/60 s and by {rapier[1]:.2g} rad with 1/1024 s.",
     ]
 
 
@@ -189,7 +174,7 @@ def metres(error: float, none: str = "–") -> str:
     return shown(error, ".1e", " m", none)
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:

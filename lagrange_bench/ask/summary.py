@@ -41,8 +41,13 @@ def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any
     conserved = [name in top.conserved for name in names]
     columns = zip(invariants[0], invariants[-1], drift[-1], np.abs(drift).max(axis=0), conserved, strict=True)
     changes = {name: dict(zip(facts, column, strict=True)) for name, column in zip(names, columns, strict=True)}
-    head = {"t_final": trajectory.t[-1], "y_final": trajectory.y[-1], "recorded": len(trajectory.t)}
-    return {**head, "invariants": changes, "error": judged}
+    return {
+        "t_final": trajectory.t[-1],
+        "y_final": trajectory.y[-1],
+        "recorded": len(trajectory.t),
+        "invariants": changes,
+        "error": judged,
+    }
 
 
 def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str) -> str:
