@@ -91,7 +91,7 @@ class Comparison:
 
     def _repr_html_(self) -> str:
         """The rows as a notebook shows them."""
-        return str(self.frame._repr_html_())  # type: ignore[operator]
+        return str(self.frame._repr_html_())
 
     def to_frame(self) -> pd.DataFrame:
         """The rows as a frame of its own.

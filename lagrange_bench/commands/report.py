@@ -22,8 +22,7 @@ from lagrange_bench.support.output import Answer
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "results: reference, quick, full, or a folder (default: reference, the published ones; in an installed "
-    text += "package your latest run, if any)"
+    text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
     text = "the folder of the page; it is created (default: page in the folder of the results)"
     command.add_argument("--output", type=location, metavar="DIR", help=text)

@@ -46,17 +46,15 @@ class StoreError(RuntimeError):
 
 
 def default_results(profile: str | None = None) -> Path:
-    """The folder of results if the user names none. profile : of a run; None: the results that the report shows.
+    """The folder of results if the user names none: the published ones, or those of a run with this profile.
 
-    A run in a clone writes to lagrange_bench/results/local/<profile>, from any folder, and the report shows the published
-    results. An installed package writes to ./results/<profile>, and its report shows the latest of these, if there is one.
+    A run in a clone writes to lagrange_bench/results/local/<profile>, from any folder, and an installed package to
+    ./results/<profile>.
     """
+    if profile is None:
+        return REFERENCE
     root = provenance.checkout()
-    results = Path("results") if root is None else root / "lagrange_bench" / "results" / "local"
-    if profile is not None:
-        return results / profile
-    own = [results / name for name in ("full", "quick") if root is None and (results / name).is_dir()]
-    return own[0] if own else REFERENCE
+    return (Path("results") if root is None else root / "lagrange_bench" / "results" / "local") / profile
 
 
 def folder_of(word: str) -> Path:
@@ -146,7 +144,7 @@ def clean(value: Any) -> Any:
     if value is None:
         return None
     if isinstance(value, str):
-        return _unicode(value)
+        return str(value)
     if isinstance(value, Mapping):
         if bad := [name for name in value if not isinstance(name, str)]:
             raise TypeError(f"field names must be strings; got {bad[0]!r}")
@@ -163,19 +161,14 @@ def clean(value: Any) -> Any:
 
 
 def text_of(thing: Any) -> str:
-    """str(thing) that can be stored and printed: valid Unicode, at most LONGEST characters."""
-    text = _unicode(str(thing))
-    return text if len(text) <= LONGEST else f"{text[:LONGEST]}… ({len(text)} characters)"
+    """str(thing), at most LONGEST characters."""
+    text = str(thing)
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
 def failure_text(error: Mapping[str, str]) -> str:
     """What went wrong, in a line."""
     return f"{error['type']}: {error['message']}"
-
-
-def _unicode(text: str) -> str:
-    """A plain str. Lone surrogates, as in names of files that are not UTF-8, are spelt out."""
-    return str.encode(text, "utf-8", "backslashreplace").decode()
 
 
 def restore(value: Any) -> Any:

@@ -20,6 +20,7 @@ from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_
 from lagrange_bench.runner import cluster, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from lagrange_bench.support import interrupts, machine
+from lagrange_bench.support.output import table
 
 TIME_LIMITS = {"quick": 300.0, "full": 3600.0}  # s for one cell; the longest take 20 s and 40 s on two idle cores
 SHOWN = 10  # so many failures are listed
@@ -54,12 +55,13 @@ class Summary:
         return 1 if any(counts.failed for counts in self.experiments.values()) else 0
 
     def __str__(self) -> str:
-        names = ("cells", "computed", "stored", "skipped", "declined", "failed", "core-seconds")
-        lines = [f"{'experiment':<16}" + "".join(f"{name:>{len(name) + 2}}" for name in names)]
+        rows: list[tuple[str, ...]] = [
+            ("experiment", "cells", "computed", "stored", "skipped", "declined", "failed", "core-seconds")
+        ]
         for name, t in self.experiments.items():
-            numbers = (t.cells, t.computed, t.stored, t.unavailable, t.declined, t.failed, f"{t.seconds:.1f}")
-            columns = (f"{n:>{len(head) + 2}}" for n, head in zip(numbers, names, strict=True))
-            lines.append(f"{name:<16}" + "".join(columns))
+            numbers = (t.cells, t.computed, t.stored, t.unavailable, t.declined, t.failed)
+            rows.append((name, *map(str, numbers), f"{t.seconds:.1f}"))
+        lines = table(rows)
         for each in self.failures[:SHOWN]:
             cell = json.dumps(with_units(each["experiment"], each["cell"]))
             lines.append(f"{_word(each['error'])}: {each['experiment']} {cell}: {each['error']}")
@@ -108,7 +110,6 @@ def run(
     KeyboardInterrupt : Ctrl-C. The workers have ended, finished cells are stored, and the message says so.
     """
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
-    workers.memory_limit()  # ValueError for a wrong one
     store, summary = Store(results), Summary(Path(results), profile)
     listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
     choice.check(cell for some in listed.values() for cell in some)

@@ -6,10 +6,8 @@ same rows.
 """
 
 import gc
-import math
 import multiprocessing
 import os
-import resource
 import signal
 import threading
 import traceback
@@ -37,8 +35,6 @@ TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED = "WorkerDied"
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
-MEMORY = "LAGRANGE_BENCH_MEMORY"  # in the environment: GB for one worker
-DEFAULT_MEMORY = 4.0  # GB; a worker that has compiled every method takes 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,10 +165,6 @@ class Worker:
 def _serve(pipe: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.update(dict.fromkeys(THREADS, "1"))
-    limit = int(1e9 * memory_limit())
-    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
-    # of memory that is written to; compilers and threads reserve much more. To take more raises MemoryError
-    resource.setrlimit(resource.RLIMIT_DATA, (limit if hard == resource.RLIM_INFINITY else min(limit, hard), hard))
     announce.quiet = True  # the parent shows the progress
     gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
     os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
@@ -186,16 +178,6 @@ def _end_with_parent() -> None:
     """End this worker when its parent ends, even if the parent was killed."""
     multiprocessing.parent_process().join()  # type: ignore[union-attr]
     os._exit(1)
-
-
-def memory_limit() -> float:
-    """How many GB a worker may take."""
-    text = os.environ.get(MEMORY, "")
-    with suppress(ValueError):
-        value = float(text or DEFAULT_MEMORY)
-        if 0 < value < math.inf:
-            return value
-    raise ValueError(f"{MEMORY} must be a positive number of GB for each worker process; got {text!r}")
 
 
 def compute(experiment: str, cell: dict[str, Any]) -> Outcome:
@@ -222,10 +204,7 @@ def _measure(experiment: str, cell: dict[str, Any]) -> Outcome:
             rows = clean_rows(cell, list(module.measure(restore(cell))))
         messages = sorted({f"{warning.category.__name__}: {text_of(warning.message)}" for warning in caught})
     except BaseException as error:  # SystemExit, too, must end neither the worker nor the run
-        message = text_of(error)
-        if isinstance(error, MemoryError):
-            message = f"more than {memory_limit():g} GB; {MEMORY} in the environment, in GB, allows more"
-        return failure(type(error).__name__, message, traceback.format_exc(), 0.0)
+        return failure(type(error).__name__, text_of(error), traceback.format_exc(), 0.0)
     return {"status": "done", "rows": rows, "error": None, "warnings": messages[:5]}
 
 

@@ -41,32 +41,29 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     assert toy.store.rows(TOY)["i"].tolist() == [1]
 
 
-def test_cells_that_die_hang_chatter_or_take_too_much_memory_fail_alone_and_timing_cells_come_last(tmp_path):
+def test_cells_that_die_hang_or_chatter_fail_alone_and_timing_cells_come_last(tmp_path):
     """Two workers; the timing cells come alone, in order, in a fresh process with one thread."""
     facts = {"facts": True, "seconds": 0.05}
     waiting = {"do": "wait for lines", "i": 5, "file": str(tmp_path / f"{TOY}.jsonl"), "lines": 4}  # finishes late
     odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("segfault", "compiled loop", "wrong clock", "warn"))]
-    odd += [{"do": "memory", "GB": size, "i": i} for size, i in ((0.1, 110), (0.6, 111))]
     timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
-    variables = {"OMP_NUM_THREADS": "7", workers.MEMORY: "0.5"}
     cells = [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing]
-    run = start(cells, tmp_path, "--json", "--time-limit", "15", **variables)
+    run = start(cells, tmp_path, "--json", "--time-limit", "15", OMP_NUM_THREADS="7")
     out, err = run.communicate(timeout=300)  # the loop would take ten minutes
     assert nobody_left(run.pid)
     assert ("chatter" in err, "toy warning" in err, "Traceback" in err) == (True, False, False)
     summary, store = json.loads(out), Store(tmp_path)
-    assert (summary["exit_code"], summary["experiments"][TOY]["computed"]) == (1, 10)
+    assert (summary["exit_code"], summary["experiments"][TOY]["computed"]) == (1, 9)
     assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
         "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
         "die": "WorkerDied: the worker process ended itself with exit code 3",
         "compiled loop": "TimeLimit: not done after 15 s, so its process was ended; --time-limit SECONDS allows more",
-        "memory": "MemoryError: more than 0.5 GB; LAGRANGE_BENCH_MEMORY in the environment, in GB, allows more",
     }
     latest = store.open(TOY).latest
     assert [r["warnings"] for r in latest if r["cell"]["do"] == "warn"] == [["RuntimeWarning: toy warning"]]
     assert all(0 <= record["seconds"] < 30 for record in latest)
     table = store.rows(TOY)
-    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 110, 111, 120, 9, 8]
+    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 120, 9, 8]
     assert len(store.read(TOY)[0]) == len(table), "none is computed twice and stored twice"
     table = table[table["facts"].eq(True)]
     timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
@@ -80,8 +77,7 @@ ERRORS = {
     "raise": "ArithmeticError: cell 0 was told to",
     "bad row": "TypeError: cannot store",
     "exit": "SystemExit: 3",
-    "surrogate": "ValueError: no such \\udcff file",
-    "long text": f"ValueError: {'x' * 2000}… (10000000 characters)",
+    "long text": f"ValueError: {'x' * 1999}…",
     "fail until there": "FileNotFoundError",
 }
 
@@ -91,16 +87,15 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
     cells += squares(9, method="nonsense")
     first = toy(cells)
-    assert (tally(first), first.exit_code) == ((2, 0, 7), 1)
+    assert (tally(first), first.exit_code) == ((2, 0, 6), 1)
     errors = {failure["cell"]["do"]: failure["error"] for failure in first.failures}
     assert "unknown method 'nonsense'" in errors.pop("square")
     assert {what: error[: len(ERRORS[what])] for what, error in errors.items()} == ERRORS
     assert "raise ArithmeticError" in toy.store.open(TOY).failures()["error_traceback"][0]
-    assert b"ArithmeticError" in str(first).encode()
     assert toy.store.path(TOY).stat().st_size < 50_000
     file.write_text("")
     second = toy(cells)  # failures are tried again, successes are not
-    assert tally(second) == (1, 2, 6)
+    assert tally(second) == (1, 2, 5)
     code, out, err = run("report", "--results", toy.store.folder, "--module", TOY, "--quiet")
     assert (code, out) == (0, f"{toy.store.folder / 'page' / 'index.html'}\n"), err
 
@@ -139,9 +134,6 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
     for cells, message in ((squares(1, 1), "twice"), (squares(1, status=0), "'status'")):
         with pytest.raises(ValueError, match=message):
             toy(cells)
-    monkeypatch.setenv(workers.MEMORY, "four")
-    with pytest.raises(ValueError, match=r"LAGRANGE_BENCH_MEMORY must be a positive number of GB.*got 'four'"):
-        toy(squares(1))
 
 
 def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_path):
