@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import Case, RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
-from lagrange_bench.judging.fits import SIGNED
+from lagrange_bench.judging.fits import SIGNED, to_body, to_world
 
 Array = np.ndarray
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # times → positions, matrices, ω in the body
@@ -183,14 +183,6 @@ def signed(rng: Any, proper: bool = True) -> Array:
 
 def turned(rng: Any) -> Array:
     return Rotation.from_quat(rng.normal(size=4)).as_matrix()
-
-
-def to_world(R: Array, omega: Array) -> Array:
-    return np.einsum("kij,kj->ki", R, omega)
-
-
-def to_body(R: Array, omega: Array) -> Array:
-    return np.einsum("kji,kj->ki", R, omega)
 
 
 def with_body(program: Program, **change: Any) -> Program:

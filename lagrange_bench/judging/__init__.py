@@ -3,7 +3,7 @@
 from __future__ import annotations  # signatures show names of types, not what they stand for
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,10 +17,17 @@ from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judging.advice import findings_of, so_read
 from lagrange_bench.judging.columns import Options, Trajectory, read
-from lagrange_bench.judging.errors import blurred, by_the_better_clock, count_turns, curve
-from lagrange_bench.judging.findings import Finding
-from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames
-from lagrange_bench.judging.judgement import Error, Judgement, spin_notes
+from lagrange_bench.judging.frames import (
+    ATTITUDES,
+    GROUPS,
+    Convention,
+    Frames,
+    blurred,
+    by_the_better_clock,
+    count_turns,
+    curve,
+)
+from lagrange_bench.judging.judgement import Error, Judgement
 from lagrange_bench.judging.start import started
 
 Array = np.ndarray
@@ -213,7 +220,7 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
 
     floors = floors_of(floor)
     hidden = {name: value for name, value in blur.items() if name in errors and value > floors.get(name, 0.0)}
-    notes = [*_odd_rows(frames, rows, errors, findings), *clock, *notes]
+    notes = [*_odd_rows(t, errors, frames.known_until), *clock, *notes]
     if max(-t[0], t[-1]) > frames.known_until:
         after = f"rows after t = {written[0] - t[0] + frames.known_until:.6g} s are not compared."
         notes.append(f"No closed form is known of this motion: {after}")
@@ -262,19 +269,11 @@ def _some(n: int) -> Array:
     return np.unique(np.concatenate((np.arange(min(n, HEAD)), np.linspace(0, n - 1, min(n, OTHERS)).astype(int))))
 
 
-def _odd_rows(
-    frames: Frames, rows: Mapping[str, Array], errors: Mapping[str, Array], findings: Sequence[Finding]
-) -> Iterator[str]:
+def _odd_rows(t: Array, errors: Mapping[str, Array], known_until: float) -> Iterator[str]:
     """Notes on what is odd about rows."""
-    t = rows["time"][:, 0]
-    bad = ~np.all([np.isfinite(error) for error in errors.values()], axis=0) & (np.abs(t) <= frames.known_until)
+    bad = ~np.all([np.isfinite(error) for error in errors.values()], axis=0) & (np.abs(t) <= known_until)
     if count := int(np.count_nonzero(bad)):
         odd = "a number that is missing or not finite, a matrix or quaternion that is no rotation, or a position of length 0"
         yield f"{count} of {len(t)} rows have {odd}, the first at t = {t[bad][0]:.9g}."
     if "orthogonality" in errors and (off := errors["orthogonality"].max()) > 1e-3:
         yield f"Matrices are not orthogonal or quaternions not of length 1, by {off:.2g}; quaternions are scaled to 1."
-    head = {name: values[:HEAD] for name, values in rows.items()}
-    _, in_body = frames.motion(head)
-    is_named = any(finding.cause in ("damping", "cap") for finding in findings)
-    if in_body is not None and frames.axis is not None and frames.attitudes(head) and not is_named:
-        yield from spin_notes(head["time"][:, 0], in_body @ frames.axis)

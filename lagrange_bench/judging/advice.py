@@ -10,9 +10,8 @@ import numpy as np
 
 from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
-from lagrange_bench.judging.errors import by_the_better_clock
 from lagrange_bench.judging.findings import Finding, say
-from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames
+from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames, by_the_better_clock
 from lagrange_bench.judging.names import unit_of
 
 Array = np.ndarray

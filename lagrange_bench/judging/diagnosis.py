@@ -39,6 +39,9 @@ from lagrange_bench.judging.fits import (
     rotvec,
     size,
     steps,
+    tensor,
+    to_body,
+    to_world,
 )
 
 # at most so many rows are looked at, and so many findings told
@@ -63,10 +66,11 @@ UNCLEAR = 0.2
 ANOTHER_START, STARTING = 0.05, 9
 # beside these causes another start is told
 ASIDE = ("time-unit", "omega", "length", "origin")
-# causes beside which ω may be in the other frame
+# causes beside which ω may be in the other frame, and so many times it must be nearer in that one
 READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
-# and it must be so many times nearer in that one
 NEARER = 10.0
+# causes beside which ω is right as it is read
+POOR_STEPS = ("omega-half-step", "explicit-step")
 # a law that is off by more of its size does not hold
 HOLDS = 0.05
 # and rows whose law is off so many times more than in most are told
@@ -179,6 +183,12 @@ class Diagnosis:
         """The time between two rows."""
         return float(np.median(np.diff(self.rows.t)))
 
+    def in_body(self, omega: Array | None) -> Array | None:
+        """ω in the body; None if that cannot be known."""
+        if omega is None or self.rows.frame == fk.BODY:
+            return omega
+        return None if self.rows.R is None else to_body(self.rows.R, omega)
+
     # ---------------------------------------------------------------- by the clock and the exact motion
 
     def time_unit(self) -> None:
@@ -289,7 +299,7 @@ class Diagnosis:
         elif rows.x is not None:
             off.append((rows.x[first] - x) / (size(x) or 1.0))
         if rows.omega is not None and not self.found and (rows.R is None or len(rows.t) >= RATES):
-            right = Omega if rows.frame == fk.BODY else np.einsum("kij,kj->ki", E, Omega)
+            right = Omega if rows.frame == fk.BODY else to_world(E, Omega)
             off.append((rows.omega[first] - right) / (size(right) or 1.0))
         # noise changes from row to row, another start does not
         clear = [float(np.linalg.norm(v[0])) for v in off if size(v) > EACH * size(np.diff(v, axis=0))]
@@ -311,6 +321,20 @@ class Diagnosis:
             speed = size(rows.omega)
             if speed and self.step * speed < COARSE:
                 self.law(rows.t, fk.turned(rows.t, rows.omega), rows.omega, self.floor.omega / speed)
+        if rows.omega is not None and all(each.cause in POOR_STEPS for each in self.found):
+            self.decay(rows.omega)
+
+    def decay(self, omega: Array) -> None:
+        """Whether the spin about the axis of symmetry falls like exp(−c t): the exact one is constant."""
+        axis, in_body = self.body.axis, self.in_body(omega)
+        if axis is None or in_body is None:
+            return
+        t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ self.B @ axis)
+        fall = np.log(spin / spin[0])
+        rate = -float(fall @ t / (t @ t))
+        off = float(np.abs(fall + rate * t).max())
+        if fall[-1] < -0.01 and off < 0.1 * abs(fall[-1]):
+            self.tell(say("damping spin", rate=rate), -fall[-1], off)
 
     def turning(self, R: Array) -> None:
         """Does ω turn the body, and does the law change it?"""
@@ -342,9 +366,11 @@ class Diagnosis:
             if cause:
                 return None if cause == "angles-integrated" else rate
         if choice.winner is None:
-            in_body = omega if rows.frame == fk.BODY else np.einsum("kji,kj->ki", rows.R, omega)
+            in_body = self.in_body(omega)
             self.is_clear = choice.now.misfit < UNCLEAR
-            return in_body[2:-2] if choice.now.misfit < TURNS else rate if self.is_clear else None
+            if in_body is not None and choice.now.misfit < TURNS:
+                return in_body[2:-2]
+            return rate if self.is_clear else None
         spin = choice.winner.value
         self.is_clear = self.is_dense(omega, factor_of(spin.M), choice.winner.misfit)
         if not self.is_clear:
@@ -396,7 +422,7 @@ class Diagnosis:
         if spin.reading or (rows.frame, spin.frame) != (fk.BODY, fk.WORLD) or not np.allclose(spin.M, factor * ONE):
             return False
         omega = omega * factor
-        other = np.einsum("kji,kj->ki", rows.R, omega)
+        other = to_body(rows.R, omega)
         if self.exact is not None:
             first = slice(0, STARTING)
             right = self.exact(rows.t[first])[2] @ self.B.T
@@ -417,11 +443,9 @@ class Diagnosis:
 
     def agreement(self) -> str:
         """How well rows in which nothing is found agree with themselves; empty if these are too few, or too far apart."""
-        t, R, omega = self.rows.t, self.rows.R, self.rows.omega
+        t, R, omega = self.rows.t, self.rows.R, self.in_body(self.rows.omega)
         if R is None or omega is None or len(t) < RATES:
             return ""
-        if self.rows.frame == fk.WORLD:
-            omega = np.einsum("kji,kj->ki", R, omega)
         off = fk.disagreement(t, R, omega, fk.BODY)
         if not math.isfinite(off) or size(omega) * self.step > COARSE:
             return ""
@@ -444,7 +468,7 @@ class Diagnosis:
         if self.exact is None:
             return False
         _, E, Omega = self.exact(self.rows.t)
-        frames = {fk.BODY: Omega, fk.WORLD: np.einsum("kij,kj->ki", E, Omega)}
+        frames = {fk.BODY: Omega, fk.WORLD: to_world(E, Omega)}
         models = [
             Model(model.cost + (frame != self.rows.frame), model.misfit, fk.Spin("", frame, fk.ON_TIME, model.value))
             for frame, right in frames.items()
@@ -523,7 +547,7 @@ class Diagnosis:
 
 def balance(t: Array, R: Array, omega: Array, body: RigidBody) -> tuple[float, float]:
     """The sizes of I ω' + ω × I ω − m c × Rᵀg, which is 0 by Euler's equations, and of its terms."""
-    L = omega @ fl.tensor(body)
+    L = omega @ tensor(body)
     torque = np.cross(body.mass * body.com, body.gravity @ R) if body.fixed else np.zeros_like(L)
     change, gyro = np.gradient(L, t, axis=0), np.cross(omega, L)
     return size(change + gyro - torque), size(change) + size(gyro) + size(torque)

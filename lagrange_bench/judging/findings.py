@@ -57,6 +57,7 @@ moments point | the moments of inertia about the {one} were taken for those abou
     of the body
 gyroscopic-torque | the program leaves out the gyroscopic torque ω × I ω: an option of many engines | switch the gyroscopic
     torque on
+damping spin | the spin falls like exp(−{rate:.3g} t): damping | switch the damping off
 damping | L decays like exp(−{rate:.3g} t): damping | switch the damping off
 explicit-step | the gyroscopic torque is that of {late:.3g} s {side}: an explicit step | take smaller steps, or another integrator
 explicit-step grows | L grows like exp({rate:.3g} t): an explicit step | take smaller steps, or another integrator
@@ -117,7 +118,7 @@ def of_axes(part: str, M: Array, axis: Array) -> Finding:
 
 
 def smallest_turn(a: Array, b: Array) -> Array:
-    """The smallest turn that takes the direction a to b, as --up and --axis do; half a turn is about x, or about y."""
+    """The smallest turn that takes the direction a to b; half a turn is about x, or about y if b is x."""
     if a @ b < NEAR - 1:
         return np.diag([1.0, -1.0, -1.0] if abs(b[0]) < 0.5 else [-1.0, 1.0, -1.0])
     return Rotation.align_vectors(b, a)[0].as_matrix()

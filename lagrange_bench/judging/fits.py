@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from lagrange_bench.integrators import RigidBody
+
 Array = np.ndarray
 # a unit of cost must make the misfit so many times smaller
 EACH = 4.0
@@ -110,6 +112,21 @@ def rotvec(R: Array) -> Array:
 def steps(R: Array) -> Array:
     """The rotation vectors from each attitude to the next, in the body, (N − 1, 3); NaN beside a row with a NaN."""
     return rotvec(R[:-1].transpose(0, 2, 1) @ R[1:])
+
+
+def tensor(body: RigidBody) -> Array:
+    """The moments of inertia (3, 3) in the body: about the fixed point, of a flying body about the centre of mass."""
+    return body.momentum_of(ONE, ONE)
+
+
+def to_world(R: Array, v: Array) -> Array:
+    """Vectors of the body (N, 3) in the world, by attitudes (N, 3, 3)."""
+    return np.asarray((R @ v[..., None])[..., 0])
+
+
+def to_body(R: Array, v: Array) -> Array:
+    """Vectors of the world (N, 3) in the body, by attitudes (N, 3, 3)."""
+    return np.asarray((v[:, None, :] @ R)[:, 0])
 
 
 def nearest_rotation(H: Array) -> tuple[Array, float]:

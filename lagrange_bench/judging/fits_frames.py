@@ -33,6 +33,8 @@ from lagrange_bench.judging.fits import (
     nearest_rotation,
     rotvec,
     size,
+    to_body,
+    to_world,
 )
 from lagrange_bench.judging.fits_kinematics import readings
 from lagrange_bench.judging.fits_law import of_gravity
@@ -159,7 +161,7 @@ def clocks(t: Array, parts: Parts, exact: Exact) -> Iterator[Model]:
         return
     for _ in range(TURNS):
         _, E, Omega = exact(t + late)
-        error, w = rotvec(R @ E.transpose(0, 2, 1)), np.einsum("kij,kj->ki", E, Omega)
+        error, w = rotvec(R @ E.transpose(0, 2, 1)), to_world(E, Omega)
         if not np.isfinite(error).all() or not np.isfinite(w).all() or not w.any():
             return
         late += float(np.clip(np.sum(error * w) / np.sum(w * w), -3 * h, 3 * h))
@@ -183,7 +185,7 @@ def places(t: Array, x: Array, R: Array | None, right: Array, start: Array, is_f
     yield Model(1.5, size(right - x - shift) / length, ("origin", shift))
     if R is not None:
         off = x - right if is_flying else x
-        point = np.einsum("kji,kj->ki", R, off).mean(0)
+        point = to_body(R, off).mean(0)
         yield Model(1.5, size(off - R @ point) / length, ("point", point))
     if is_flying:
         T = (t - t[0])[:, None] ** 2 / 2

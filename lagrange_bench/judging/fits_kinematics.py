@@ -16,7 +16,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
-from lagrange_bench.judging.fits import NEAR, ONE, Array, Model, factor_of, is_axes, maps, rotvec, size, steps
+from lagrange_bench.judging.fits import (
+    NEAR,
+    ONE,
+    Array,
+    Model,
+    factor_of,
+    is_axes,
+    maps,
+    rotvec,
+    size,
+    steps,
+    to_body,
+    to_world,
+)
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
@@ -99,10 +112,10 @@ def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[
             "one row early": (five[2:], A[k + 1]),
         }
         for time, (in_body, at) in series.items():
-            in_world = np.einsum("kij,kj->ki", at, in_body)
+            in_world = to_world(at, in_body)
             targets = [(BODY, in_body, 0.0), (WORLD, in_world, 0.0)]
             if time == ON_TIME:
-                targets.append((BEFORE, np.einsum("kji,kj->ki", A[k - 1], in_world), 0.5))
+                targets.append((BEFORE, to_body(A[k - 1], in_world), 0.5))
             for other, target, extra in targets:
                 cost = price + TIMES[time] + extra + (1.0 if other != frame else 0.0)
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):

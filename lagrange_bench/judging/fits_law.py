@@ -23,7 +23,7 @@ import numpy as np
 
 from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, axis_name, numbers, say, triple
-from lagrange_bench.judging.fits import EACH, NEAR, ONE, PROPER, Array, Model, common, size
+from lagrange_bench.judging.fits import EACH, NEAR, ONE, PROPER, Array, Model, common, size, tensor, to_world
 
 # fewer rows tell no law
 FEWEST = 8
@@ -54,11 +54,6 @@ class Law(NamedTuple):
     other: Finding | None = None
     is_fitted: bool = False
     terms: Mapping[str, float | Array] = {}
-
-
-def tensor(body: RigidBody) -> Array:
-    """The moments of inertia (3, 3): about the fixed point, of a flying body about the centre of mass."""
-    return body.momentum_of(ONE, ONE)
 
 
 def vector(I: Array, mc: Array) -> Array:
@@ -92,14 +87,14 @@ class Windows:
         self.claimed = vector(self.I, mc)
         span = float(np.median(t[self.w :] - t[: -self.w]))
         self.scale = max(span * size(gyro) + size(impulses @ mc), UNSEEN * size(L))
-        torque = self.world(gyro)
+        torque = to_world(R, gyro)
         trapezia = self.integral(torque, np.zeros_like(torque))
         # trapezia lack their correction; its square is the size of what the correction leaves
         self.blur = (size(self.integral(torque) - trapezia) / self.scale) ** 2
         self.terms = {
-            "damping": -self.integral(self.world(L)),
-            "torque": self.integral(self.world(np.cross(omega, omega @ body.inertia_com))),
-            "explicit": self.integral(self.world(np.gradient(gyro, t, axis=0))),
+            "damping": -self.integral(to_world(R, L)),
+            "torque": self.integral(to_world(R, np.cross(omega, omega @ body.inertia_com))),
+            "explicit": self.integral(to_world(R, np.gradient(gyro, t, axis=0))),
         }
         if size(self.terms["torque"]) < UNSEEN * self.scale:
             del self.terms["torque"]
@@ -117,10 +112,6 @@ class Windows:
             for name in names
             for T in ([self.terms[name]] if name in self.terms else [np.cross(lever, e) for e in ONE])
         ]
-
-    def world(self, v: Array) -> Array:
-        """Vectors of the body (N, 3) in the world."""
-        return np.einsum("kij,kj->ki", self.R, v)
 
     def change(self, v: Array) -> Array:
         """The change of v over each window."""

@@ -14,6 +14,8 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench.integrators import Case, RigidBody, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
+from lagrange_bench.judging.findings import smallest_turn
+from lagrange_bench.judging.fits import steps, tensor, to_body, to_world
 from lagrange_bench.judging.fits_kinematics import kinematics
 
 Array = np.ndarray
@@ -30,6 +32,10 @@ GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omeg
 FALLS = 10
 # the largest |RᵀR − 1| of a rotation; more if the file has few digits
 OFF = 1e-3
+# points of a curve
+POINTS = 2000
+# Sums of steps are rounded: times that are as near to decimals of DECIMALS places, relative to the last time, may be these.
+DECIMALS, NEAR = 8, 1e-10
 
 
 @dataclass(frozen=True)
@@ -63,8 +69,11 @@ class Frames:
         self.rigid_body, self.axis, self.digit, self.case, self.known_until = body, body.axis, digit, case, math.inf
         if convention.axis is not None and self.axis is None:
             raise ValueError("--axis is of no use, for the body has no axis of symmetry")
-        self.convention, self.to_world = convention, _turn(convention.up, body.up)
-        self.from_body = np.eye(3) if self.axis is None else _turn(convention.axis, self.axis).T
+        self.convention, self.to_world, self.from_body = convention, np.eye(3), np.eye(3)
+        if convention.up is not None:
+            self.to_world = smallest_turn(AXES[convention.up], body.up)
+        if convention.axis is not None and self.axis is not None:
+            self.from_body = smallest_turn(AXES[convention.axis], self.axis).T
         self.length = float(np.linalg.norm(body.com)) if body.fixed else 0.0
         if case is None:
             self.sizes = {"position": self.length or 1.0}
@@ -172,7 +181,7 @@ class Frames:
         R, is_body = self.matrices(trajectory), self.convention.omega_frame == "body"
         omega = self.omega(trajectory) if "omega" in trajectory else None
         if omega is not None and not is_body:
-            omega = None if R is None else into_body(R, omega)
+            omega = None if R is None else to_body(R, omega)
         return np.broadcast_to(np.eye(3), (len(trajectory["time"]), 3, 3)) if R is None else R, omega
 
     def omega(self, trajectory: Mapping[str, Array]) -> Array:
@@ -191,8 +200,8 @@ class Frames:
         R = self.matrices(trajectory)
         if R is None:
             raise ValueError("an angular momentum in the world tells ω only with rotations; in the body: --omega body")
-        in_body = np.linalg.solve(I, into_body(R, L).T).T
-        return {**others, "omega": (R @ in_body[..., None])[..., 0] @ self.to_world}
+        in_body = np.linalg.solve(I, to_body(R, L).T).T
+        return {**others, "omega": to_world(R, in_body) @ self.to_world}
 
     def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
         """Matrices from the body to the world of the case; and how far they are from orthogonal, or quaternions from length 1.
@@ -251,12 +260,12 @@ class Frames:
         if "omega" in trajectory:
             is_body, omega = self.convention.omega_frame == "body", self.omega(trajectory)
             if exact is not None:
-                right = exact[2] if is_body else (exact[1] @ exact[2][..., None])[..., 0]
+                right = exact[2] if is_body else to_world(exact[1], exact[2])
                 add(omega=np.linalg.norm(omega - right, axis=1))
             if is_body and self.axis is not None:
                 add(spin_rate=np.abs(omega @ self.axis - self.spin_rate))
             for R, _ in attitudes:
-                in_body = omega if is_body else into_body(R, omega)
+                in_body = omega if is_body else to_body(R, omega)
                 if self.axis is not None:
                     add(spin_rate=np.abs(in_body @ self.axis - self.spin_rate))
                 add(energy=np.abs(self.rigid_body.energy_of(R, in_body) - self.energy))
@@ -297,14 +306,58 @@ class Frames:
         return {"axis": _angle(along, self.axis), "rotation": rotation, "spin": spin}
 
 
-def into_body(R: Array, v: Array) -> Array:
-    """Vectors of the world (N, 3) in the frame of the body, by attitudes (N, 3, 3)."""
-    return (v[:, None, :] @ R)[:, 0]  # type: ignore[no-any-return]
+def by_the_better_clock(frames: Frames, rows: Mapping[str, Array]) -> tuple[dict[str, Array], Array, list[str]]:
+    """The errors of all rows, (n,) each, the times (n, 1) of them, and what to say of these.
+
+    A sum of steps is rounded, so the decimals near to the times may be the right ones: those with the smaller errors are taken.
+    """
+
+    def errors_at(t: Array) -> dict[str, Array]:
+        exact = None if frames.case is None else frames.exact(t[:, 0])
+        return frames.errors({**rows, "time": t}, exact)
+
+    t, rounded = rows["time"], _decimals(rows["time"])
+    errors, off = errors_at(t), float(np.max(np.abs(rounded - t)))
+    if off == 0 or off > NEAR * float(np.max(np.abs(t))):
+        return errors, t, []
+    others = errors_at(rounded)
+    judged = [name for name in ("rotation", "position", "omega", "kinematics") if name in errors]
+    before, after = (max((float(np.median(each[name])) for name in judged), default=0.0) for each in (errors, others))
+    if after >= before:
+        return errors, t, []
+    matters = after < before / 2 and off > 1e-13 * float(np.max(np.abs(t)))
+    note = f"The times are taken for the decimals near to them, by up to {off:.1e} s: sums of steps are rounded."
+    return others, rounded, [note] if matters else []
 
 
-def tensor(body: RigidBody) -> Array:
-    """The moments of inertia (3, 3) in the body's frame: about the fixed point, of a flying body about the centre of mass."""
-    return body.momentum_of(np.eye(3), np.eye(3))
+def _decimals(t: Array) -> Array:
+    """Times rounded to the eighth decimal place of the last of them; a sum of steps is not far from such decimals."""
+    last = float(np.max(np.abs(t)))
+    # per second; a power of ten, so that decimals are its multiples
+    unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0
+    return np.asarray(np.round(t * unit) / unit)
+
+
+def curve(t: Array, error: Array) -> Array:
+    """Times and the largest errors of some rows each, (2, M), to draw."""
+    starts = np.unique(np.linspace(0, len(t), min(len(t), POINTS) + 1).astype(int))[:-1]
+    return np.stack([t[starts], np.maximum.reduceat(error, starts)])
+
+
+def count_turns(frames: Frames, rows: Mapping[str, Array], exact: Exact | None) -> float:
+    """How often the body turns, ∫|ω| dt/2π; without ω by all attitudes, NaN without either."""
+    t, omega = rows["time"], rows.get("omega") if exact is None else exact[2]
+    if omega is not None:
+        return float(np.trapezoid(np.linalg.norm(omega, axis=1), t[:, 0])) / math.tau
+    R = frames.matrices(rows)
+    return math.nan if R is None else float(np.nansum(np.linalg.norm(steps(R), axis=1))) / math.tau
+
+
+def blurred(frames: Frames, t: Array, exact: Exact, blur: float) -> dict[str, float]:
+    """The largest changes of the motion while the times change by `blur`."""
+    x, _, omega = frames.exact(t + blur)
+    moved = {"position": x - exact[0], "rotation": omega * blur, "omega": omega - exact[2]}
+    return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
 
 
 def _unit(values: Any) -> Array:
@@ -312,15 +365,6 @@ def _unit(values: Any) -> Array:
     length = np.linalg.norm(values, axis=1, keepdims=True)
     good = np.isfinite(length) & (length > 0)
     return np.where(good, values / np.where(good, length, 1.0), 0.5)
-
-
-def _turn(name: str | None, to: Array) -> Array:
-    """The smallest rotation from a named axis to the axis `to`; half a turn is about x, or about y if `to` is x."""
-    if name is None:
-        return np.eye(3)
-    if AXES[name] @ to < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0] if abs(to[0]) < 0.5 else [-1.0, 1.0, -1.0])
-    return Rotation.align_vectors(to, AXES[name])[0].as_matrix()
 
 
 def _angle(a: Array, b: Array) -> Array:

@@ -235,19 +235,3 @@ def _order(
     if small < ROUNDING * size and order < 0.5:
         return math.nan, "none, at round-off"
     return order, f"{order:.2f}"
-
-
-def spin_notes(t: Array, rate: Array) -> list[str]:
-    """A note if the angular velocity about the axis of symmetry falls; in the exact motion it is constant."""
-    good = np.isfinite(rate)
-    t, rate = t[good], np.abs(rate[good])
-    if len(t) < 3 or not np.all(rate > 0):
-        return []
-    if rate[1] < 0.9 * rate[0] and np.all(np.abs(rate[1:] / rate[1] - 1) < 0.5):
-        rates = f"from {rate[0]:.4g} to {rate[1]:.4g} rad/s"
-        return [f"The spin falls {rates} in the first step: a cap on angular velocities?"]
-    fall = np.log(rate / rate[0])
-    slope = float(fall @ (t - t[0]) / ((t - t[0]) @ (t - t[0])))
-    if fall[-1] < -0.01 and np.max(np.abs(fall - slope * (t - t[0]))) < 0.1 * abs(fall[-1]):
-        return [f"The spin falls like exp(−{-slope:.3g} t): damping?"]
-    return []

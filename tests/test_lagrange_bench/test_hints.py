@@ -105,10 +105,10 @@ def test_two_axes_another_start_and_another_point_are_named():
     assert (single.start["right"], single.start["single"], sentences(single)) == (False, True, [])
 
 
-def poor(name, h, steps=1):
+def poor(name, h, steps=1, **physics):
     """A run of first order with some steps a row, as engines make it: t, x, R and ω in the world."""
     t = np.arange(0, 2 + h / 2, h)
-    x, M, omega = mistakes.poor_motion(mistakes.Program(CASES[name]), t, steps, False)
+    x, M, omega = mistakes.poor_motion(mistakes.Program(CASES[name], **physics), t, steps, False)
     return t, x, M, np.einsum("kij,kj->ki", M, omega)
 
 
@@ -139,10 +139,10 @@ def test_a_run_from_another_start_is_named():
 
 def test_what_engines_do_to_a_spin_is_named():
     t, x, M, omega = poor("slow", 1 / 240)
-    fading = np.exp(-0.1 * t)[:, None]
-    damped = judge(t, rotation=M, omega=omega * fading, case="slow", omega_frame="world")
-    assert any("exp(−0.1 t): damping?" in note for note in damped.notes), damped.notes
-    assert damped.spin_rate.max > 1.0
+    damped = poor("slow", 1 / 240, damping=0.1)
+    judged = judge(*damped, case="slow", omega_frame="world")
+    assert "the spin falls like exp(−0.1 t): damping." in sentences(judged)
+    assert judged.spin_rate.max > 1.0
     lost = np.concatenate((omega[:1], 0 * omega[1:]))
     still = np.concatenate((M[:1], np.repeat(M[:1], len(M) - 1, axis=0)))
     assert "|ω| falls from 11.01 to 0 rad/s" in sentences(judge(t, rotation=still, omega=lost, case="slow"))[0]
