@@ -133,62 +133,6 @@ def unit_of(text: str) -> Unit | None:
     return None
 
 
-def page() -> str:
-    """The text of docs/names.md."""
-    others = {
-        "": "not judged",
-        "never": "not judged, whatever else the name says",
-        "point": "position, if no other word is known",
-    }
-    meanings = [f"| {' '.join(text.split())} | {others.get(name, name)} |" for name, text in QUANTITIES.items()]
-    frames = [f"| {', '.join(words)} | ω in the {frame} |" for frame, words in FRAMES.items()]
-    units = [
-        f"| {', '.join(names.split())} | {factor:.10g} {kind} |"
-        for kind, rows in _WORDS.items()
-        for names, factor in rows.items()
-    ]
-    orders_of: dict[str, dict[str, None]] = {}  # of each shape, in the order of SHAPES
-    for forms in SHAPES.values():
-        for shape, orders in forms:
-            orders_of.setdefault(shape, {}).update(dict.fromkeys(orders))
-    shapes_of: dict[str, list[str]] = {}
-    for shape, found in orders_of.items():
-        shapes_of.setdefault("; ".join(sorted(found)), []).append(shape)
-    components = [f"| {', '.join(shapes)} | {text} |" for text, shapes in shapes_of.items()]
-    return f"""# Words that `judge` knows
-
-For those whose columns `lagrange-bench judge` does not read as they mean them. It splits a name into words: at
-capitals, points, slashes, underscores, brackets and blanks; `angularVelocity.x` is angular, velocity, x. It looks up
-each word, and two or three that stand together. The longest that is known tells the quantity; of two as long, the
-first. The last letter or number tells the component: `qw`, `pos_x`, `r11`, `q[0]`. `--columns` and `--units` say what
-is not here.
-
-(ang angular) (vel velocity) stands for ang vel, ang velocity, angular vel and angular velocity.
-
-| words | quantity |
-|---|---|
-{chr(10).join(meanings)}
-
-Behind the quantity some words tell the frame, unless you say `--omega`:
-
-| words | frame |
-|---|---|
-{chr(10).join(frames)}
-
-These components make a quantity complete. The quantity tells which of them may belong to it:
-
-| is read as | components |
-|---|---|
-{chr(10).join(components)}
-
-Units stand in brackets, at the end of a name, or in a row below the names. Two make a speed: deg/s, rad/ms, mm/s.
-
-| words | unit |
-|---|---|
-{chr(10).join(units)}
-"""
-
-
 class Name(NamedTuple):
     """A name in its parts: what it belongs to, which component it is (x, w, roll, 0, 11, t, …; empty if none), its unit."""
 
