@@ -31,6 +31,7 @@ BETWEEN = re.compile(r"\s*[;,]\s+|\s+|;|,(?=[-+]?\d*\.)")  # the numbers of a ve
 JOIN = "\1"
 NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 NUMPY = re.compile(r"(?:np\.)?float\d+\((.*)\)")  # as Python 3 prints numbers of NumPy 2
+ATOM = re.compile(r"\s*[A-Za-z]\w*(\s+[-+.\deE]+){3}.*")  # of an XYZ file
 CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
 PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
 NO_ROW = (
@@ -207,6 +208,8 @@ class Text:
         first = next(line.strip() for line in self.lines if line.strip())
         if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[\[|\[\[.*\]\]$", first):
             return self._json(first)
+        if first.isdecimal() and len(self.lines) > 2 and ATOM.fullmatch(self.lines[2]):
+            return self._atoms(int(first))
         shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
         lines = [line for _, line in rows[: 2 * SAMPLE]]
@@ -303,6 +306,20 @@ class Text:
             why = "it is nested too deep" if isinstance(error, RecursionError) else error
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {why}") from None
         return _of_arrays({"": data})
+
+    def _atoms(self, count: int) -> Table:
+        """The frames of an XYZ file: how many atoms, a line that may name the time, and a line for each atom."""
+        with self.open() as file:
+            lines = [line for line in file if line.strip()]
+        frames = [lines[k : k + count + 2] for k in range(0, len(lines), count + 2)]
+        time = re.compile(r"\b(?:time|t)\b\W*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)", re.IGNORECASE)
+        times = [float(found[1]) for frame in frames if (found := time.search(frame[1]))]
+        try:
+            places = np.array([[line.split()[1:4] for line in frame[2:]] for frame in frames], dtype=float)
+        except ValueError:
+            raise ValueError(f"this is no XYZ file with {count} atoms in each frame") from None
+        columns: dict[str, Any] = {f"atom{k + 1}": dict(zip("xyz", places[:, k].T, strict=True)) for k in range(count)}
+        return _of_arrays({**({"t": times} if len(times) == len(frames) else {}), **columns})
 
     def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.

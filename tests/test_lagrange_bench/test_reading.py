@@ -348,7 +348,7 @@ def test_rows_of_a_window_and_of_lost_steps(tmp_path):
 
 
 def test_points_of_a_body_are_a_rotation(tmp_path):
-    """The unit of other lengths is named, and how rigid the points are."""
+    """In columns and in an XYZ file; the unit of the latter is told, and how rigid the points are."""
     points = np.array([[1, 0, 0], [-1, 0, 0.5], [0, 0.6, 0.1], [0, -0.6, -0.1]])
     places = np.stack([R.apply(point) + X for point in points], 1)
     file = tmp_path / "run.csv"
@@ -360,9 +360,17 @@ def test_points_of_a_body_are_a_rotation(tmp_path):
     assert "Rotations are those of 4 points; their distances are off by up to" in found.notes[0]
     with pytest.raises(ValueError, match="of points of one body, give their places in it: points ="):
         read(file)
-    file.write_text(table(header, T, 1e10 * places.reshape(12, 12)), encoding="utf-8")
+    frames = [
+        f"4\nstep 3, t= {t:.1f}\n" + "".join("H {} {} {}\n".format(*x) for x in 1e10 * frame)
+        for t, frame in zip(T, places, strict=True)
+    ]
+    file = tmp_path / "run.xyz"
+    file.write_text("".join(frames))
     assert "times as far apart as in the body: --units position=å?" in read(file, points=points).notes[1]
     assert read(file, Options(units={"position": "å"}), points).arrays["matrix"] == pytest.approx(M, abs=1e-12)
+    file.write_text("".join(frames)[:-90])
+    with pytest.raises(ValueError, match="no XYZ file with 4 atoms in each frame"):
+        read(file, points=points)
 
 
 def test_the_page_of_words_has_the_table():
