@@ -44,14 +44,6 @@ def pytest_collection_modifyitems(items):
     items.sort(key=lambda item: item.get_closest_marker("xdist_group") is None)
 
 
-@pytest.fixture(scope="module", autouse=True)
-def _nothing_to_collect_twice():
-    """What a file of tests leaves behind stays: each full collection would go through all of it, for half a second."""
-    yield
-    gc.collect()
-    gc.freeze()
-
-
 @pytest.fixture
 def tree(tmp_path):
     """A copy of the bench, laid out as a wheel installs it: Python started in this folder imports the copy."""

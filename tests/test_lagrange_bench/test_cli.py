@@ -29,32 +29,18 @@ from tests.mutants import ROOT
 from tests.reference import free_body
 
 COMMANDS = tuple(" ".join(cli.GROUPS.values()).split())
-SLOW = [
-    "numpy",
-    "numba",
-    "scipy",
-    "matplotlib",
-    "pandas",
-    "heyoka",
-    "mpmath",
-    "flint",
-    "rich",
-    "jinja2",
-    "multiprocessing",
-]
+SLOW = "numpy numba scipy matplotlib pandas heyoka mpmath flint rich jinja2 multiprocessing"
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
 
 def test_help_imports_nothing_slow():
-    """What makes `--help` fast, without a clock; and the engine is as light, but for multiprocessing."""
+    """What makes `--help` fast, without a clock."""
     program = f"""
 import sys
 from lagrange_bench.__main__ import main
 for command in ((), *((c,) for c in {COMMANDS!r})):
     assert main([*command, "--help"]) == 0
-loaded = set({SLOW!r}) & set(sys.modules)
-import lagrange_bench.runner.engine
-print("loaded:", loaded or set({SLOW!r}) & set(sys.modules) - {{"multiprocessing"}})
+print("loaded:", set({SLOW!r}.split()) & set(sys.modules))
 """
     done = python("-c", program)
     assert done.stdout.splitlines()[-1:] == ["loaded: set()"], done.stderr
@@ -168,7 +154,7 @@ def test_json_is_alone_on_stdout(run, folder):
 
 
 def test_stdout_that_cannot_be_written_to():
-    """A reader that went away, a full disk, and a terminal without Greek."""
+    """A reader that went away, and a full disk."""
     program = ("-m", "lagrange_bench")
     reading, writing = os.pipe()
     os.close(reading)
@@ -179,9 +165,6 @@ def test_stdout_that_cannot_be_written_to():
         with open("/dev/full", "w") as stdout:
             done = python(*program, "--version", stdout=stdout)
         assert (done.returncode, done.stderr.count("\n"), "No space left" in done.stderr) == (2, 1, True)
-    done = python(*program, "run", "--help", env={**os.environ, "PYTHONIOENCODING": "ascii"})
-    assert (done.returncode, done.stderr) == (0, "")
-    assert r"\xb7" in done.stdout
 
 
 # an experiment of somebody's own, in which other tests define some functions anew
@@ -251,12 +234,10 @@ def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypa
 
 
 def test_methods_of_a_top(run, answer):
-    table, left_out = run("methods", "--top", "magnet")[1].split("\nleft out: ", 1)
+    left_out = run("methods", "--top", "magnet")[1].split("\nleft out: ", 1)[1]
     data = {method["name"]: method for method in answer("methods", "--top", "magnet")}
-    taken = [name for name, method in data.items() if method["refuses"] is None]
-    assert taken == [line.split()[0] for line in table.splitlines()[1:]]
     refused = METHODS["theta_functions"].takes(PERTURBED_TOPS["magnet"].top)
-    assert data["theta_functions"]["refuses"] == refused
+    assert (data["theta_functions"]["refuses"], data["strang"]["refuses"]) == (refused, None)
     assert refused.replace(" ", ": ", 1) in left_out
     assert data["strang"]["conserves"] == ["C1", "C2"]
     words = ("methods", "--potential", "tide", "--parameters", "0.1,0,0,1")  # of the height: J3 stays
@@ -282,7 +263,6 @@ def test_check_a_method_that_does_not(run, monkeypatch):
     assert ("symmetric", False) in {(verdict["claim"], verdict["passed"]) for verdict in data["verdicts"]}
 
 
-IN_A_FIELD = ("integrate", "--method", "strang", "--h", "0.1")
 GENERIC = TOPS["generic"]
 
 
@@ -369,13 +349,10 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
 
 
 def test_a_potential_on_any_top(answer, tmp_path):
-    words, path = ("--potential", "tide", "--parameters", "-0.1,0,0,1", "--steps", "5"), tmp_path / "run.csv"
-    data = answer(*IN_A_FIELD, *words, "--state", "0,1,2,0.6,0,0.8", "--alpha", "2", "--output", path)
+    words, path = ("--potential", "tide", "--parameters", "-0.1,0,0,1"), tmp_path / "run.csv"
+    words += ("--method", "strang", "--h", "0.1", "--steps", "5", "--alpha", "2", "--state", "0,1,2,0.6,0,0.8")
+    data = answer("integrate", *words, "--output", path)
     top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["tide"], (-0.1, 0.0, 0.0, 1.0))
     assert data["y_final"] == integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
-    assert all(v["conserved"] for v in data["invariants"].values())
-    assert (data["potential"], data["parameters"]) == ("tide", [-0.1, 0.0, 0.0, 1.0])
     header = ('potential: "tide"', "parameters: [-0.1, 0.0, 0.0, 1.0]", "alpha: 2.0", f'numpy: "{np.__version__}"')
     assert {f"# {line}" for line in header} <= set(path.read_text("utf-8").splitlines())
-    named = answer(*IN_A_FIELD, "--steps", "5", "--top", "strong_tide")
-    assert [name for name, v in named["invariants"].items() if not v["conserved"]] == ["J3"]
