@@ -165,17 +165,6 @@ def quickest(steps: pd.DataFrame) -> pd.DataFrame:
     return steps.groupby(["method", *columns], sort=False, dropna=False).min(numeric_only=True).reset_index()
 
 
-@of_part(
-    "step",
-    "What a step costs, by step size or tolerance: nanoseconds per step and per unit of time, counts of work, and the set-up of "
-    "a stepper in µs; compilation is not included. h and time are in units of the top's time scale",
-)
-def steps(rows: pd.DataFrame) -> pd.DataFrame:
-    columns = [name for name in ACCURACY_OPTIONS if name in rows]
-    measured = ["ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step", "setup_us"]
-    return quickest(rows)[["method", *columns, *measured]].dropna(axis=1, how="all")
-
-
 PRICES = {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
 
 
@@ -209,5 +198,5 @@ def _draw_steps(steps: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(steps)
+tables = tabulated()
 draw = drawn(steps=_draw_steps)

@@ -102,24 +102,6 @@ def measure(cell: dict) -> list[dict]:
     return [{name: rounded(float(value)) for name, value in row.items()}]
 
 
-@of_part(
-    "rival",
-    f"Ensembles of {RIVALS['numba']} tops on one core ({RIVALS['heyoka']} for heyoka): for each method and step or tolerance the "
-    f"median and the largest error of {JUDGED} tops at the end, µs per top, and times the cost of the cheapest exact step that "
-    "is no less accurate",
-)
-def rivals(runs: pd.DataFrame) -> pd.DataFrame:
-    exact_steps = runs[runs.method == "backlund"]
-
-    def times(run: pd.Series) -> float:
-        as_good = exact_steps[exact_steps.error <= run.error]
-        return rounded(run.ns_per_time / as_good.ns_per_time.min(), 3) if len(as_good) else float("nan")
-
-    runs = runs.assign(**{"times the exact step": [times(run) for _, run in runs.iterrows()]})
-    columns = ["method", *(name for name in ("h", "tol") if name in runs), "error", "largest_error", "us_per_top"]
-    return runs[[*columns, "ns_per_time", "times the exact step"]].dropna(axis=1, how="all")
-
-
 @of_part("rival")
 def _draw_rivals(runs: pd.DataFrame, style):
     fig, ax = style.figure("page", 3.4)
@@ -137,5 +119,5 @@ def _draw_rivals(runs: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(rivals)
+tables = tabulated()
 draw = drawn(rivals=_draw_rivals)

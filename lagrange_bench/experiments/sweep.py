@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lagrange_bench.experiments.catalogue import SCALED, load, with_units
-from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, SCHEME_OPTIONS, find, of_cell
+from lagrange_bench.experiments.measuring.states import ACCURACY_OPTIONS, OPTIONS, SCHEME_OPTIONS, of_cell
 from lagrange_bench.integrators.checks import check_real, check_state, check_step
 from lagrange_bench.integrators.registry import NotInstalled, find_method
 from lagrange_bench.integrators.start import is_taken
@@ -62,12 +62,12 @@ def read(path: Path) -> Sweep:
         for cell in load(experiment).cells("quick"):
             templates.setdefault(cell.get("part", ""), cell)
         cells: dict[str, Cell] = {}
-        tables = content.get("sweep", [])
-        for number, table in enumerate(tables if isinstance(tables, list) else (), 1):
+        tables = content.get("sweep")
+        if not (isinstance(tables, list) and tables):
+            raise ValueError("nothing to compute: add a table [[sweep]], with two brackets")
+        for number, table in enumerate(tables, 1):
             with _at(f"[[sweep]] {number}, "):
                 cells |= {repr(cell): cell for cell in _cells(experiment, table, tops, templates)}
-        if not cells:
-            raise ValueError("nothing to compute: add a table [[sweep]], with two brackets")
     return Sweep(path.stem, experiment, list(cells.values()))
 
 
@@ -81,15 +81,11 @@ def _at(place: str) -> Iterator[None]:
 
 
 def _known(table: Any, known: Iterable[str]) -> None:
-    for key in _table(table):
+    if not isinstance(table, dict):
+        raise ValueError(f"it must be a table; got {table!r}")
+    for key in table:
         if key not in known:
             raise ValueError(f"unknown key {key!r}{suggestion(key, known)} Known: {', '.join(known)}")
-
-
-def _table(value: Any) -> Cell:
-    if not isinstance(value, dict):
-        raise ValueError(f"it must be a table; got {value!r}")
-    return value
 
 
 def _top(name: str, table: Any) -> Cell:
@@ -104,8 +100,6 @@ def _top(name: str, table: Any) -> Cell:
         cell = {"state": name, "alpha": check_real(table["alpha"], "alpha"), "y0": _text(y0)}
         if "potential" in table:
             cell |= {"potential": table["potential"], "parameters": _text(table.get("parameters", ()))}
-        elif "parameters" in table:
-            raise ValueError("parameters: of which potential? Give potential = NAME, too")
         of_cell(cell)
     return cell
 
@@ -116,7 +110,7 @@ def _text(values: Iterable[float]) -> str:
 
 def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Mapping[str, Cell]) -> Iterator[Cell]:
     """The cells of a table: all combinations of its lists."""
-    part = _table(table).get("part", next(iter(templates)))
+    part = table.get("part", next(iter(templates)))
     if part not in templates:
         raise ValueError(f"part: unknown {part!r}{suggestion(str(part), templates)} Known: {', '.join(templates)}")
     template = {word: value for word, value in templates[part].items() if word not in SCHEME_OPTIONS}
@@ -136,8 +130,7 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
         cell = {**template, **dict(zip(lists, chosen, strict=True))}
         if "state" in cell:
             cell |= tops.get(cell["state"]) or {"state": cell["state"]}
-            with _at("tops: "):
-                problem = of_cell(cell)[0] if cell["state"] in tops else find(cell["state"])[0]
+            problem = of_cell(cell)[0]
             if "method" in cell and (reason := find_method(cell["method"]).takes(problem)):
                 raise ValueError(
                     f"methods: {reason}: give the top {cell['state']} to others, in a [[sweep]] of their own"
@@ -148,8 +141,7 @@ def _cells(experiment: str, table: Any, tops: Mapping[str, Cell], templates: Map
 def _check(key: str, word: str, value: Any, template: Cell) -> None:
     """ValueError if a value has another type than in the experiment's own cells, or if the method is unknown."""
     if word == "method":
-        with _at("methods: "):
-            find_method(value)
+        find_method(value)
     elif word in ACCURACY_OPTIONS:
         check_step(value, key)
     elif type(template.get(word)) in (int, float):

@@ -179,19 +179,6 @@ def races(
                 yield {**dict(zip(apart, values, strict=True)), "error at most": target}, race
 
 
-@of_part("", "The cheapest method for each length of run and error, and the next, set-up counted", failed=True)
-def cheapest(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each run and target error."""
-    table = []
-    for fields, race in races(useful(rows), APART, TARGETS, "total"):
-        first, others = race.iloc[0], race.iloc[1:]
-        line = {**fields, "cheapest": first.method, "seconds": first.total}
-        line["next"] = others.method.iloc[0] if len(others) else ""
-        line["times as long"] = others.total.iloc[0] / first.total if len(others) else np.nan
-        table.append({**line, "reached by": f"{len(race)} of {rows.method.nunique()}"})
-    return pd.DataFrame(table)
-
-
 def champions(good: pd.DataFrame) -> list[str]:
     """From each family the method that is cheapest at most of the target errors; from the Bäcklund maps the exact step."""
     wins: dict[str, dict[str, int]] = {}
@@ -288,5 +275,5 @@ def _draw_profile(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(cheapest)
+tables = tabulated()
 draw = drawn(time=_draw_frontier, profile=_draw_profile)

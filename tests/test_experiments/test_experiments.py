@@ -89,9 +89,7 @@ def test_measured_stored_and_drawn(name):
             assert figure.caption
             for ax in figure.axes:
                 assert_apart(ax)
-    made = module.tables(rows)
-    assert made
-    for table in made.values():
+    for table in module.tables(rows).values():
         assert isinstance(table, pd.DataFrame)
         assert len(table)
         text = tables.latex(tables.flat(table), caption := table.attrs.get("caption", "")).replace(f"% {caption}", "")
