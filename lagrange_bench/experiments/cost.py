@@ -25,7 +25,7 @@ from lagrange_bench.integrators.truth import exact
 
 VERSION = 4
 SCALED_TIMES = ("step", "periods")  # parts
-A_STEP = ("ns_per_step", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
+A_STEP = ("ns_per_step", "ns_per_step_median", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
           "rejected_per_step", "setup_us")  # fmt: skip
 MEASURED = {
     "step": A_STEP,
@@ -81,6 +81,7 @@ def _measure_step(cell: dict) -> list[dict]:
     return [
         {
             "ns_per_step": rounded(timed.min / steps * 1e9),
+            "ns_per_step_median": rounded(float(np.median(timed.samples)) / steps * 1e9),
             "samples_ns": [rounded(sample / steps * 1e9) for sample in timed.samples],
             "ns_per_time": rounded(timed.min / (n * h / unit) * 1e9),
             "steps_per_time": rounded(steps / (n * h / unit)),

@@ -180,10 +180,9 @@ def label_decades(ax: Any) -> None:
         ax.xaxis.set_minor_locator(LogLocator(subs=(3.0,)))
 
 
-def finish(fig: matplotlib.figure.Figure) -> None:
-    """Make a figure ready to be saved."""
-    for ax in fig.axes:
-        set_limits(ax, _LIMITS.get() or {})
+def apply_limits(ax: Any) -> None:
+    """Give a panel the limits of the block `limits`."""
+    set_limits(ax, _LIMITS.get() or {})
 
 
 def title(text: str) -> str:

@@ -22,6 +22,14 @@ FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 
 
+CANVASES: dict[str, Any] = {"svg": FigureCanvasSVG, "pdf": FigureCanvasPdf, "png": FigureCanvasAgg}
+# metadata that differ from day to day
+WITHOUT = {
+    "svg": ("Date", "Creator", "Format", "Type"),
+    "pdf": ("CreationDate", "Creator", "Producer"),
+    "png": ("Software",),
+}
+
 # ---------------------------------------------------------------- files
 
 
@@ -30,16 +38,9 @@ def svg(figure: Figure) -> str:
 
     A line shows its name where one points at it. Without DejaVu Sans, text has another font.
     """
-    without = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    document = _printed(figure, FigureCanvasSVG, "svg", style.RC["savefig.dpi"], without).decode()
-    document = TITLED.sub(r"<g><title>\1</title>", document).replace("font-family: 'DejaVu Sans'; ", "")
+    document = TITLED.sub(r"<g><title>\1</title>", _printed(figure, "svg").decode())
+    document = document.replace("font-family: 'DejaVu Sans'; ", "")
     return document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-
-
-def pdf(figure: Figure) -> bytes:
-    """The figure as PDF, without date, with embedded TrueType fonts: text can be searched."""
-    without = dict.fromkeys(("CreationDate", "Creator", "Producer"))
-    return _printed(figure, FigureCanvasPdf, "pdf", style.RC["savefig.dpi"], without)
 
 
 def wide(figure: Figure) -> bool:
@@ -47,13 +48,12 @@ def wide(figure: Figure) -> bool:
     return bool(72 * figure.get_figwidth() > WIDE)
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as PNG."""
-    width = "page" if wide(figure) else "column"
-    return _printed(figure, FigureCanvasAgg, "png", DPI[width], {"Software": None})
-
-
-FORMATS: dict[str, Callable[[Figure], bytes]] = {"svg": lambda figure: svg(figure).encode(), "pdf": pdf, "png": png}
+# the bytes of a file; the same figure gives the same bytes, and PDF and PNG have the font in them
+FORMATS: dict[str, Callable[[Figure], bytes]] = {
+    "svg": lambda figure: svg(figure).encode(),
+    "pdf": lambda figure: _printed(figure, "pdf"),
+    "png": lambda figure: _printed(figure, "png"),
+}
 
 
 def write(path: Path, figure: Figure) -> str:
@@ -61,16 +61,17 @@ def write(path: Path, figure: Figure) -> str:
     return replace_file(path, FORMATS[path.suffix.lower().removeprefix(".")](figure))
 
 
-def _printed(figure: Figure, canvas: Any, kind: str, dpi: float, metadata: dict[str, Any]) -> bytes:
-    """The bytes of a file. figure.savefig would lay everything out twice. dpi : of pixels in it."""
-    style.finish(figure)
-    for line in (line for ax in figure.axes for line in ax.lines):
-        if line.get_gid() is None and not str(line.get_label()).startswith("_"):
-            line.set_gid(style.title(str(line.get_label())))
+def _printed(figure: Figure, kind: str) -> bytes:
+    """The bytes of a file. figure.savefig would lay everything out twice."""
+    for ax in figure.axes:
+        style.apply_limits(ax)
+        for line in ax.lines:
+            if line.get_gid() is None and not str(line.get_label()).startswith("_"):
+                line.set_gid(style.title(str(line.get_label())))
     buffer = io.BytesIO()
     with style.apply():
-        figure.set_dpi(dpi)
-        getattr(canvas(figure), f"print_{kind}")(buffer, metadata=metadata)
+        figure.set_dpi(DPI["page" if wide(figure) else "column"] if kind == "png" else style.RC["savefig.dpi"])
+        getattr(CANVASES[kind](figure), f"print_{kind}")(buffer, metadata=dict.fromkeys(WITHOUT[kind]))
     return buffer.getvalue()
 
 

@@ -1,12 +1,10 @@
 """What methods look like: name → label, colour, marker, line style.
 
 Each family has a colour. The colours are the hues of Okabe and Ito, safe for colour-blind readers. The place of a method in its
-family gives shade, marker and dashes, so a figure also reads in grey. A method that is not registered has a grey of its own,
-always the same. Methods of plug-ins and highlighted methods have black dashes, which no method of the bench has, and are named in
-every figure.
+family gives shade, marker and dashes, so a figure also reads in grey. A method that is not registered is grey. Methods of
+plug-ins and highlighted methods have black dashes, which no method of the bench has, and are named in every figure.
 """
 
-import hashlib
 from collections import Counter
 from collections.abc import Collection, Iterable
 from contextlib import suppress
@@ -31,7 +29,7 @@ FAMILIES: dict[str, tuple[tuple[str, ...], str]] = {
     "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
 }
 OTHERS = "others"  # methods no longer registered, and families of plug-ins
-STRANGERS = (("#5A5A5A", "#8F8F8F", "#333333", "#B0B0B0"), "+312")
+STRANGER = "#5A5A5A"
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 OWN = "#000000"  # colour of methods that stand out, with these markers and dashes
 OWN_MARKERS = "*Phd"
@@ -55,7 +53,7 @@ def _look(method: str) -> dict[str, Any]:
         return look
     with suppress(Exception):  # a method that cannot be loaded here keeps its name in the rows
         look = {**look, "label": find_stored(method, METHODS).label}
-    place = mine.index(method) if method in mine else _digest(method)
+    place = mine.index(method) if method in mine else 0
     return {**_style(look["label"], (OWN,), OWN_MARKERS, OWN_DASHES, place), "linewidth": 1.8}
 
 
@@ -136,11 +134,7 @@ def _known(state: tuple[tuple[str, Any], ...]) -> tuple[dict[str, str], dict[str
 
 
 def _stranger(name: str) -> dict[str, Any]:
-    return _style(name, *STRANGERS, DASHES, _digest(name))
-
-
-def _digest(name: str) -> int:
-    return hashlib.sha256(name.encode(errors="surrogatepass")).digest()[0]
+    return {"label": name, "color": STRANGER, "marker": "+", "linestyle": "-"}
 
 
 def _style(text: str, colours: tuple[str, ...], markers: str, dashes: tuple[Any, ...], place: int) -> dict[str, Any]:
