@@ -1,4 +1,4 @@
-"""The functions that a user calls: `prepare`, `integrate`, `two_point`."""
+"""The functions that a user calls: `prepare` and `integrate`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.checks import (
     check_count,
     check_grid,
-    check_state,
     check_step,
     check_times_or_grid,
     warn_caller,
@@ -22,10 +21,9 @@ from lagrange_bench.integrators.interface import Array, Method, StepError, Stepp
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.top import LagrangeTop, NamedTop
+from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.start import Start, check_problem
-from lagrange_bench.integrators.torus import any_parameter
+from lagrange_bench.integrators.start import Start
 from lagrange_bench.integrators.trajectory import RunInputs, Trajectory
 
 # steps of a run that records each of them by default, and the most states that a longer run records
@@ -171,43 +169,6 @@ def recorded(steps: Any) -> int:
     return every
 
 
-def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
-    """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
-
-    At a root of Q the two sheets meet: within 1e-14 of a simple root, or 1e-8 of a double one, round-off decides which is which.
-    At a double root there is no inverse: a homoclinic state goes to the sleeping top. Source: paper, section 5.5;
-    docs/exact-step.md.
-
-    Parameters
-    ----------
-    top : LagrangeTop
-        The top.
-    y : (6,)
-        The state.
-    lam : complex
-        λ, in units of x/J.
-    sheet : int
-        1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other one, which is the inverse
-        map.
-
-    Returns
-    -------
-    (6,)
-        The image.
-
-    Raises
-    ------
-    ValueError
-        y, λ or sheet make no sense.
-    StepError
-        The image is beyond the range of doubles.
-    """
-    check_problem(top).require_single()
-    if not kinds.uniform(top):
-        raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
-    return any_parameter.two_point(top, check_state(y, "y"), lam, sheet)
-
-
 def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
     """The step in the problem's own unit: h, or h_scaled in the shortest time scale of the starts (problem, state), or None.
 
@@ -246,7 +207,9 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     build = method.prepare_for(top, options)
     start = perf_counter()
     try:
-        stepper = checked_stepper(method.name, build(top, y0, h, **options), len(y0))
+        stepper = build(top, y0, h, **options)
+        if not type(stepper).__module__.startswith(f"{__package__}."):
+            stepper = checked_stepper(method.name, stepper, len(y0))
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import lagrange_bench as lb
 from lagrange_bench import METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError
@@ -54,11 +53,6 @@ def ensemble(**wrong):
     return integrate_ensemble(**{"top": many, "Y0": FIVE, "h": 0.1, "steps": 10, **wrong})
 
 
-def disk(**change):
-    facts = {"mass": 15.0, "com": (0, 1, 0), "inertia_com": (0.234375, 0.46875, 0.234375)}
-    return RigidBody(**{**facts, **change})
-
-
 TIDE = PERTURBED_TOPS["weak_tide"].top
 MAGNET, SPINS = lb.GaudinMagnet((0, -1, -3), 0.5), np.eye(3)
 
@@ -74,13 +68,6 @@ CHECKS = [  # of each check what does not pass, and one caller
     ("lam", LAMBDAS, lambda v: lb.two_point(TOP, Y0, v)),
     ("sheet", [0, 2, None, "1", 1.5], lambda v: lb.two_point(TOP, Y0, 1j, v)),
     ("rtol", [1e-14, 0.0, -1e-9, 2.0, NAN, "1e-9"], lambda v: prepare(TOP, Y0, 0.1, "dop853", rtol=v)),
-    ("mass", [NAN, INF, "1", None, True, 1j, 0.0, -1.0], lambda v: disk(mass=v)),
-    ("com", [(0.1, 0.2), 1.0, None, (0.1, 0.2, NAN), (0.1, "2", 0.3), (1j, 0, 0)], lambda v: disk(com=v)),
-    (
-        "rotation",
-        [np.eye(3) * 1.001, -np.eye(3), Rotation.identity(2), (2, 0, 0, 0)],
-        lambda v: disk().state(rotation=v),
-    ),
     ("t", ["1", [[1.0]], NAN, INF, [1.0, None], 1j, [True], object()], lambda v: exact.solution(TOP, Y0, v)),
     ("y", [np.ones((2, 5)), np.ones((6, 2)), 1.0], TOP.invariants),
     ("parameters", [("a",), (NAN,), (INF,), "1e-3", 3.0, (0.1,)], lambda v: PerturbedTop(TOP, POTENTIALS["tide"], v)),
@@ -110,14 +97,8 @@ def test_a_step_in_the_time_scale_of_the_motion():
 
 MESSAGES = [  # a call, words in the message
     (lambda: integrate(TOP, Y0, 0.1, 10, every=3), "every = 3 does not divide steps = 10"),
-    *(
-        (lambda w=w: integrate(TOP, Y0, **w), "give h and steps, or output times t")
-        for w in ({}, {"h": 1}, {"steps": 1})
-    ),
-    *(
-        (lambda w=w: integrate(TOP, Y0, t=[1.0], **{w: 1}), f"give either t or h and steps.* {w}")
-        for w in ("h", "every")
-    ),
+    (lambda: integrate(TOP, Y0, steps=1), "give h and steps, or output times t"),
+    (lambda: integrate(TOP, Y0, t=[1.0], every=1), "give either t or h and steps.* every"),
     (lambda: prepare(TOP, Y0, 0.1, h_scaled=0.1), "give h or h_scaled, not both"),
     (lambda: integrate(LagrangeTop(0), (0, 0, 0, 0, 0, 1), h_scaled=0.1, steps=1), "h_scaled: .* at rest for ever"),
     (lambda: ensemble(Y0=FIVE * (1, 1, 1, 0, 0, 0)), r"Y0\[0\] has x = 0"),
@@ -141,22 +122,20 @@ def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **wor
 FLUID = posed(lambda t, y, p: turning(t, y, p) + 0.25 * y[0] * y[4])
 HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
 RUN = integrate(TOP, Y0, 0.1, 1, "strang")
+INFINITE = Potential("mine", lambda x1, x2, x3, p: x1 / 0.0)
 
 
 OTHERS = [  # a call, words in the message
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
-    *((lambda w=w: posed(turning, "so3", invariants={w: turning}), f".*'{w}'.* taken") for w in ("H", "t")),
+    (lambda: posed(turning, "so3", invariants={"t": turning}), ".*'t'.* taken"),
     (lambda: integrate(MAGNET, SPINS, 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),
     (lambda: exact.solution(TOP, Y0, 2e14), ".*pass digits="),
     (lambda: exact.solution(*HUGE), ".*overflows"),
-    *((lambda n=n: exact.after_steps(TOP, Y0, 0.1, n), ".*whole numbers") for n in ([0.5], [[1]], [2**53 + 1], ["1"])),
+    (lambda: exact.after_steps(TOP, Y0, 0.1, [2**53 + 1]), ".*whole numbers"),
     (lambda: reference.solution(TIDE, Y0 * np.repeat((1e200, 1), 3), [1e-200]), ".*less extreme units"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
-    *(
-        (lambda V=V: prepare(PerturbedTop(TOP, Potential("mine", V)), Y0, 0.1), "y0: the potential mine is not finite")
-        for V in (lambda x1, x2, x3, p: NAN * x1, lambda x1, x2, x3, p: x1 / 0.0)
-    ),
+    (lambda: prepare(PerturbedTop(TOP, INFINITE), Y0, 0.1), "y0: the potential mine is not finite"),
     (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
     (lambda: BODY.top, ".*no Lagrange top is in a body"),
     (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),
@@ -178,7 +157,7 @@ def test_steppers_check_what_prepare_checks(name):
     for y in (list(y0), np.array(y0, dtype=np.float32)):
         assert prepare(TOP, y0, 0.01, name).record(y, 3, 3)[1].tobytes() == expected.tobytes()
         assert prepare(TOP, y0, 0.01, name).advance(y, 3).tobytes() == expected.tobytes()
-    for wrong in (np.ones(5), np.ones(1), np.ones((1, 6)), np.ones(6, dtype=complex)):
+    for wrong in (np.ones(5), np.ones((1, 6)), np.ones(6, dtype=complex)):
         refused("^y must ", stepper.advance, wrong, 3)
         refused("^y must ", stepper.record, wrong, 3, 3)
     refused(r"^n ", stepper.advance, y0, -1)
@@ -188,20 +167,18 @@ def test_steppers_check_what_prepare_checks(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "top", "y0", "factor", "words"),
+    ("name", "top", "factor", "words"),
     [
-        *((name, TOP, Y0, 1 + 1e-8, "torus") for name in ("backlund", "addition_theorem")),
-        *(
-            ("backlund_splitting", TIDE, PERTURBED_TOPS["weak_tide"].state, factor, "C1 or C2 of the state")
-            for factor in ((1, 1, 1, 2, 2, 2), (1, -1, 1, 1, 1, 1))
-        ),
+        ("backlund", TOP, 1 + 1e-8, "torus"),
+        ("addition_theorem", TOP, 1 + 1e-8, "torus"),
+        ("backlund_splitting", TIDE, (1, -1, 1, 1, 1, 1), "C1 or C2 of the state"),
     ],
 )
-def test_a_state_of_another_torus_is_refused(name, top, y0, factor, words):
-    stepper = prepare(top, y0, 0.1, name)
+def test_a_state_of_another_torus_is_refused(name, top, factor, words):
+    stepper = prepare(top, Y0, 0.1, name)
     with pytest.raises(StepError, match=rf"{name} at h = 0\.1.*{words}"):
-        stepper.advance(y0 * np.array(factor), 1)
-    there = stepper.advance(y0, 1000)
+        stepper.advance(Y0 * np.array(factor), 1)
+    there = stepper.advance(Y0, 1000)
     assert np.isfinite(stepper.advance(there, 1000)).all()  # a run may be continued
 
 

@@ -23,6 +23,7 @@ from tests.test_integrators.test_exact import MANY
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "cases"
 EXACT = ("backlund", "theta_functions", "taylor")
+BALL = RigidBody(1.0, (0, 0, 1), (1, 1, 2), (0, 0, -2.5))  # the homoclinic top, as a body with equal moments
 
 
 def random_top(seed):
@@ -63,15 +64,14 @@ def test_the_cases_against_their_reference_files(name, method):
 
 
 def test_rotation_and_state_that_part_are_refused():
-    """Near the unstable vertical round-off grows exponentially: the homoclinic top, as a body with equal moments."""
-    ball = RigidBody(1.0, (0, 0, 1), (1, 1, 2), (0, 0, -2.5))
+    """Near the unstable vertical round-off grows exponentially."""
     upright = Rotation.align_vectors((0.8, 0.0, -0.6), (0, 0, 1))[0]
-    start = ball.state(rotation=upright, omega_world=(2.0, 0.0, 1.0))
-    coarse, fine = (integrate(ball, start, h, n) for h, n in ((20.0, 1), (0.5, 40)))
+    start = BALL.state(rotation=upright, omega_world=(2.0, 0.0, 1.0))
+    coarse, fine = (integrate(BALL, start, h, n) for h, n in ((20.0, 1), (0.5, 40)))
     assert (coarse.rotation[-1].inv() * fine.rotation[-1]).magnitude() < 1e-6
     assert coarse.method == "backlund"
     with pytest.raises(StepError, match="the orbit is unstable"):
-        integrate(ball, start, 100.0, 1)
+        integrate(BALL, start, 100.0, 1)
 
 
 @pytest.mark.interpreted
@@ -112,9 +112,9 @@ def of_integers(body, y0, times, digits):
 
 
 def free_bodies():
-    """Moments and L: any; within 1e-3 … 1e-15 of the separatrix, of equal moments, of an axis; needles, plates and no matter."""
+    """Moments and L: any; within 1e-3 … 1e-15 of the separatrix, of equal moments, of an axis; needles and plates."""
     rng = np.random.default_rng(31)
-    for n in range(24):
+    for n in range(12):
         moments, L, near = 10 ** rng.uniform(-1, 1, 3), rng.normal(size=3), 10 ** rng.uniform(-15, -3)
         i, j, k = np.argsort(moments)
         kind = n % 6
@@ -130,34 +130,28 @@ def free_bodies():
             moments = np.array(((thin, 1, 1 + apart * thin), (1, 1 + apart, 2 + apart - thin))[kind - 4])
             L *= moments  # all angular velocities of one size
         yield moments, L
-    for moments in ((2, 2, 3), (3, 2, 2), (2, 2, 2), (3, 1, 2)):
+    for moments in ((2, 2, 3), (3, 2, 2), (2, 2, 2)):
         yield moments, (0.2, -1.0, 0.3)
     yield (2, 1, 3), (0.0, -1.0, 0.0)
     yield (0.5, 0.75, 1.5), (1.0, 2.0, 1.0)  # the separatrix
     yield (3, 5, 9), (0.0, 5.0, 0.009)  # a quarter period from where u = 0
-    yield (1e-6, 1, 1.001), (1e-6, 1, 1.001)
-    yield (1.0, 1e-6, 1 - 1e-7), (1.0, -1.0, 1.0)
-    yield (1e6, 1e-6, 1.0), (1.0, -1.0, 1.0)
+    yield (1e6, 1e-6, 1.0), (1.0, -1.0, 1.0)  # no matter
 
 
 def heavy_bodies():
     """Symmetric bodies with a weight, and (q, L): any, either way up, along any axis; sleeping; homoclinic; at rest."""
-    for seed in range(4):
-        yield random_top(seed)
-    for com in ((0, 0, 0.1), (0, 0, -0.1), (0, 0.2, 0)):
+    yield from map(random_top, range(3))
+    for com in ((0, 0, -0.1), (0, 0.2, 0)):
         body = RigidBody(3.0, com, np.where(np.array(com) != 0, 0.4, 1.0))
         yield body, np.array((0.5, -0.5, 0.5, 0.5, 1.0, 2.0, 0.75))
-    ball = RigidBody(1.0, (0, 0, 1), (1, 1, 2), (0, 0, -2.5))
     for q, L in (
-        ((1, 0, 0, 0), (0, 0, 1)),
         ((0, 1, 0, 0), (0, 0, 1)),
         ((0, 0.8, 0.6, 0), (1e-9, 0, 1)),
         ((1, 0, 0, 0), (1, 0, 1)),
         ((0.5, 0.5, 0.5, 0.5), (0, 0.0, 1e-3)),
-        ((0.5, 0.5, -0.5, 0.5), (0.1, 2, 9)),
         ((0.5, 0.5, 0.5, 0.5), (0, 2.5, 1)),
     ):
-        yield ball, np.array((*q, *L), dtype=float)
+        yield BALL, np.array((*q, *L), dtype=float)
     yield RigidBody(1.0, (0, 0, 0.5), (0.75, 0.75, 1), (0, 0, -8)), np.array((0.5, 0.5, 0.5, 0.5, 0, 1, 4))  # steady
 
 
@@ -194,26 +188,6 @@ def test_the_truth_of_a_body(body, state):
         assert largest(apart(integrate(body, y0, t=far, method="theta_functions").y, there)) < 4e-15
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:inertia_com")
-@pytest.mark.parametrize("is_free", [True, False], ids=["free", "heavy"])
-def test_random_bodies_follow_the_equations_of_motion(is_free):
-    """300 of each kind, to 34 digits; |q| is 1 without rounding, as the series have it."""
-    rng = np.random.default_rng(23 + is_free)
-    for _ in range(300):
-        moments, L, k = 10 ** rng.uniform(-1, 1, 3), rng.normal(size=3), rng.integers(3)
-        com = np.zeros(3)
-        if not is_free:
-            moments[(k + 1) % 3], com[k] = moments[(k + 2) % 3], rng.normal() / 4
-        body = RigidBody(10 ** rng.uniform(-1, 1), com, moments, (0, 0, rng.choice((-9.81, 4.0))))
-        y0 = np.array((*rng.permutation((0.5, -0.5, 0.5, -0.5)), *L))
-        rate = np.max(np.abs(L / body.inertia)) + np.sqrt(np.max(np.abs(body.weight)) / np.median(body.inertia))
-        times = [0.3 / rate, 5.0 / rate]
-        digits = np.vectorize(exactly, otypes=[object])(truth.solution(body, y0, times, digits=34))
-        scale = 1.0 if is_free else rate * np.median(body.inertia) / np.linalg.norm(L)
-        assert largest(apart(digits, of_integers(body, y0, times, 40))) < 1e-33 * max(1.0, scale)
-
-
 def test_a_body_without_a_closed_form_is_judged_as_far_as_its_reference_goes():
     y0 = SKEW.state(**WHOLE)
     limit = 2.0 * SKEW.scales(y0)[2]
@@ -238,9 +212,6 @@ def test_runs_of_a_free_body_are_judged_at_any_length():
     with mp.workdps(40):
         right = truth.solution(body, y0, [mpf(h) * int(v) for v in n], digits=20)
     assert largest(apart(truths.after_steps(body, y0, h, n), right)) < 2e-15
-    assert truths.name(body) == "exact solution"
-    with pytest.raises(ValueError, match="pass digits="):
-        truth.solution(body, y0, 1e18)
 
 
 @pytest.mark.filterwarnings("ignore:inertia_com")
@@ -252,9 +223,6 @@ def test_the_free_body_near_its_middle_axis():
     assert np.max(np.abs(run.y[0, 4:] - (-0.196222000288240777, 4.99036494822845638, 0.240321888675745775))) < 1e-12
     assert body.period((1, 0, 0, 0, 0, 2, 0.01)) / 2 == pytest.approx(59.0554435231928720, rel=1e-14)
     assert body.period((1, 0, 0, 0, 0, 2, 0)) == 0.0
-    slow = RigidBody(1.0, (0, 0, 0), (1.0, 2.0, 3.0))
-    right = (1.0, 8.37911827794993e-09, -4.72681527835209e-09)
-    assert integrate(slow, (1, 0, 0, 0, 1, 1e-8, 0), t=[1.0]).y[0, 4:] == pytest.approx(right, rel=1e-13)
     with pytest.raises(ValueError, match="period: only the motion of a free body"):
         SKEW.period(SKEW.state(**WHOLE))
 
@@ -264,41 +232,27 @@ def test_books_have_bodies_that_no_matter_has():
         with pytest.warns(RuntimeWarning, match="no body of matter has the moments"):
             RigidBody(1.0, (0, 0, 1), moments)
     RigidBody(1.0, (0, 0, 1), (1e-45, 2e-45, 3e-45 * (1 + 1e-12)))  # a flat one, but for a rounding
-    with (
-        pytest.warns(RuntimeWarning, match="no body of matter"),
-        pytest.raises(ValueError, match="must be positive"),
-    ):
-        RigidBody(1.0, (0, 0, 0), (-0.1, 1.0, 1.0))
 
 
 REFUSED = [
-    ({"inertia_com": ((0.4, 1e-3, 0), (0, 0.5, 0), (0, 0, 0.6))}, "inertia_com must be a symmetric matrix"),
     ({"inertia_com": ((0.4, 1e-11, 0), (0, 0.5, 0), (0, 0, 0.6))}, "inertia_com must be a symmetric matrix"),
     ({"inertia_com": (0.4, 0.5)}, "inertia_com must be finite real numbers, shape"),
     ({"inertia_com": (0.4, 0.0, 0.4), "com": (0, 0, 0)}, "moments about the fixed point must be positive"),
-    ({"mass": 0.0}, "mass must be positive"),
     ({"mass": -1.0}, "mass must be positive"),
     ({"mass": math.nan}, "mass must be finite"),
-    ({"com": (0, 0)}, "com must be finite real numbers, shape"),
     ({"gravity": (0, 0, math.inf)}, "gravity must be finite real numbers, shape"),
     ({"fixed": 1}, "fixed must be True or False"),
 ]
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize(("wrong", "message"), REFUSED)
-def test_numbers_that_are_no_body_are_refused(wrong, message):
+def test_numbers_that_are_no_body_or_no_rotation_are_refused():
     facts = {"mass": 1.0, "com": (0.0, 0.0, 1.0), "inertia_com": (0.4, 0.5, 0.6)}
-    RigidBody(**facts)
-    with pytest.raises(ValueError, match=message):
-        RigidBody(**{**facts, **wrong})
-
-
-@pytest.mark.interpreted
-def test_a_state_off_the_unit_sphere_is_refused():
-    """By 1e-5; a millionth is what a poor run may lose."""
+    for wrong, message in REFUSED:
+        with pytest.raises(ValueError, match=message):
+            RigidBody(**{**facts, **wrong})
     y = SKEW.check_state(SKEW.state(**WHOLE))
-    SKEW.check_state(y * (*[1 + 0.5e-6] * 4, 1, 1, 1))
+    SKEW.check_state(y * (*[1 + 0.5e-6] * 4, 1, 1, 1))  # what a poor run may lose
     for length in (1 - 1e-5, 1 + 1e-5):
         with pytest.raises(ValueError, match="must be a unit one"):
             SKEW.check_state(y * (*[length] * 4, 1, 1, 1))
@@ -306,18 +260,13 @@ def test_a_state_off_the_unit_sphere_is_refused():
 
 @pytest.mark.interpreted
 def test_euler_angles_of_a_body():
-    """R = R3(phi) R2(theta) R3(psi), by matrices written down here."""
+    """R = R3(phi) R2(theta) R3(psi)."""
     theta, phi, psi = 0.7, -1.1, 2.3
 
     def about(axis, angle):
-        i, j = ((axis + 1) % 3, (axis + 2) % 3)
-        R = np.eye(3)
-        R[i, i] = R[j, j] = math.cos(angle)
-        R[j, i] = math.sin(angle)
-        R[i, j] = -R[j, i]
-        return R
+        return Rotation.from_rotvec(angle * np.eye(3)[axis])
 
-    R = about(2, phi) @ about(1, theta) @ about(2, psi)
+    R = about(2, phi) * about(1, theta) * about(2, psi)
     run = integrate(SKEW, SKEW.state(rotation=R, omega_body=(0.1, 0.2, 0.3)), h=1e-3, steps=1, method="strang")
     assert run.euler_angles()[0] == pytest.approx((theta, phi, psi), abs=1e-12)
 
@@ -325,12 +274,8 @@ def test_euler_angles_of_a_body():
 @pytest.mark.interpreted
 def test_the_vectors_of_a_run_are_those_of_its_rotations():
     """Of a body with products of inertia: by differences of the rotations in time, and by the matrix about the fixed point."""
-    inertia, com, mass, h = (
-        np.array(((0.4, 0.05, 0.02), (0.05, 0.5, -0.03), (0.02, -0.03, 0.3))),
-        (0.1, -0.2, 0.3),
-        1.5,
-        1e-4,
-    )
+    inertia = np.array(((0.4, 0.05, 0.02), (0.05, 0.5, -0.03), (0.02, -0.03, 0.3)))
+    com, mass, h = (0.1, -0.2, 0.3), 1.5, 1e-4
     body = RigidBody(mass, com, inertia)
     start = Rotation.from_rotvec((0.3, -0.5, 0.8))
     omega = np.array((1.0, -2.0, 0.5))
@@ -406,13 +351,11 @@ def test_any_body_in_any_gravity_against_integers(body):
     assert np.max(np.abs(run.rotation.as_matrix() - R)) < 1e-11
     assert np.max(np.abs(run.omega_body - omega)) < 1e-11
     assert np.max(np.abs(run.position - R @ body.com)) < 1e-11
-    assert np.allclose(run.omega_world, (R @ omega[..., None])[..., 0], atol=1e-11)
-    assert np.ptp([body.energy(body.state(**WHOLE)), *run.energy, *body.energy_of(R, omega)]) < 1e-11 * np.max(
-        np.abs(run.energy)
-    )
+    energies = [body.energy(body.state(**WHOLE)), *run.energy, *body.energy_of(R, omega)]
+    assert np.ptp(energies) < 1e-11 * np.max(np.abs(energies))
     assert all(np.max(error) < 1e-11 for error in body.errors(run.y, R).values())
     assert ("C2" in body.names) is (body is ROUND)
-    for wrong in (["-0.1"], [0, "0.2", "0.1"], [0.1, float("nan")], ["inf"]):
+    for wrong in ([0, "0.2", "0.1"], ["inf"]):
         with pytest.raises(ValueError, match="times must"):
             next(case.digits(wrong))
 
@@ -442,18 +385,13 @@ def test_rho_damps():
     assert ends[0].energy[-1] < ends[1].energy[-1]
     usual = (integrate(SKEW, y0, h=0.1, steps=9, method="generalized_alpha", **rho) for rho in ({}, {"rho": 0.9}))
     assert np.array_equal(*(run.y for run in usual))
-
-
-@pytest.mark.interpreted
-def test_a_step_that_is_not_solved_is_refused():
     with np.errstate(all="ignore"), pytest.raises(StepError, match="not solved after 50 iterations"):
-        integrate(SKEW, SKEW.state(**WHOLE), h=50.0, steps=1, method="rattle")
-    assert pickle.loads(pickle.dumps(SKEW)) == SKEW
+        integrate(SKEW, y0, h=50.0, steps=1, method="rattle")
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize("size", [1e-310, 1e-300, 1e-160, 1e160, 1e300])
-@pytest.mark.parametrize("facts", [(1, 0, 0, 0), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1), (1, 1, 1, 1)])
+@pytest.mark.parametrize("size", [1e-310, 1e-160, 1e160, 1e300])
+@pytest.mark.parametrize("facts", [(1, 0, 0, 0), (0, 1, 0, 1), (0, 0, 1, 1), (1, 1, 1, 1)])
 def test_extreme_numbers_make_a_body_or_a_named_error(facts, size):
     """A choice of inertia_com, mass, com and gravity is extreme."""
     moments, mass, com, gravity = (size if extreme else 1.0 for extreme in facts)
@@ -474,6 +412,4 @@ def test_bodies_with_the_same_zeros_share_their_formulas():
     assert one.system is two.system
     assert one.numbers != two.numbers
     assert flat.system != one.system
-    fresh = RigidBody.__mro__[1]("rigid_body", "body", one._hamiltonian, one.numbers, frame="body")
-    y = two.check_state((0.6, 0.0, 0.8, 0.0, 1.0, 2.0, 3.0))
-    assert fresh.invariants(y)[0] == one.invariants(y)[0] != two.invariants(y)[0]
+    assert pickle.loads(pickle.dumps(SKEW)) == SKEW

@@ -31,6 +31,7 @@ from lagrange_bench.support.files import cache_folder
 from lagrange_bench.support.source_digest import IMPORTED_SOURCES, PACKAGE
 
 SOURCES = IMPORTED_SOURCES.code(PACKAGE / "integrators")  # before a kernel is imported
+HOME = cache_folder()
 # Numba's settings that change machine code
 SETTINGS = ("BOUNDSCHECK", "CPU_FEATURES", "CPU_NAME", "LOOP_VECTORIZE", "OPT", "SLP_VECTORIZE")
 
@@ -112,13 +113,12 @@ class CompiledFunction(CPUDispatcher):
 @cache
 def _folder() -> Path | None:
     """The folder for machine code, with a file for Numba; None if there is no cache."""
-    home = cache_folder()
-    if home is None:
+    if HOME is None:
         return None
     settings = [f"{name}={getattr(numba.config, name)}" for name in SETTINGS]
     machine = [llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()]
     words = [SOURCES.digest, numba.__version__, str(sys.implementation.cache_tag), *settings, *machine]
-    folder = home / hashlib.sha256("\n".join(words).encode()).hexdigest()[:24]
+    folder = HOME / hashlib.sha256("\n".join(words).encode()).hexdigest()[:24]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with contextlib.suppress(FileExistsError):

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from lagrange_bench.integrators.checks import check_state
 from lagrange_bench.integrators.compiling.loops import SIZE
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -58,8 +60,41 @@ def branch_guess(alpha: float, state: Array, lam: complex) -> tuple[float, float
     return float(product.real), float(product.imag)
 
 
-def two_point(top: LagrangeTop, y: Array, lam: complex, sheet: int = 1) -> Array:
-    """One step of the map with any λ; see `lagrange_bench.two_point`."""
+def two_point(top: LagrangeTop, y: ArrayLike, lam: complex, sheet: int = 1) -> Array:
+    """One step of the two-point Bäcklund transformation with parameters λ and λ̄, any λ with Im λ > 0.
+
+    At a root of Q the two sheets meet: within 1e-14 of a simple root, or 1e-8 of a double one, round-off decides which is which.
+    At a double root there is no inverse: a homoclinic state goes to the sleeping top. Source: paper, section 5.5;
+    docs/exact-step.md.
+
+    Parameters
+    ----------
+    top : LagrangeTop
+        The top.
+    y : (6,)
+        The state.
+    lam : complex
+        λ, in units of x/J.
+    sheet : int
+        1 takes the branch of √Q(λ) continuous from +√C1 along the segment from 0 to λ; −1 the other one, which is the inverse
+        map.
+
+    Returns
+    -------
+    (6,)
+        The image.
+
+    Raises
+    ------
+    ValueError
+        y, λ or sheet make no sense.
+    StepError
+        The image is beyond the range of doubles.
+    """
+    if not isinstance(top, LagrangeTop):
+        raise ValueError("top must be a LagrangeTop: the map is that of a uniform field")
+    top.require_single()
+    y = check_state(y, "y")
     if sheet not in (1, -1):
         raise ValueError(f"sheet must be 1 or -1; got {sheet!r}")
     units = Units(top, y, 1.0)
