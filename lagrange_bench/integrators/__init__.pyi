@@ -16,8 +16,7 @@ from .interface import (
 from .paper.gaudin_model import GaudinMagnet as GaudinMagnet
 from .problem.kirchhoff import kirchhoff_body as kirchhoff_body
 from .problem.orbiting_tide import orbiting_tide as orbiting_tide
-from .problem.perturbed import PerturbedTop as PerturbedTop
-from .problem.potential import Potential as Potential
+from .problem.perturbed import PerturbedTop as PerturbedTop, Potential as Potential
 from .problem.potentials import PERTURBED_TOPS as PERTURBED_TOPS
 from .problem.problem import Problem as Problem
 from .problem.rigid_body import RigidBody as RigidBody

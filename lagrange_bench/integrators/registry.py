@@ -22,7 +22,7 @@ from lagrange_bench.integrators import methods
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.methods import ARCHIVE, BUILT_IN
 from lagrange_bench.integrators.own_modules import import_own, in_own_file
-from lagrange_bench.integrators.problem.potential import Potential
+from lagrange_bench.integrators.problem.perturbed import Potential
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, POTENTIALS_BUILT_IN
 from lagrange_bench.integrators.problem.top import TOPS, NamedTop
 from lagrange_bench.support.words import suggestion

@@ -200,25 +200,17 @@ SCHEMES = [
     *(("strang", 4, {}), ("processed6", 6, {}), ("aba864", 6, {})),
     *(("strang", 2, {without: False}) for without in ("corrector", "modified_kick")),
 ]
-CASES = [  # a problem, a state, a time, numbers of steps, a scheme, its order, options
-    *((DRIVEN, Y0, UNTIL, 48, *scheme) for scheme in SCHEMES),
-    *(
-        (problem, Y0, UNTIL, steps, *scheme)
-        for problem, steps in ((vibrating_pivot(1.0, 0.02, 3.0), 48), (orbiting_tide(0.1, 0.2, 1.0), 48))
-        for scheme in SCHEMES[:2]
-    ),
-]
 
 
-@pytest.mark.parametrize(("problem", "y0", "span", "steps", "scheme", "order", "options"), CASES)
-def test_every_scheme_keeps_its_order_in_a_driven_field(problem, y0, span, steps, scheme, order, options):
-    right = reference.solution(problem, y0, [span]).states[0]
+@pytest.mark.parametrize(("scheme", "order", "options"), SCHEMES)
+def test_every_scheme_keeps_its_order_in_a_driven_field(scheme, order, options):
+    right = reference.solution(DRIVEN, Y0, [UNTIL]).states[0]
 
     def error(n):
-        run = integrate(problem, y0, h=span / n, steps=n, method="backlund_splitting", scheme=scheme, **options)
+        run = integrate(DRIVEN, Y0, h=UNTIL / n, steps=n, method="backlund_splitting", scheme=scheme, **options)
         return np.max(np.abs(run.y[-1] - right))
 
-    assert np.log2(error(steps) / error(2 * steps)) == pytest.approx(order, abs=0.25)
+    assert np.log2(error(48) / error(96)) == pytest.approx(order, abs=0.25)
 
 
 def on_an_orbit(eccentricity, M, x):

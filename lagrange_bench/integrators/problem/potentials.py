@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import sqrt
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.potential import Potential
+from lagrange_bench.integrators.problem.perturbed import PerturbedTop, Potential
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
 from lagrange_bench.integrators.problem.vectors import dot
 

@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cached_property
 from typing import Any
 
@@ -24,40 +25,13 @@ from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, record_own
 from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, parts_of, weight_and_rest
 from lagrange_bench.integrators.problem.symmetry import are_affine, random_states, vanish
-from lagrange_bench.integrators.problem.system import (
-    Space,
-    System,
-    find_space,
-    invariants_of,
-    make_system,
-    slopes_of,
-)
+from lagrange_bench.integrators.problem.system import Space, System, find_space, invariants_of, make_system, slopes_of
 from lagrange_bench.integrators.problem.vectors import cross_in
 
-COLUMNS = frozenset(  # names that no invariant may have: tables with a column for each invariant have these, too
-    (
-        "t",
-        "h",
-        "span",
-        "t_scaled",
-        "h_scaled",
-        "span_scaled",
-        "method",
-        "top",
-        "steps",
-        "status",
-        "failure",
-        "worst",
-        "error",
-        "motion",
-    )
-)
+# names that no invariant may have: tables with a column for each invariant have these, too
+COLUMNS = {"t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure"}
+COLUMNS |= {"worst", "error", "motion"}
 Formula = Callable[..., Any]
-
-
-def check_parameters(name: str, parameters: Iterable[float]) -> tuple[float, ...]:
-    """The parameters of a problem as floats; ValueError names one that is none."""
-    return tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
 
 
 class Problem:
@@ -117,12 +91,14 @@ class Problem:
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"problem {name}: parameters must be numbers; got {parameters!r}")
         self.name, self.space = name, find_space(space)
-        self.numbers = check_parameters(name, parameters)
+        self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
         energy = self._record("hamiltonian", hamiltonian)
         self.extra_invariants = tuple(
             (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()
         )
-        self._check_names()
+        for word, _ in self.extra_invariants:
+            if word in COLUMNS or word in ("H", *self.space.casimir_names):
+                raise ValueError(f"problem {name}: invariants[{word!r}]: this name is taken; choose another")
         self.user_parts = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
         self._check_invariants()
@@ -131,14 +107,6 @@ class Problem:
         self.system = dataclasses.replace(self.system, constant=constant)
         if self.user_parts:
             self._check_parts()
-
-    def _check_names(self) -> None:
-        """ValueError if an invariant has a name that is taken. J1, J2, J3 may only name these components themselves."""
-        own = {f"J{i}": i for i in (1, 2, 3)} if self.space.name in ("e3", "so3") else {}
-        for word, program in self.extra_invariants:
-            taken = word in COLUMNS or word in ("H", *self.space.casimirs(range(1, 100)))
-            if not isinstance(word, str) or taken or own.get(word, program.outputs[0]) != program.outputs[0]:
-                raise ValueError(f"problem {self.name}: invariants[{word!r}]: this name is taken; choose another")
 
     def _is_component(self, place: Any) -> bool:
         return isinstance(place, int) and 1 <= place <= self.space.size
@@ -195,8 +163,6 @@ class Problem:
         other.__dict__ |= {**self.__dict__, "start": check_real(t, "t")}
         return other
 
-    # ------------------------------------------------------------------ what methods ask for
-
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         """Parts of H with closed flows; () if it cannot be taken apart."""
@@ -212,8 +178,8 @@ class Problem:
         """The words of `interface.NEEDS` on which methods may rely."""
         kinds = [part.kind for part in self.parts]
         kinetic = kinds in (["square", "kick"], ["free", "kick"]) and not self.parts[0].timed
-        words = {"smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
-        return frozenset({"rhs", *(word for word, offered in words.items() if offered)})
+        words = {"rhs": True, "smooth": self.system.smooth, "parts": bool(self.parts), "kinetic": kinetic}
+        return frozenset(word for word, is_offered in words.items() if is_offered)
 
     @cached_property
     def is_top(self) -> bool:
@@ -292,8 +258,9 @@ class Problem:
         states, n = np.asarray(y, dtype=float), self.space.size
         if states.shape[-1:] != (n,):
             raise ValueError(f"y must be states of {n} numbers, shape (..., {n}); got shape {states.shape}")
-        if states.ndim == 1 and isinstance(t, float) and self._single:
-            return np.array(self._values_at(program, states.tolist(), t), dtype=float)
+        if states.ndim == 1 and isinstance(t, float) and self._single:  # plain numbers are several times as quick
+            with suppress(ZeroDivisionError):  # arrays have an infinity there
+                return np.array(program(self.start + t, *states.tolist(), *self.numbers), dtype=float)
         with np.errstate(all="ignore"):
             components = [states[..., i] for i in range(n)]
             values = program(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
@@ -302,13 +269,6 @@ class Problem:
             out[..., i] = value
         return out
 
-    def _values_at(self, program: Program, y: list[float], t: float = 0.0) -> tuple[float, ...]:
-        """The values at one state (n,), by plain numbers: several times as quick as arrays."""
-        try:
-            return program(self.start + t, *y, *self.numbers)
-        except ZeroDivisionError:  # arrays have an infinity there
-            return tuple(self._values(program, [y], t)[0].tolist())
-
     def energy(self, y: ArrayLike, t: Any = 0.0) -> Any:
         """H of states (..., n), at times t since the start."""
         return self._values(self.system.energy, y, t)[..., 0]
@@ -316,11 +276,8 @@ class Problem:
     @cached_property
     def names(self) -> tuple[str, ...]:
         """The invariants: H, unless it depends on t, Casimir functions, and the names in the argument `invariants`."""
-        return (
-            *(("H",) * (not self.timed)),
-            *self.space.casimirs(range(1, 100)),
-            *(name for name, _ in self.extra_invariants),
-        )
+        energy = () if self.timed else ("H",)
+        return (*energy, *self.space.casimir_names, *(name for name, _ in self.extra_invariants))
 
     @property
     def conserved(self) -> frozenset[str]:
@@ -368,7 +325,7 @@ class Problem:
         conserves = method.claims.conserves
         if method.needs in ("body", "uniform"):  # "uniform": some of these methods take symmetric bodies
             return frozenset(conserves & self.conserved)
-        casimirs = frozenset(self.space.casimirs(range(1, 100)))
+        casimirs = frozenset(self.space.casimir_names)
         conserved = (conserves - {"H", "J3", "C1", "C2"}) & self.conserved
         conserved |= casimirs if {"C1", "C2"} <= conserves else frozenset()
         if "J3" in conserves:
@@ -386,28 +343,20 @@ class Problem:
     def _quadratic(self) -> frozenset[str]:
         """The invariants of `names` that are of degree 2 at most, in t and y together."""
         values = invariants_of(self.system, self.names, self.extra_invariants)
-
-        def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            return [slope for value in tape.run(values, t, *y, *p) for slope in tape.gradient(value, (t, *y))]
-
-        affine, count = are_affine(self.system.record(slopes), self.numbers), 1 + self.space.size
+        affine, count = are_affine(self._slopes([values], timed=True), self.numbers), 1 + self.space.size
         return frozenset(name for i, name in enumerate(self.names) if all(affine[i * count : (i + 1) * count]))
 
-    # ------------------------------------------------------------------ checks of the arguments
+    # ------------------------------------------------------------------ checks of the arguments, at random states
 
     def _check_invariants(self) -> None:
-        """ValueError if {I, H} + ∂I/∂t of an invariant I is more than round-off at a random state."""
+        """ValueError if {I, H} + ∂I/∂t of an invariant I is more than round-off."""
         t, *y = random_states(1 + self.space.size).T
         states = np.transpose(y)
+        turning = np.linalg.norm(self._values(self.system.gradient, states, t), axis=1)
         for word, program in self.extra_invariants:
-
-            def slopes(tape: Tape, t: Any, y: Any, p: Any, program: Program = program) -> Any:
-                return tape.gradient(tape.run(program, t, *y, *p)[0], (t, *y))
-
-            by_t, *by_y = self._values(self.system.record(slopes), states, t).T
+            by_t, *by_y = self._values(self._slopes([program], timed=True), states, t).T
             across = np.transpose(by_y)
             change = by_t + np.sum(across * self.rhs(states, t), axis=1)
-            turning = np.linalg.norm(self._values(self.system.gradient, states, t), axis=1)
             term = np.linalg.norm(across, axis=1) * turning * np.linalg.norm(states, axis=1)
             if not vanish(change[:, None], np.column_stack((by_t, term))):
                 raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved at some states")
@@ -421,16 +370,19 @@ class Problem:
                     f"problem {self.name}: parts[{i}] has no closed flow: it is not a function of t and x, nor of components "
                     "along one axis, nor a multiple of |J|² or s_j·s_k, or it is several of these"
                 )
+        t, *y = random_states(1 + self.space.size).T
+        states = np.transpose(y)
+        whole = self._values(self.system.gradient, states, t)
+        total = sum(self._values(self._slopes([program]), states, t) for program in self.user_parts)
+        if not vanish(whole - total, np.hstack((whole, total))):
+            raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian at some states")
+
+    def _slopes(self, programs: Sequence[Program], timed: bool = False) -> Program:
+        """The gradients of all outputs of programs of (t, y, p), one after the other; if `timed`, each begins with ∂/∂t."""
 
         def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            parts = [tape.gradient(tape.run(program, t, *y, *p)[0], y) for program in self.user_parts]
-            return [
-                *self.system.slopes(tape, t, y, p),
-                *(sum(of, tape.constant(0.0)) for of in zip(*parts, strict=True)),
-            ]
+            by = (t, *y) if timed else y
+            values = [value for program in programs for value in tape.run(program, t, *y, *p)]
+            return [slope for value in values for slope in tape.gradient(value, by)]
 
-        t, *y = random_states(1 + self.space.size).T
-        both = self._values(self.system.record(slopes), np.transpose(y), t)
-        whole, total = np.split(both, 2, axis=1)
-        if not vanish(whole - total, both):
-            raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian at some states")
+        return self.system.record(slopes)

@@ -42,7 +42,7 @@ from lagrange_bench.integrators.problem.inertia import (
     principal,
     upright,
 )
-from lagrange_bench.integrators.problem.problem import Problem, check_parameters
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rotation import as_motion, real_array
 from lagrange_bench.integrators.problem.system import System, find_space
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -126,7 +126,7 @@ class RigidBody(Problem):
             _RECORDED[self.symmetry, pattern] = self._recorded(pattern)
         self.name, self.space = "rigid_body", find_space("body")
         self.system, self.extra_invariants = _RECORDED[self.symmetry, pattern]
-        self.numbers = check_parameters(self.name, numbers)
+        self.numbers = tuple(map(float, numbers))
 
     def _recorded(self, numbers: Sequence[float]) -> tuple[System, tuple[tuple[str, Program], ...]]:
         """The system and the invariants of bodies of one kind."""

@@ -12,10 +12,10 @@ from lagrange_bench.integrators.compiling.compiled import jit
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-EXACT, ROUNDED = (
-    1e-12,
-    1e-6,
-)  # distance from a rotation: up to EXACT it is taken as it is, up to ROUNDED (7 printed digits) scaled with a warning
+# distance from a rotation up to which it is taken as it is
+EXACT = 1e-12
+# and up to which it is scaled, with a warning: 7 printed digits
+ROUNDED = 1e-6
 
 
 def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:

@@ -72,6 +72,11 @@ class Space:
         squares = [dot(y[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
         return {"C" if len(squares) == 1 else f"C{j}": square for j, square in enumerate(squares, 1)}
 
+    @property
+    def casimir_names(self) -> tuple[str, ...]:
+        """The names of the Casimir functions."""
+        return tuple(self.casimirs(range(self.size)))
+
 
 @dataclass(frozen=True)
 class BodySpace(Space):
