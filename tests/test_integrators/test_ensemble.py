@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, available, exact, metrics
+from lagrange_bench import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, available, exact
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import ensemble, integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling import lanes
@@ -84,18 +84,6 @@ def test_nothing_depends_on_place_chunks_threads_or_interruptions(monkeypatch):
         assert np.array_equal(together(TOP, Y0, 0.1, 64, every=4, threads=threads), rows)
 
 
-@pytest.mark.parametrize(("h", "middle"), [(0.5, 2e-15), (-7.3, 5e-15)])
-def test_ten_steps_against_jumps_in_double_double(h, middle):
-    """Of tops with periods from 1.3 to 10."""
-    alphas, states = draw(5000, 4)
-    top = LagrangeTop(alphas)
-    jumps = together(top, states, t=[10 * h])[0]
-    found = zip(alphas, states, together(top, states, h, 10)[0], jumps, strict=True)
-    error = [metrics.scaled_error(LagrangeTop(alpha), *rest) for alpha, *rest in found]
-    assert np.median(error) < middle
-    assert np.max(error) < 5e-14
-
-
 TIMES = {"t": [0.3, 0.0, -2.0]}
 
 
@@ -108,11 +96,10 @@ TIMES = {"t": [0.3, 0.0, -2.0]}
         ("backlund", SIZE, 0.2, {"pin": 3}),
         ("backlund", 40, 0.2, {"lam": 0.3 + 0.4j}),
         ("backlund", SIZE, {"t": [0.3, 0.0, -2.0, 1e4]}, {}),
-        *((name, 20, 0.02, {}) for name in ("rk4", "implicit_midpoint", "dop853", "rk45")),
+        *((name, 20, 0.02, {}) for name in ("rk4", "dop853", "rk45")),
         ("strang", 20, 0.02, {"compensated": True}),
-        *((name, "all numbers", 0.02, {}) for name in ("rk4", "dop853")),
-        ("strang", "some numbers", 0.02, {"compensated": True}),
-        *((name, "some numbers", TIMES, {}) for name in ("dop853", "scipy_dop853")),
+        ("dop853", "all numbers", 0.02, {}),
+        *(("dop853", "some numbers", grid, {}) for grid in (0.02, TIMES)),
         *(("rk4", tops, 0.05, {}) for tops in ("alpha only", "J3 kept by some")),
         ("backlund_splitting", "weak tide", 0.1, {}),
         *(("backlund_splitting", "hardly turning", grid, {}) for grid in (0.05, TIMES)),

@@ -182,55 +182,51 @@ def test_a_state_of_another_torus_is_refused(name, top, factor, words):
     assert np.isfinite(stepper.advance(there, 1000)).all()  # a run may be continued
 
 
-FAULTS = {  # what a plug-in makes of y and of the rows that it should return, and what is said
-    "a row too few": (lambda y, rows: rows[:-1], "record must return .* shape .*; got float64"),
-    "single precision": (lambda y, rows: rows.astype("f4"), "record must return an array of floats .*; got float32"),
-    "another start": (lambda y, rows: rows + 1e-15, "row 0 of record must be the input"),
-    "the input": (lambda y, rows: (rows, np.multiply(y, 1.5, out=y))[0], "record wrote to its input"),
-    "not finite": (lambda y, rows: np.vstack([rows[:1], np.nan * rows[1:]]), "record returned a state that is not"),
+class Resting(lb.Stepper):
+    """A stepper of a plug-in, whose tops do not move. `make` makes something else of the input and of the rows."""
+
+    def __init__(self, make=lambda y, rows: rows):
+        self.work, self.make = lb.Work(), make
+
+    def record(self, y, n, every):
+        return self.make(y, np.tile(y, (n // every + 1, 1)))
+
+
+class Reusing(Resting):
+    result = Y0.copy()
+
+    def advance(self, y, n):
+        return self.result
+
+
+FAULTS = {  # a stepper, and what is said
+    "record must return .* shape .*; got float64": Resting(lambda y, rows: rows[:-1]),
+    "record must return an array of floats .*; got float32": Resting(lambda y, rows: rows.astype("f4")),
+    "row 0 of record must be the input": Resting(lambda y, rows: rows + 1e-15),
+    "record wrote to its input": Resting(lambda y, rows: (rows, np.multiply(y, 1.5, out=y))[0]),
+    "record returned a state that is not finite": Resting(lambda y, rows: np.vstack([rows[:1], np.nan * rows[1:]])),
+    "advance returned the same array twice": Reusing(),
+    "prepare returned None": None,
 }
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_steppers_of_plug_ins_are_looked_at(fault):
-    """A plug-in whose tops do not move; by `integrate`, by an ensemble, and by the loops of the experiments."""
-    broken, said = FAULTS[fault]
-
-    class Resting(lb.Stepper):
-        work = lb.Work()
-
-        def record(self, y, n, every):
-            return broken(y, np.tile(y, (n // every + 1, 1)))
-
-    build = replace(METHODS["rk4"], name="mine", needs="uniform", prepare=lambda top, y0, h: Resting())
-    with METHODS.temporarily_registered(build):
-        for call in (
-            lambda: integrate(TOP, Y0, 0.1, 10, build, 5),
-            lambda: integrate_ensemble(TOP, [Y0, Y0], 0.1, 10, build),
-            lambda: lb.states.sample(TOP, Y0, "mine", 0.1, [1, 2, 4]),
-        ):
-            with pytest.raises((ValueError, StepError), match=rf"^mine\b.*: {said}"):
-                call()
+def used(method):
+    stepper = prepare(TOP, Y0, 0.1, method)
+    stepper.record(Y0, 10, 5)
+    stepper.advance(Y0, 1)
+    stepper.advance(Y0, 2)
 
 
-def test_what_a_plug_in_prepares_and_evaluates_is_looked_at():
-    record = replace(METHODS["rk4"], name="mine")
-    short = replace(record, evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
+@pytest.mark.parametrize("said", FAULTS)
+def test_what_plug_ins_prepare_and_return_is_looked_at(said):
+    mine = replace(METHODS["rk4"], name="mine", prepare=lambda top, y0, h: FAULTS[said])
+    with pytest.raises((ValueError, StepError), match=rf"^mine\b.*: {said}"):
+        used(mine)
+
+
+def test_what_a_plug_in_evaluates_is_looked_at():
+    short = replace(METHODS["rk4"], name="mine", evaluate=lambda top, y0, times: (np.tile(y0, (1, 1)), lb.Work()))
     refused(r"^mine: evaluate must return .* shape \(2, 6\)", integrate, TOP, Y0, t=[1.0, 2.0], method=short)
-    nothing = replace(record, prepare=lambda top, y0, h: None)
-    refused("^mine: prepare returned None", integrate, TOP, Y0, 0.1, 10, nothing)
-
-    class Reusing(lb.Stepper):
-        work, result = lb.Work(), np.ones(6)
-
-        def record(self, y, n, every):
-            return [self.result]
-
-        def advance(self, y, n):
-            return self.result
-
-    with METHODS.temporarily_registered(replace(record, prepare=lambda top, y0, h: Reusing())):
-        refused("^mine: advance returned the same array twice", lb.states.sample, TOP, Y0, "mine", 0.1, [1, 2, 4])
 
 
 def test_a_missing_package_is_named(monkeypatch):

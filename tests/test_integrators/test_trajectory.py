@@ -73,12 +73,10 @@ def test_dense_output_has_the_options_of_the_run():
 
 
 def test_the_error_of_steps_is_that_at_n_h():
-    run = integrate(NAMED.top, NAMED.state, 0.1, 10**4, every=10**4)
-    assert run.error()[-1] < 1e-12
-    odd = integrate(NAMED.top, NAMED.state, 0.01, 29, every=29)  # in doubles 0.29 / 0.01 is less than 29
+    odd = integrate(NAMED.top, NAMED.state, 0.01, 29)  # in doubles 0.29 / 0.01 is less than 29
     assert odd.error()[-1] < 1e-13
-    jumps = integrate(NAMED.top, NAMED.state, t=run.t)
-    true = exact.solution(NAMED.top, NAMED.state, run.t)
+    jumps = integrate(NAMED.top, NAMED.state, t=[1000.0])
+    true = exact.solution(NAMED.top, NAMED.state, [1000.0])
     assert np.array_equal(jumps.error(), metrics.scaled_error(NAMED.top, NAMED.state, jumps.y, true))
 
 
