@@ -5,12 +5,12 @@ As alpha x3, V is energy over the moment of inertia across the axis, in the unit
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import sqrt
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop, Potential
-from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop, Named, NamedTop
+from lagrange_bench.integrators.problem.top import TOPS, Named, NamedTop
 from lagrange_bench.integrators.problem.vectors import dot
 
 
@@ -108,26 +108,14 @@ TIDE = Potential(
 POTENTIALS_BUILT_IN = {potential.name: potential for potential in (QUADRATIC, AXISYMMETRIC, CHARGE, DIPOLE, TIDE)}
 
 
-@dataclass(frozen=True)
-class NamedPerturbedTop(NamedTop):
-    """A named top in a potential."""
-
-    potential: Potential
-    parameters: tuple[float, ...]
-
-    @property
-    def top(self) -> PerturbedTop:  # type: ignore[override]
-        """The top."""
-        return PerturbedTop(LagrangeTop(self.alpha), self.potential, self.parameters)
-
-
 def _named(
     name: str, label: str, base: str, potential: Potential, parameters: tuple[float, ...], note: str
-) -> NamedPerturbedTop:
-    return NamedPerturbedTop(name, label, TOPS[base].alpha, TOPS[base].y0, note, potential, parameters)
+) -> NamedTop:
+    field = partial(PerturbedTop, potential=potential, parameters=parameters)
+    return NamedTop(name, label, TOPS[base].alpha, TOPS[base].y0, note, field)
 
 
-PERTURBED_TOPS: dict[str, NamedPerturbedTop] = Named(
+PERTURBED_TOPS: dict[str, NamedTop] = Named(
     (t.name, t)
     for t in (
         _named("tide_1e-6", "tide, ε = 1e-6", "generic", TIDE, (1e-6, 1.0, 0.0, 0.0),

@@ -22,10 +22,17 @@ from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.compiling.tape import Tape, record_own
+from lagrange_bench.integrators.compiling.tape import record_own
 from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, parts_of, weight_and_rest
 from lagrange_bench.integrators.problem.symmetry import are_affine, random_states, vanish
-from lagrange_bench.integrators.problem.system import Space, System, find_space, invariants_of, make_system, slopes_of
+from lagrange_bench.integrators.problem.system import (
+    Space,
+    System,
+    find_space,
+    gradients_of,
+    invariants_of,
+    make_system,
+)
 from lagrange_bench.integrators.problem.vectors import cross_in
 
 # names that no invariant may have: tables with a column for each invariant have these, too
@@ -224,12 +231,16 @@ class Problem:
 
     def invariants(self, y: ArrayLike, t: Any = 0.0) -> Array:
         """Values of `names` at states (..., n) and times (...), whether they are conserved or not; shape (..., len(names))."""
-        return self._values(invariants_of(self.system, self.names, self.extra_invariants), y, t)
+        return self._values(self._invariants, y, t)
+
+    @property
+    def _invariants(self) -> Program:
+        return invariants_of(self.system, self.names, self.extra_invariants)
 
     def gradients(self, y: ArrayLike, t: float = 0.0) -> Array:
         """Gradients of `names` as rows, at one state (n,)."""
         self.require_single()
-        slopes = slopes_of(self.system, self.names, self.extra_invariants)
+        slopes = gradients_of(self.system, self._invariants)
         return self._values(slopes, y, t).reshape(len(self.names), self.system.size)
 
     def force(self, y: ArrayLike, t: Any = 0.0) -> Array:
@@ -342,8 +353,8 @@ class Problem:
     @cached_property
     def _quadratic(self) -> frozenset[str]:
         """The invariants of `names` that are of degree 2 at most, in t and y together."""
-        values = invariants_of(self.system, self.names, self.extra_invariants)
-        affine, count = are_affine(self._slopes([values], timed=True), self.numbers), 1 + self.space.size
+        slopes, count = gradients_of(self.system, self._invariants, by_time=True), 1 + self.space.size
+        affine = are_affine(slopes, self.numbers)
         return frozenset(name for i, name in enumerate(self.names) if all(affine[i * count : (i + 1) * count]))
 
     # ------------------------------------------------------------------ checks of the arguments, at random states
@@ -354,7 +365,7 @@ class Problem:
         states = np.transpose(y)
         turning = np.linalg.norm(self._values(self.system.gradient, states, t), axis=1)
         for word, program in self.extra_invariants:
-            by_t, *by_y = self._values(self._slopes([program], timed=True), states, t).T
+            by_t, *by_y = self._values(gradients_of(self.system, program, by_time=True), states, t).T
             across = np.transpose(by_y)
             change = by_t + np.sum(across * self.rhs(states, t), axis=1)
             term = np.linalg.norm(across, axis=1) * turning * np.linalg.norm(states, axis=1)
@@ -373,16 +384,6 @@ class Problem:
         t, *y = random_states(1 + self.space.size).T
         states = np.transpose(y)
         whole = self._values(self.system.gradient, states, t)
-        total = sum(self._values(self._slopes([program]), states, t) for program in self.user_parts)
+        total = sum(self._values(gradients_of(self.system, program), states, t) for program in self.user_parts)
         if not vanish(whole - total, np.hstack((whole, total))):
             raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian at some states")
-
-    def _slopes(self, programs: Sequence[Program], timed: bool = False) -> Program:
-        """The gradients of all outputs of programs of (t, y, p), one after the other; if `timed`, each begins with ∂/∂t."""
-
-        def slopes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-            by = (t, *y) if timed else y
-            values = [value for program in programs for value in tape.run(program, t, *y, *p)]
-            return [slope for value in values for slope in tape.gradient(value, by)]
-
-        return self.system.record(slopes)

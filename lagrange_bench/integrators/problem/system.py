@@ -223,12 +223,15 @@ class System:
 
     # ------------------------------------------------------------------ for |J|²/2 + U(t, x), g = ∂U/∂x: inputs are x, t and p
 
-    def _of_force(self, formula: Callable[[Tape, Any, Any], Iterable[Any]]) -> Program:
-        """The program of `formula(tape, x, g)`."""
+    def _of_position(self, formula: Callable[[Tape, Any, Any, Any], Iterable[Any]]) -> Program:
+        """The program of `formula(tape, t, x, p)`."""
         tape = Tape()
         x, t = tuple(tape.input() for _ in range(3)), tape.input()
-        p = [tape.input() for _ in range(self.parameters)]
-        return tape.program(formula(tape, x, self.force(tape, t, x, p)))
+        return tape.program(formula(tape, t, x, [tape.input() for _ in range(self.parameters)]))
+
+    def _of_force(self, formula: Callable[[Tape, Any, Any], Iterable[Any]]) -> Program:
+        """The program of `formula(tape, x, g)`."""
+        return self._of_position(lambda tape, t, x, p: formula(tape, x, self.force(tape, t, x, p)))
 
     def force(self, tape: Tape, t: Any, x: Sequence[Any], p: Sequence[Any]) -> tuple[Term, ...]:
         """g on a tape."""
@@ -237,10 +240,7 @@ class System:
     @cached_property
     def potential(self) -> Program:
         """U."""
-        tape = Tape()
-        x, t = [tape.input() for _ in range(3)], tape.input()
-        p = [tape.input() for _ in range(self.parameters)]
-        return tape.program(tape.run(self.energy, t, *(0.0,) * 3, *x, *p))
+        return self._of_position(lambda tape, t, x, p: tape.run(self.energy, t, *(0.0,) * 3, *x, *p))
 
     @cached_property
     def torque(self) -> Program:
@@ -293,12 +293,12 @@ def invariants_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str
 
 
 @lru_cache(maxsize=256)
-def slopes_of(system: System, names: tuple[str, ...], extra: tuple[tuple[str, Program], ...]) -> Program:
-    """The gradients of `invariants_of`, one after the other."""
+def gradients_of(system: System, program: Program, by_time: bool = False) -> Program:
+    """The gradients of all outputs of a program of (t, y, p), one after the other; with `by_time` each begins with ∂/∂t."""
 
     def gradients(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-        values = tape.run(invariants_of(system, names, extra), t, *y, *p)
-        return [slope for value in values for slope in tape.gradient(value, y)]
+        variables = (t, *y) if by_time else y
+        return [slope for value in tape.run(program, t, *y, *p) for slope in tape.gradient(value, variables)]
 
     return system.record(gradients)
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -144,6 +145,8 @@ class NamedTop:
         (J1, J2, J3, x1, x2, x3).
     note : str
         What is special about it.
+    field : callable, optional
+        LagrangeTop → the top in a potential.
     """
 
     name: str
@@ -151,11 +154,13 @@ class NamedTop:
     alpha: float
     y0: tuple[float, float, float, float, float, float]
     note: str
+    field: Callable[[LagrangeTop], Top] | None = None
 
     @property
-    def top(self) -> LagrangeTop:
+    def top(self) -> Top:
         """The top."""
-        return LagrangeTop(self.alpha)
+        top = LagrangeTop(self.alpha)
+        return self.field(top) if self.field else top
 
     @property
     def state(self) -> Array:
