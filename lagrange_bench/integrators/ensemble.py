@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
 from lagrange_bench.integrators.api import default_method, grid_times, integrate, own_step
-from lagrange_bench.integrators.interface import Array, Method, StepError
+from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -110,7 +110,7 @@ def integrate_ensemble(
         more = f"; {len(work.failures)} of {n} tops fail" if len(work.failures) > 1 else ""
         raise StepError(record.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
     start = RunInputs(states, record, grid.get("h") if record.control == "step" else None, options)
-    return EnsembleTrajectory(top, record.name, times, work.out, start)
+    return EnsembleTrajectory(top, record.name, times, work.out, Work(), start)
 
 
 @dataclass

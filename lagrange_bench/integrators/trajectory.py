@@ -54,6 +54,7 @@ class RunInputs:
         vars(self).update(state, method=find_method(state["method"]))
 
 
+@dataclass(frozen=True, repr=False, eq=False)
 class Rows:
     """The common part of runs and ensembles: a problem, named columns, a table, a file."""
 
@@ -61,7 +62,8 @@ class Rows:
     method: str
     t: Array
     y: Array
-    start: RunInputs | None
+    work: Work
+    start: RunInputs | None = None
 
     @property
     def problem(self) -> Any:
@@ -168,7 +170,6 @@ class Rows:
         )
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class Trajectory(BodyMotion, Rows):
     """Times and states of one motion: what `integrate` returns.
 
@@ -187,13 +188,6 @@ class Trajectory(BodyMotion, Rows):
     start : RunInputs, optional
         How the run began.
     """
-
-    top: Any
-    method: str
-    t: Array
-    y: Array
-    work: Work
-    start: RunInputs | None = None
 
     def __repr__(self) -> str:
         count = len(self.t)
@@ -310,7 +304,6 @@ class Trajectory(BodyMotion, Rows):
         return plot_and_save.plot(self, what, ax, look)
 
 
-@dataclass(frozen=True, repr=False, eq=False)
 class EnsembleTrajectory(Rows):
     """Times and states of many motions: what `integrate_ensemble` returns.
 
@@ -324,14 +317,12 @@ class EnsembleTrajectory(Rows):
         Times in the units of h.
     y : (rows, n, 6)
         States in the units of Y0; of a Problem (rows, n, size).
+    work : Work
+        Not counted here.
     start : RunInputs
         How the run began; its `state` (n, 6) is Y0.
     """
 
-    top: Any
-    method: str
-    t: Array
-    y: Array
     start: RunInputs
 
     def __repr__(self) -> str:
