@@ -40,9 +40,13 @@ def run(options: argparse.Namespace) -> Answer:
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
     for named in (named for named in tops if not kinds.uniform(named.top)):
         conserved = [name for name in INVARIANTS if name in named.top.conserved]
-        numbers = ",".join(f"{value:.10g}" for value in named.parameters)
-        inside.append((*_start(named), named.potential.name, numbers, " ".join(conserved)))
-        facts = {"potential": named.potential.name, "parameters": list(named.parameters), "conserves": conserved}
+        numbers = ",".join(f"{value:.10g}" for value in named.top.parameters)
+        inside.append((*_start(named), named.top.potential.name, numbers, " ".join(conserved)))
+        facts = {
+            "potential": named.top.potential.name,
+            "parameters": list(named.top.parameters),
+            "conserves": conserved,
+        }
         data.append({**_facts(named), **facts})
     lines = [*table(rows), "", "in a potential:", *table(inside)]
     if options.verbose:

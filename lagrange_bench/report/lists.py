@@ -48,7 +48,10 @@ def tops() -> pd.DataFrame:
     columns = ("in figures", "in tables", "α", "potential", "what it is")
     rows = [
         *((top.label, name, f"{top.alpha:g}", "", top.note) for name, top in TOPS.items()),
-        *((top.label, name, f"{top.alpha:g}", top.potential.name, top.note) for name, top in PERTURBED_TOPS.items()),
+        *(
+            (top.label, name, f"{top.alpha:g}", top.top.potential.name, top.note)
+            for name, top in PERTURBED_TOPS.items()
+        ),
         *(("", f"{names[0]} …", "", "", what) for names, what in DRAWN.items()),
     ]
     return pd.DataFrame(rows, columns=columns)

@@ -157,7 +157,7 @@ class NamedTop:
     field: Callable[[LagrangeTop], Top] | None = None
 
     @property
-    def top(self) -> Top:
+    def top(self) -> Any:
         """The top."""
         top = LagrangeTop(self.alpha)
         return self.field(top) if self.field else top
