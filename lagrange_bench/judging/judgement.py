@@ -80,44 +80,28 @@ class Judgement:
             off = [f"{name} off by {_in_unit(name, self.errors[name].end, '.1e')}{self._growing(name)}"]
         turns = "" if math.isnan(self.turns) else f", {self.turns:.3g} turns"
         lines = [f"After {self.span[1] - self.span[0]:.4g} s{turns}: {'; '.join(off)}."] if off else []
-        near, bound = self._near()
-        if self.leaves:
-            t, error = self.curves[near]
-            first = int(np.argmax(~(error <= bound)))
-            until = f"until t = {t[first]:.3g} s" if first else "at no time"
+        near, bound = ("rotation", 0.1)
+        if "position" in self.errors:
+            near, bound = "position", 0.1 * self.sizes["position"]
+        if near in self.errors and self.errors[near].max > bound:
+            t = self.near_until(near, bound)
+            until = f"until t = {t:.3g} s" if t > self.curves[near][0, 0] else "at no time"
             lines.append(f"The {near} is within {_in_unit(near, bound, '.2g')} {until}.")
         if "rotation" in self.errors and self.errors["rotation"].max > LOST:
-            lines.append(
-                f"The rotation is lost after {self.near_until(NEAR) - self.span[0]:.3g} s: it is off by up to half a turn."
-            )
+            lost = self.near_until("rotation", NEAR) - self.curves["rotation"][0, 0]
+            lines.append(f"The rotation is lost after {lost:.3g} s: it is off by up to half a turn.")
         return lines
 
-    def near_until(self, bound: float) -> float:
-        """The time, s, until which rotations, or else positions, are near the exact ones; infinite if all are.
-
-        bound : rad, or a share of the size of the body.
-        """
-        name = next((name for name in ("rotation", "axis", "position") if name in self.curves), None)
-        if name is None:
-            return math.inf
-        t, error = self.curves[name]
-        off = ~(error <= bound * self.sizes.get(name, 1.0))
-        return float(t[np.argmax(off)]) if off.any() else math.inf
+    def near_until(self, name: str, bound: float) -> float:
+        """The time, s, until which an error is below a bound; infinite if it always is, or is not known."""
+        t, error = self.curves.get(name, np.zeros((2, 1)))
+        far = ~(error <= bound)
+        return float(t[np.argmax(far)]) if far.any() else math.inf
 
     def largest(self, name: str, until: float) -> float:
         """The largest error before this time, NaN without one."""
         t, error = self.curves[name]
         return float(error[t < until].max(initial=-math.inf)) if np.any(t < until) else math.nan
-
-    @property
-    def leaves(self) -> bool:
-        """Whether an error gets larger than a tenth of the body, or 0.1 rad."""
-        near, bound = self._near()
-        return near in self.errors and self.errors[near].max > bound
-
-    def _near(self) -> tuple[str, float]:
-        """The error that tells whether a trajectory is near the exact one, and how large it may be."""
-        return ("position", 0.1 * self.sizes["position"]) if "position" in self.errors else ("rotation", 0.1)
 
     def growth(self, name: str) -> float:
         """The exponent p of an error that grows like t^p; NaN where the rows do not tell."""
@@ -210,7 +194,10 @@ class Orders(NamedTuple):
 def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> Orders:
     """Observed orders of what all files have, over the longest time for which all of them are near the exact motion."""
     pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
-    until = min(each.near_until(NEAR) for each in judged)
+    until = math.inf
+    for each in judged:
+        name = next((name for name in ("rotation", "axis", "position") if name in each.errors), "")
+        until = min(until, each.near_until(name, NEAR * each.sizes.get(name, 1.0)))
     found = Orders({}, {}, until)
     for name in ORDERED:
         if all(name in each.errors for each in judged):

@@ -86,29 +86,6 @@ def test_semi_implicit_euler_is_named_by_its_step():
     assert late == pytest.approx(1 / 120, rel=0.05)
 
 
-def test_what_turns_the_body_is_named_and_what_mends_it():
-    rows, exact = program()
-    R, omega = rows.R, rows.omega
-    world = np.einsum("kij,kj->ki", R, omega)
-    before = np.concatenate((R[:1], R[:-1]))
-    askew = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
-    for change, cause, option in (
-        ({"omega": world}, "omega-frame", "--omega world"),
-        ({"omega": np.degrees(omega)}, "omega-unit", "--units omega=deg/s"),
-        ({"omega": -omega}, "omega-sign", "change the sign of ω"),
-        ({"omega": omega * [1, -1, -1]}, "omega-axes", "write (x, -y, -z) for (x, y, z)"),
-        ({"omega": omega @ askew}, "omega-turned", "turn ω by the rotation vector (0.3, -0.2, 0.5) rad"),
-        ({"omega": np.einsum("kji,kj->ki", before, world)}, "omega-lag", "turn ω by the rotation of its own row"),
-        ({"omega": exact(T - 1 / 120)[2]}, "omega-half-step", "take the mean of two rows"),
-        ({"omega": exact(T - 1 / 60)[2]}, "omega-row", "write ω and rotation of one time"),
-        ({"t": 1e3 * T}, "time-unit", "--units t=ms"),
-        ({"R": R.transpose(0, 2, 1)}, "rotation-transposed", "write R transposed"),
-    ):
-        for known in (exact, None):
-            (finding,) = found(rows._replace(**change), exact=known)
-            assert (finding.cause, finding.option[: len(option)]) == (cause, option), finding
-
-
 def test_a_fall_along_y_is_told_without_a_start():
     case = CASES["flying_box"]
     rows, _ = program(case)
