@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import Case, RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
-from lagrange_bench.judging.fits import SIGNED, to_body, to_world
+from lagrange_bench.judging.vectors import SIGNED, to_body, to_world
 
 Array = np.ndarray
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # times → positions, matrices, ω in the body

@@ -22,27 +22,8 @@ from lagrange_bench.judging import fits_frames as ff
 from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging import fits_law as fl
 from lagrange_bench.judging.findings import Finding, of_axes, of_unit, say, triple
-from lagrange_bench.judging.fits import (
-    CLEARLY,
-    EACH,
-    FAR,
-    GOOD,
-    NEAR,
-    ONE,
-    Array,
-    Choice,
-    Model,
-    choose,
-    factor_of,
-    maps,
-    name_of,
-    rotvec,
-    size,
-    steps,
-    tensor,
-    to_body,
-    to_world,
-)
+from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, Choice, Model, choose, factor_of, maps, name_of
+from lagrange_bench.judging.vectors import FAR, NEAR, ONE, Array, rotvec, size, steps, tensor, to_body, to_world
 
 # at most so many rows are looked at, and so many findings told
 MOST, TOLD = 2000, 3
@@ -234,7 +215,9 @@ class Diagnosis:
         """A constant of the times, or the reading and the axes of the rotations; whatever is clearer, then times once more."""
         rows, late, price = self.rows, self.lateness(exact), math.log(EACH)
         zero, choice, gain = 0.0, None, 0.0
-        for shift in dict.fromkeys((0.0, -float(rows.t[0]))) if rows.R is not None else ():
+        for shift in dict.fromkeys((0.0, -float(rows.t[0]))):
+            if rows.R is None:
+                break
             tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.other_readings, max(self.floor.R, ROUND_OFF))
             if tried is not None and tried.gain - (price if shift else 0.0) > gain:
                 zero, choice, gain = shift, tried, tried.gain - (price if shift else 0.0)

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from lagrange_bench.judging.fits import NEAR, Array, is_axes, name_of, rotvec
+from lagrange_bench.judging.fits import name_of
+from lagrange_bench.judging.vectors import NEAR, Array, is_axes, rotvec
 
 # cause, and a second word if it has several sentences | the sentence | the option or the change that mends it
 TABLE = """

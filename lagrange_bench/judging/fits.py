@@ -11,17 +11,14 @@ because the end of a run that blows up means nothing. A factor and not a likelih
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from lagrange_bench.integrators import RigidBody
+from lagrange_bench.judging.vectors import NEAR, ONE, Array, common, nearest_axes, nearest_rotation, size
 
-Array = np.ndarray
 # a unit of cost must make the misfit so many times smaller
 EACH = 4.0
 # and the winner must beat the rows as they are read by a further factor
@@ -30,22 +27,8 @@ CLEARLY = 3.0
 GOOD = 0.1
 # a factor nearer to 1 is none
 SAME = 5e-3
-# relative: so near is a number to the one that has a name
-NEAR = 0.02
-# rows that are so many times larger than the median do not count in a fit
-FAR = 10.0
 # of the second singular value to the first: below it vectors are along a line and tell no rotation
 LINE = 1e-3
-ONE = np.eye(3)
-# all signed permutations of three axes (48, 3, 3)
-SIGNED = np.array(
-    [
-        ONE[list(p)] * np.array(s)[:, None]
-        for p in itertools.permutations(range(3))
-        for s in itertools.product((1, -1), repeat=3)
-    ]
-)
-PROPER = SIGNED[np.linalg.det(SIGNED) > 0]
 
 
 class Model(NamedTuple):
@@ -87,59 +70,6 @@ def choose(models: Iterable[Model], floor: float) -> Choice:
     best = min(known, key=lambda model: model.score(floor), default=now)
     is_clear = best.score(floor) + math.log(CLEARLY) < now.score(floor) and best.misfit < GOOD if known else False
     return Choice(best if is_clear else None, now, floor)
-
-
-def size(vectors: Array) -> float:
-    """The median length of vectors or matrices (N, …); NaN of none."""
-    return float(np.median(np.linalg.norm(vectors.reshape(len(vectors), -1), axis=1))) if len(vectors) else math.nan
-
-
-def common(vectors: Array) -> Array:
-    """A mask of the vectors (N, …) that are not far larger than most."""
-    length = np.linalg.norm(vectors.reshape(len(vectors), -1), axis=1)
-    return length <= FAR * np.median(length)
-
-
-def rotvec(R: Array) -> Array:
-    """The rotation vectors (N, 3) of matrices (N, 3, 3); NaN of a matrix that holds one."""
-    known = np.isfinite(R).all((1, 2))
-    vectors = np.full((len(R), 3), np.nan)
-    if known.any():
-        vectors[known] = Rotation.from_matrix(R[known]).as_rotvec()
-    return vectors
-
-
-def steps(R: Array) -> Array:
-    """The rotation vectors from each attitude to the next, in the body, (N − 1, 3); NaN beside a row with a NaN."""
-    return rotvec(R[:-1].transpose(0, 2, 1) @ R[1:])
-
-
-def tensor(body: RigidBody) -> Array:
-    """The moments of inertia (3, 3) in the body: about the fixed point, of a flying body about the centre of mass."""
-    return body.momentum_of(ONE, ONE)
-
-
-def to_world(R: Array, v: Array) -> Array:
-    """Vectors of the body (N, 3) in the world, by attitudes (N, 3, 3)."""
-    return np.asarray((R @ v[..., None])[..., 0])
-
-
-def to_body(R: Array, v: Array) -> Array:
-    """Vectors of the world (N, 3) in the body, by attitudes (N, 3, 3)."""
-    return np.asarray((v[:, None, :] @ R)[:, 0])
-
-
-def nearest_rotation(H: Array) -> tuple[Array, float]:
-    """The rotation Q with the largest tr(QᵀH) (Kabsch), and how well H tells it: 0 if a turn about an axis is free."""
-    U, S, V = np.linalg.svd(H)
-    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V, float(S[1] / S[0]) if S[0] else 0.0
-
-
-def nearest_axes(H: Array) -> tuple[Array, Array]:
-    """The signed permutations with the largest and the second largest tr(PᵀH)."""
-    trace = np.einsum("pij,ij->p", SIGNED, H)
-    last, best = np.argsort(trace)[-2:]
-    return SIGNED[best], SIGNED[last]
 
 
 def maps(a: Array, b: Array, units: Iterable[float] = ()) -> Iterator[Model]:
@@ -186,8 +116,3 @@ def factor_of(M: Array) -> float:
 def name_of(value: float, names: Mapping[str, float]) -> str | None:
     """The name of the number that is near to the value."""
     return next((name for name, known in names.items() if abs(value / known - 1) < NEAR), None)
-
-
-def is_axes(M: Array, tolerance: float = NEAR) -> bool:
-    """Whether a matrix is near to a signed permutation."""
-    return bool(np.abs(M - M.round()).max() < tolerance and np.allclose(M.round() @ M.round().T, ONE))

@@ -17,27 +17,21 @@ import numpy as np
 
 from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, numbers, of_axes, of_unit, say, triple
-from lagrange_bench.judging.fits import (
-    EACH,
-    GOOD,
+from lagrange_bench.judging.fits import EACH, GOOD, Choice, Model, choose, factor_of, maps
+from lagrange_bench.judging.fits_kinematics import readings
+from lagrange_bench.judging.fits_law import of_gravity
+from lagrange_bench.judging.vectors import (
     NEAR,
     ONE,
     PROPER,
     Array,
-    Choice,
-    Model,
-    choose,
-    factor_of,
     is_axes,
-    maps,
     nearest_rotation,
     rotvec,
     size,
     to_body,
     to_world,
 )
-from lagrange_bench.judging.fits_kinematics import readings
-from lagrange_bench.judging.fits_law import of_gravity
 
 # times t → positions (n, 3), matrices (n, 3, 3), angular velocities in the body (n, 3) of the exact motion
 Exact = Callable[[Array], tuple[Array, Array, Array]]

@@ -16,20 +16,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
-from lagrange_bench.judging.fits import (
-    NEAR,
-    ONE,
-    Array,
-    Model,
-    factor_of,
-    is_axes,
-    maps,
-    rotvec,
-    size,
-    steps,
-    to_body,
-    to_world,
-)
+from lagrange_bench.judging.fits import Model, factor_of, maps
+from lagrange_bench.judging.vectors import NEAR, ONE, Array, is_axes, rotvec, size, steps, to_body, to_world
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}

@@ -23,7 +23,8 @@ import numpy as np
 
 from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, axis_name, numbers, say, triple
-from lagrange_bench.judging.fits import EACH, NEAR, ONE, PROPER, Array, Model, common, size, tensor, to_world
+from lagrange_bench.judging.fits import EACH, Model
+from lagrange_bench.judging.vectors import NEAR, ONE, PROPER, Array, common, size, tensor, to_world
 
 # fewer rows tell no law
 FEWEST = 8

@@ -15,8 +15,8 @@ from lagrange_bench.integrators import Case, RigidBody, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.judging.findings import smallest_turn
-from lagrange_bench.judging.fits import steps, tensor, to_body, to_world
 from lagrange_bench.judging.fits_kinematics import kinematics
+from lagrange_bench.judging.vectors import steps, tensor, to_body, to_world
 
 Array = np.ndarray
 Exact = tuple[Array, Array, Array]  # position (n, 3), matrix (n, 3, 3), angular velocity in the body (n, 3)
