@@ -25,10 +25,14 @@ from lagrange_bench.judging.findings import Finding, of_axes, of_unit, say, trip
 from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, Choice, Model, choose, factor_of, maps, name_of
 from lagrange_bench.judging.vectors import FAR, NEAR, ONE, Array, rotvec, size, steps, tensor, to_body, to_world
 
-# at most so many rows are looked at, and so many findings told
-MOST, TOLD = 2000, 3
-# fewer rows tell nothing, and fewer tell no rates
-FEWEST, RATES = 4, 12
+# at most so many first rows are looked at
+MOST = 2000
+# and at most so many findings are named
+MOST_FINDINGS = 3
+# fewer rows show nothing
+FEWEST = 4
+# and fewer show no rates
+RATES = 12
 # rad between rows, beyond which turns may be others than they seem
 COARSE = 1.0
 # and beyond which the step of a program may explain what is left of its law
@@ -45,7 +49,7 @@ TURNS = 0.02
 UNCLEAR = 0.2
 # relative, or rad: a start that is off by less is no other start; so many first rows tell it from noise
 ANOTHER_START, STARTING = 0.05, 9
-# beside these causes another start is told
+# beside these causes another start is named
 ASIDE = ("time-unit", "omega", "length", "origin")
 # causes beside which ω may be in the other frame, and so many times it must be nearer in that one
 READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
@@ -54,7 +58,7 @@ NEARER = 10.0
 POOR_STEPS = ("omega-half-step", "explicit-step")
 # a law that is off by more of its size does not hold
 HOLDS = 0.05
-# and rows whose law is off so many times more than in most are told
+# and rows whose law is off so many times more than in most are named
 APART = 100.0
 # misfits below it are round-off
 ROUND_OFF = 1e-9
@@ -151,10 +155,10 @@ class Diagnosis:
             self.start(self.exact)
         if all(each.cause in READINGS for each in self.found):
             self.frame_of_omega()
-        return self.found[:TOLD]
+        return self.found[:MOST_FINDINGS]
 
-    def tell(self, findings: Finding | Iterable[Finding], before: float, after: float) -> None:
-        """Add findings, unless their cause is told already."""
+    def add(self, findings: Finding | Iterable[Finding], before: float, after: float) -> None:
+        """Add findings, unless their cause is named already."""
         for each in [findings] if isinstance(findings, Finding) else findings:
             if all(each.cause != finding.cause for finding in self.found):
                 self.found.append(each._replace(before=float(before), after=float(after)))
@@ -184,7 +188,7 @@ class Diagnosis:
 
     def clock(self, unit: str, before: float, after: float) -> None:
         """Take the times in another unit."""
-        self.tell(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
+        self.add(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
         self.rows = self.rows._replace(t=self.rows.t * fk.CLOCKS[unit])
         self.floor = self.floor._replace(t=self.floor.t * fk.CLOCKS[unit])
 
@@ -240,7 +244,7 @@ class Diagnosis:
 
     def shift(self, constant: float, before: float, after: float) -> None:
         """Add a constant to the times."""
-        self.tell(ff.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
+        self.add(ff.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
         self.rows = self.rows._replace(t=self.rows.t + constant)
 
     def frames(self, choice: Choice, exact: ff.Exact) -> None:
@@ -254,18 +258,18 @@ class Diagnosis:
             right = W @ self.rows.R @ B @ self.body.com if self.body.fixed else exact(self.rows.t)[0]
             hand = choose(maps(self.rows.x @ W.T, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
             if hand.winner is not None and np.allclose(hand.winner.value, -ONE):
-                self.tell(say("left-handed", axes=triple(-W)), *off)
+                self.add(say("left-handed", axes=triple(-W)), *off)
                 self.rows = self.rows._replace(x=-self.rows.x)
                 return
         if not np.allclose(W, ONE):
-            self.tell(of_axes("world", W, self.body.up), *off)
+            self.add(of_axes("world", W, self.body.up), *off)
         if not np.allclose(B, ONE):
-            self.tell(of_axes("body", B.T, np.zeros(3) if self.body.axis is None else self.body.axis), *off)
+            self.add(of_axes("body", B.T, np.zeros(3) if self.body.axis is None else self.body.axis), *off)
 
     def read(self, reading: str, before: float, after: float) -> None:
         """Take the rotations in another reading."""
         if reading:
-            self.tell(fk.of_reading(reading), before, after)
+            self.add(fk.of_reading(reading), before, after)
             assert self.rows.R is not None
             R = next(R for name, _, R in fk.readings(self.rows.R, self.other_readings) if name == reading)
             self.rows, self.other_readings = self.rows._replace(R=R), {}
@@ -287,7 +291,7 @@ class Diagnosis:
         # noise changes from row to row, another start does not
         clear = [float(np.linalg.norm(v[0])) for v in off if size(v) > EACH * size(np.diff(v, axis=0))]
         if clear and max(clear) > ANOTHER_START:
-            self.tell(say("other-start"), max(clear), 0.0)
+            self.add(say("other-start"), max(clear), 0.0)
 
     # ---------------------------------------------------------------- by the rows themselves
 
@@ -317,7 +321,7 @@ class Diagnosis:
         rate = -float(fall @ t / (t @ t))
         off = float(np.abs(fall + rate * t).max())
         if fall[-1] < -0.01 and off < 0.1 * abs(fall[-1]):
-            self.tell(say("damping spin", rate=rate), -fall[-1], off)
+            self.add(say("damping spin", rate=rate), -fall[-1], off)
 
     def turning(self, R: Array) -> None:
         """Does ω turn the body, and does the law change it?"""
@@ -359,15 +363,15 @@ class Diagnosis:
         if not self.is_clear:
             return None
         if self.is_product(spin, omega):
-            self.tell(say("rotation-product", frame=spin.frame), *off)
-            self.tell(fk.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
+            self.add(say("rotation-product", frame=spin.frame), *off)
+            self.add(fk.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
             return None
         self.read(spin.reading, *off)
         unit = name_of(factor_of(spin.M), fk.CLOCKS)
         if unit is not None:
             self.clock(unit, *off)
             spin = spin._replace(M=spin.M / fk.CLOCKS[unit])
-        self.tell(fk.of_spin(spin, rows.frame), *off)
+        self.add(fk.of_spin(spin, rows.frame), *off)
         assert self.rows.R is not None
         return fk.rates(self.rows.t, self.rows.R)[0] if spin.reading or unit else rate
 
@@ -394,7 +398,7 @@ class Diagnosis:
             return ""
         rest, terms = balance(rows.t[inner], self.W @ rows.R[inner] @ self.B, rate @ self.B, self.body)
         cause = "angles-integrated" if rest > GOOD * terms else "angle-rates"
-        self.tell(say(cause), choice.now.misfit, best.misfit)
+        self.add(say(cause), choice.now.misfit, best.misfit)
         return cause
 
     def is_product(self, spin: fk.Spin, omega: Array) -> bool:
@@ -422,7 +426,7 @@ class Diagnosis:
         other = fk.WORLD if rows.frame == fk.BODY else fk.BODY
         now, after = (fk.disagreement(rows.t, rows.R, rows.omega, frame) for frame in (rows.frame, other))
         if NEARER * after < min(now, 1.0):
-            self.tell(say("omega-frame", frame=other), now, after)
+            self.add(say("omega-frame", frame=other), now, after)
 
     def agreement(self) -> str:
         """How well rows in which nothing is found agree with themselves; empty if these are too few, or too far apart."""
@@ -459,7 +463,7 @@ class Diagnosis:
         ]
         choice = choose(models, max(self.floor.omega / (size(Omega) or 1.0), ROUND_OFF))
         if choice.winner is not None:
-            self.tell(fk.of_spin(choice.winner.value, self.rows.frame), *choice.misfits)
+            self.add(fk.of_spin(choice.winner.value, self.rows.frame), *choice.misfits)
         return choice.winner is not None
 
     def cap(self, omega: Array) -> bool:
@@ -467,7 +471,7 @@ class Diagnosis:
         speeds = fk.cap(omega)
         if speeds is not None:
             before, after = speeds
-            self.tell(say("cap", before=before, after=after, degrees=math.degrees(after)), 1 - after / before, 0.0)
+            self.add(say("cap", before=before, after=after, degrees=math.degrees(after)), 1 - after / before, 0.0)
         return speeds is not None
 
     def law(self, t: Array, R: Array, spin: Array, noise: float) -> None:
@@ -485,7 +489,7 @@ class Diagnosis:
             return
         # a poor step of a program that turns far in it changes the law, too
         if self.step * size(omega) < LAWFUL or choice.gain > math.log(FAR):
-            self.tell(fl.of_law(choice.winner.value, self.body), *choice.misfits)
+            self.add(fl.of_law(choice.winner.value, self.body), *choice.misfits)
 
     def positions(self, x: Array) -> None:
         """Positions against those by the exact motion or by the rotations; of a flight without a start, the parabola."""
@@ -511,7 +515,7 @@ class Diagnosis:
         choice = choose(models, floor)
         if choice.winner is not None:
             word, value = choice.winner.value
-            self.tell(ff.of_place(word, value, body), *choice.misfits)
+            self.add(ff.of_place(word, value, body), *choice.misfits)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
@@ -523,9 +527,9 @@ class Diagnosis:
             unit = name_of(strength / length, ff.LENGTHS)
             g = flight.g * ff.LENGTHS[unit] if unit else flight.g
             if unit:
-                self.tell(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, flight.misfit)
+                self.add(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, flight.misfit)
             if np.linalg.norm(g - was) > least:
-                self.tell(fl.of_gravity(g, self.body), off / strength, flight.misfit)
+                self.add(fl.of_gravity(g, self.body), off / strength, flight.misfit)
 
 
 def balance(t: Array, R: Array, omega: Array, body: RigidBody) -> tuple[float, float]:
