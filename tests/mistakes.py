@@ -1,4 +1,4 @@
-"""A matrix of mistakes, and which of them `diagnose` names: python tests/mistakes.py RUNS SEED prints the table of the docs.
+"""A matrix of mistakes, and which of them `diagnose` names: python tests/mistakes.py RUNS SEED prints how many.
 
 Bodies × what a program does wrong or a reader misreads × integrators × digits, drawn by a seed. The exact motion is by DOP853.
 """
@@ -533,14 +533,9 @@ def pair(rng: Any) -> list[str]:
             return names
 
 
-def table(runs: int, seed: int) -> list[str]:
-    """The table of docs/diagnosis.md: how many of so many runs are named."""
-    lines = ["| mistake | with a case | with a body alone |", "|---|--:|--:|"]
-    for mistake in MISTAKES:
-        alone = power(mistake, False, runs, seed) if causes_of(mistake, False) else "–"
-        lines.append(f"| {mistake} | {power(mistake, True, runs, seed)} | {alone} |")
-    return lines
-
-
 if __name__ == "__main__":
-    print("\n".join(table(*map(int, sys.argv[1:] or (12, 1)))))
+    for mistake in MISTAKES:
+        print(
+            mistake,
+            *(power(mistake, known, *map(int, sys.argv[1:])) for known in (True, False) if causes_of(mistake, known)),
+        )
