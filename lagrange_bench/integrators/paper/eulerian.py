@@ -76,21 +76,16 @@ def arguments(top: LagrangeTop, y: Any, y_new: Any) -> tuple[Pair, Pair, Any]:
 # ---------------------------------------------------------------- misprints of section 5.4
 
 
-def printed_elliptic(alpha: Any, lam: Any, l: Any, old: Pair, new: Pair, k: Any, readings: Any = (0, 0, 0, 0)) -> Any:
-    """(5.4.11–15): the printed F_λ with the elliptic integrals E, F, Π; mpmath numbers, c1 = 1.
-
-    `readings`, 0 as printed: ξ is sin of the amplitude; η is the modulus; ζ is the characteristic; the other sign of S.
-    """
+def printed_elliptic(alpha: Any, lam: Any, l: Any, old: Pair, new: Pair, k: Any) -> Any:
+    """(5.4.11–15): the printed F_λ with the elliptic integrals E, F, Π; mpmath numbers, c1 = 1."""
 
     def half(theta: Any, theta_new: Any) -> Any:
         s, c, c_new, w = mp.sin(theta), mp.cos(theta), mp.cos(theta_new), k * k - 1
         f = mp.expj(old[1] - new[1])
-        S = (-1) ** readings[3] * k * c * w / (k * k - 2 * k + c * c) * mp.sqrt(s * (k - 1 - s))
+        S = k * c * w / (k * k - 2 * k + c * c) * mp.sqrt(s * (k - 1 - s))
         xi, zeta = k * mp.sqrt(s / (w + s)), (w + s) / s
         eta = mp.sqrt(-(w + s) / (w - s))
-        xi = mp.asin(xi) if readings[0] else xi
-        m = eta**2 if readings[1] else mp.sin(eta) ** 2
-        n = zeta if readings[2] else zeta**2
+        m, n = mp.sin(eta) ** 2, zeta**2  # ξ is an amplitude, η a modular angle
         tangent, ratio, s2_new = mp.log(s / (c + 1)), mp.log((1 + k) / (1 - k)), mp.sin(theta_new) ** 2
         braces = mp.log(s) * (1 + c_new) - k + (k * k - 2) / w * c + k / (2 * w) * (1 + c * c_new)
         braces += theta * s * s2_new / (w * (c_new - 1)) + tangent + c * ratio / 2
@@ -141,12 +136,12 @@ def p_phi_residual(rng: Random, printed: bool) -> float:
     return float(abs((p_phi if printed else momenta(top, lam, 1.0, l, old, new, k)[1]) - truth))
 
 
-def elliptic_residual(rng: Random, printed: bool, readings: Any = (0, 0, 0, 0)) -> float:
+def elliptic_residual(rng: Random, printed: bool) -> float:
     """∂F/∂θ against p_θ of (5.4.5)."""
     top, lam, l, old, new, k = random_point(rng)
     F = partial(generating_function, top, lam, mp.mpf(1), l)
     if printed:
-        F = partial(printed_elliptic, top.alpha, lam, l, readings=readings)
+        F = partial(printed_elliptic, top.alpha, lam, l)
     slope = by_old(F, lam, old, new, k, count=1, digits=15 if printed else 30)[0]  # elliptic integrals are slow
     return float(abs(slope - momenta(top, lam, 1.0, l, old, new, k)[0]))
 

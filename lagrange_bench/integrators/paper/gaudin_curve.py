@@ -20,79 +20,28 @@ with the sum of their c. There are two ways to the flow of one H_j over a time h
 """
 
 import math
+from dataclasses import replace
 from functools import reduce
 from typing import Any
 
 import numpy as np
-import scipy.linalg
 from mpmath import mp
 
-from lagrange_bench.integrators.paper.lax import check_sheet
-from lagrange_bench.integrators.paper.phase_space import Numbers, check_numbers, dot, root_near
-
-
-def check_parameter(magnet: Any, lam: Any, name: str = "lam") -> Any:
-    """λ as one finite number off every site."""
-    array = check_numbers(lam, name)
-    if array.ndim:
-        raise ValueError(f"{name} must be one number; got shape {array.shape}")
-    if any(array[()] == a for a in magnet.sites):
-        raise ValueError(f"{name} = {lam} lies on a site")
-    return array[()]
-
-
-def check_upper(magnet: Any, lam: Any, name: str = "lam") -> Any:
-    """λ in the upper half-plane."""
-    lam = check_parameter(magnet, lam, name)
-    if not lam.imag > 0:
-        raise ValueError(f"{name} must have a positive imaginary part; got {lam}")
-    return lam
+from lagrange_bench.integrators.paper.lax import branch, check_sheet
+from lagrange_bench.integrators.paper.phase_space import Numbers, dot, root_near
 
 
 def eigenvalue(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0) -> Any:
-    """v with det(L_G(λ) − v) = 0, (2.11); for `sheet` and `site` see the module.
+    """v with det(L_G(λ) − v) = 0, (2.11); for `sheet` and `site` see the module. ValueError if lam lies on a site.
 
-    ValueError if lam lies on a site, the spin at `site` is zero, or a branch point lies on the segment.
+    Sites are counted from a_site, because they may lie far from 0.
     """
-    lam = check_parameter(magnet, lam)
-    ell = magnet.vector(spins, lam)
-    return check_sheet(sheet) * root_near(dot(ell, ell), _branch(magnet, spins, lam, magnet.check_site(site)))
-
-
-def _branch(magnet: Any, spins: Any, lam: Any, site: int) -> complex:
-    """v on sheet 1 in double: |s_site|/z Π √(1 − z/u_i)/Π (1 − z/a_j), z = λ − a_site, u_i the branch points.
-
-    No principal root jumps on the segment unless u_i lies on it. Sites and u_i are counted from a_site, because they may lie far
-    from 0.
-    """
-    start = magnet.sites[site]
-    z, others = complex(lam - start), np.array([complex(a - start) for a in magnet.sites if a != start])
-    square = dot(*[np.asarray(spins).astype(complex)[site]] * 2)
-    if square == 0:
-        raise ValueError(f"spins: the one at site {site} is zero")
-    zeros = branch_points(magnet, spins, start)
-    share = zeros / z
-    if np.any((np.abs(share.imag) < 1e-12) & (share.real > 0) & (share.real < 1)):
-        raise ValueError(f"lam = {lam}: a branch point of the curve lies on the segment to it")
-    return complex(np.sqrt(square) * np.prod(np.sqrt(1 - z / zeros)) / np.prod(1 - z / others) / z)
-
-
-def branch_points(magnet: Any, spins: Any, origin: Any = 0) -> Numbers:
-    """The zeros of v², less `origin`, in double; a site without a spin counts as two.
-
-    v² = α² + Σ H_j/(u − a_j) + C_j/(u − a_j)² is a transfer function, c (u − A)⁻¹ b + α² with a block of two for each site. Its
-    zeros are the eigenvalues of a pencil, and better conditioned than the roots of Q.
-    """
-    n = len(magnet)
-    A, N = np.zeros((2 * n + 1, 2 * n + 1), dtype=complex), np.eye(2 * n + 1)
-    H, C, N[-1, -1] = magnet.hamiltonians(spins), magnet.casimirs(spins), 0.0
-    for j, a in enumerate(magnet.sites):
-        A[2 * j, 2 * j] = A[2 * j + 1, 2 * j + 1] = complex(a - origin)
-        A[2 * j, 2 * j + 1], A[-1, 2 * j] = 1.0, -1.0
-        A[2 * j, -1], A[2 * j + 1, -1] = complex(H[j]), complex(C[j])
-    A[-1, -1] = -(float(magnet.alpha) ** 2)
-    zeros = scipy.linalg.eigvals(A, N)
-    return zeros[np.isfinite(zeros)]
+    ell, here = magnet.vector(spins, lam), magnet.sites[magnet.check_site(site)]
+    near = replace(magnet, sites=tuple(a - here for a in magnet.sites))
+    z, others = complex(lam - here), np.array([complex(b) for b in near.sites if b != 0])
+    at_site = np.prod(np.sign(-others.real))  # the sign of Π (u − a_j) there, without u − a_site
+    m = at_site * branch(spectral_polynomial(near, spins), z)
+    return check_sheet(sheet) * root_near(dot(ell, ell), complex(m / (z * np.prod(z - others))))
 
 
 def spectral_polynomial(magnet: Any, spins: Any) -> Numbers:

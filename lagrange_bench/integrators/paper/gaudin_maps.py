@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.paper.gaudin_curve import check_parameter, check_upper, eigenvalue
+from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
 from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot, refuse
 from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
+from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
 
 def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
@@ -23,7 +24,7 @@ def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
     infinity: B(λ) = 0 on this sheet.
     """
     refuse(magnet.alpha, "alpha = 0: the one-point map does not exist (p and q ~ 1/alpha); the two-point map does")
-    spins, lam = magnet.check_spins(spins), check_parameter(magnet, lam)
+    spins = magnet.check_spins(spins)
     v = eigenvalue(magnet, spins, lam, sheet, site) if v is None else v
     (A, B), (C, _) = pauli(magnet.vector(spins, lam))
     above, below = (A - v, B) if abs(A - v) > abs(A + v) else (-C, A + v)
@@ -39,7 +40,6 @@ def two_point_textbook(magnet: Any, spins: Any, lam1: Any, v1: Any, lam2: Any, v
     λ2 = λ̄1, v2 = v̄1; then it is `two_point` of (λ1, −v1).
     """
     spins = magnet.check_spins(spins)
-    lam1, lam2 = check_parameter(magnet, lam1, "lam1"), check_parameter(magnet, lam2, "lam2")
     (A1, B1), (A2, B2) = (pauli(magnet.vector(spins, lam))[0] for lam in (lam1, lam2))
     refuse((B1, B2), "B vanishes at lam1 or lam2: use `two_point`, which has no poles")
     x = (A1 - v1) / B1
@@ -60,7 +60,8 @@ def two_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
     It is `two_point_textbook` of (λ, −v), (λ̄, −v̄): there sheet 1 steps backwards.
     ValueError unless Im λ > 0 and the spins are real.
     """
-    spins, lam = magnet.check_real_spins(spins), check_upper(magnet, lam)
+    spins = magnet.check_real_spins(spins)
+    check_parameter(lam)
     bar = lam.conjugate()
     if v is None:  # no conjugation of spins: the map is written as a holomorphic function of them
         v, v_bar = (eigenvalue(magnet, spins, u, sheet, site) for u in (lam, bar))

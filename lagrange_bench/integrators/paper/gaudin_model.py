@@ -140,15 +140,10 @@ class GaudinMagnet:
         gaps = a[:, None] - a + np.eye(len(a), dtype=int)
         return 2 / gaps * (1 - np.eye(len(a), dtype=int))
 
-    def bonds(self, c: Any) -> Numbers:
-        """K_jk = 2 (c_j − c_k)/(a_j − a_k), shape (n, n): Σ c_j H_j is Σ 2 alpha c_j s_j³ + Σ_{j<k} K_jk s_j·s_k + const."""
-        c = np.asarray(c)
-        return self.couplings * (c[:, None] - c)
-
     def gradient(self, spins: Any, c: Any) -> Numbers:
         """Gradient of Σ c_j H_j: at site j 2 alpha c_j e3 + Σ_k 2 (c_j − c_k)/(a_j − a_k) s_k; shape (..., n, 3)."""
         c = np.asarray(c)
-        return self.bonds(c) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
+        return (self.couplings * (c[:, None] - c)) @ np.asarray(spins) + 2 * self.alpha * c[:, None] * E3
 
     def rhs(self, spins: Any, c: Any) -> Numbers:
         """Equations of motion of Σ c_j H_j, f' = {f, Σ c_j H_j}: each spin turns about its gradient; (..., n, 3)."""

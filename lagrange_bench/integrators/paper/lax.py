@@ -13,6 +13,7 @@ Corrected here (see `ERRATA`): the curve (2.22) has 2 alpha J3/u, and L of (2.21
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from random import Random
 from typing import Any
 
@@ -119,23 +120,25 @@ def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     """
     q = spectral_polynomial(top, y)
     phase_space.refuse(q[0], "C1 = 0: the two sheets of the spectral curve meet at 0, there is no branch to follow")
-    guess = _branch([np.asarray(c).astype(complex) for c in q], np.asarray(lam).astype(complex))
-    return root_near(horner(q, lam), guess)
+    return root_near(horner(q, lam), branch(q, lam))
 
 
-def _branch(q: list[Numbers], lam: Numbers) -> Numbers:
-    """√Q(λ) in double on the branch of `root`: √C1 Π √(1 − λ w), 1/w the roots of Q.
+def branch(q: Sequence[Any], lam: Any) -> Numbers:
+    """√Q(λ) in double, continuous from the principal √Q(0) along the segment, of Q with the ascending coefficients q.
 
-    Along the segment each factor runs straight from 1 to 1 − λ w and meets the cut of the principal root only if
-    the segment meets 1/w. The w are the eigenvalues of a companion matrix, 0 where the degree of Q is less than 4.
+    It is √q0 Π √(1 − λ w), 1/w the roots of Q. Along the segment each factor runs straight from 1 to 1 − λ w and meets the cut
+    of the principal root only if the segment meets 1/w. The w are the eigenvalues of a companion matrix, 0 where the degree of
+    Q is less than its coefficients allow.
     """
-    shape = np.broadcast_shapes(*(c.shape for c in q))
-    companion = np.zeros((*shape, 4, 4), dtype=complex)
-    for k in range(4):
-        companion[..., 0, k] = -q[k + 1] / q[0]
-    companion[..., (1, 2, 3), (0, 1, 2)] = 1
+    coefficients, lam = [np.asarray(c).astype(complex) for c in q], np.asarray(lam).astype(complex)
+    degree = len(q) - 1
+    shape = np.broadcast_shapes(*(c.shape for c in coefficients))
+    companion = np.zeros((*shape, degree, degree), dtype=complex)
+    for k in range(degree):
+        companion[..., 0, k] = -coefficients[k + 1] / coefficients[0]
+    companion[..., range(1, degree), range(degree - 1)] = 1
     w = np.linalg.eigvals(companion)
-    return np.sqrt(q[0]) * np.prod(np.sqrt(1 - lam[..., None] * w), axis=-1)
+    return np.sqrt(coefficients[0]) * np.prod(np.sqrt(1 - lam[..., None] * w), axis=-1)
 
 
 def eigenvalue(top: LagrangeTop, y: Any, lam: Any, sheet: int = 1) -> Any:
