@@ -11,8 +11,9 @@ from mpmath import mp, mpf
 from lagrange_bench import POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, Problem, StepError, cos, exact, exp
 from lagrange_bench.integrators import log, reference, sin, sqrt
 from lagrange_bench.integrators.problem.system import invariants_of
+from lagrange_bench.integrators.problem.vectors import dot
 from lagrange_bench.integrators.truth import truths
-from lagrange_bench.integrators.truth.curve import around, dot, horner, power_above, rational, series
+from lagrange_bench.integrators.truth.curve import around, horner, power_above, rational, series
 from lagrange_bench.integrators.truth.exact import as_mpf as exactly_as_mpf
 from lagrange_bench.support.precision import workprec
 from tests.reference import as_mpf, errors, largest

@@ -13,7 +13,6 @@ Corrected here (see `ERRATA`): the curve (2.22) has 2 alpha J3/u, and L of (2.21
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from random import Random
 from typing import Any
 
@@ -123,7 +122,7 @@ def root(top: LagrangeTop, y: Any, lam: Any) -> Any:
     return root_near(horner(q, lam), branch(q, lam))
 
 
-def branch(q: Sequence[Any], lam: Any) -> Numbers:
+def branch(q: Any, lam: Any) -> Numbers:
     """√Q(λ) in double, continuous from the principal √Q(0) along the segment, of Q with the ascending coefficients q.
 
     It is √q0 Π √(1 − λ w), 1/w the roots of Q. Along the segment each factor runs straight from 1 to 1 − λ w and meets the cut

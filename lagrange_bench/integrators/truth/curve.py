@@ -95,14 +95,6 @@ def power_above(v: arb) -> fmpq:
     return fmpq(2) ** (int(exponent) + int(mantissa).bit_length()) if mantissa else fmpq(1)
 
 
-def dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-def cross(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
 # ---------------------------------------------------------------- the group law
 
 

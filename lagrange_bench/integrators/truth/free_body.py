@@ -26,6 +26,8 @@ import numpy as np
 from flint import acb, arb, ctx, fmpq
 
 from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.problem.rotation import product
+from lagrange_bench.integrators.problem.vectors import dot
 from lagrange_bench.integrators.truth.curve import (
     BITS,
     Point,
@@ -33,12 +35,11 @@ from lagrange_bench.integrators.truth.curve import (
     Zeros,
     above,
     certified,
-    dot,
     fraction,
     power_above,
     rational,
 )
-from lagrange_bench.integrators.truth.rotations import conjugate, matrix, product, quaternion, square, turns_about
+from lagrange_bench.integrators.truth.rotations import conjugate, matrix, quaternion, square, turns_about
 from lagrange_bench.integrators.truth.top import Drift, Top, angle
 from lagrange_bench.support.precision import workprec
 

@@ -14,16 +14,6 @@ from lagrange_bench.integrators.checks import Array
 POWERS_OF_I = np.array((1, 1j, -1, -1j))
 
 
-def product(a: Any, b: Any) -> list[Any]:
-    """The product of two quaternions, of numbers or arrays."""
-    return [
-        a[0] * b[0] - (a[1] * b[1] + a[2] * b[2] + a[3] * b[3]),
-        a[0] * b[1] + a[1] * b[0] + (a[2] * b[3] - a[3] * b[2]),
-        a[0] * b[2] + a[2] * b[0] + (a[3] * b[1] - a[1] * b[3]),
-        a[0] * b[3] + a[3] * b[0] + (a[1] * b[2] - a[2] * b[1]),
-    ]
-
-
 def conjugate(q: Sequence[Any]) -> list[Any]:
     return [q[0], -q[1], -q[2], -q[3]]
 

@@ -21,8 +21,10 @@ import numpy as np
 from flint import acb, arb, ctx, fmpq
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.truth.curve import I, Point, Terms, Zero, above, dot
-from lagrange_bench.integrators.truth.rotations import conjugate, matrix, product, square, turns_about
+from lagrange_bench.integrators.problem.rotation import product
+from lagrange_bench.integrators.problem.vectors import dot
+from lagrange_bench.integrators.truth.curve import I, Point, Terms, Zero, above
+from lagrange_bench.integrators.truth.rotations import conjugate, matrix, square, turns_about
 from lagrange_bench.integrators.truth.top import Drift, Top, angle
 
 HALF = fmpq(1, 2)

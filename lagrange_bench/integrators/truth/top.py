@@ -39,6 +39,8 @@ from typing import Any, NamedTuple, cast
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
 from lagrange_bench.integrators.checks import Array
+from lagrange_bench.integrators.problem.rotation import product
+from lagrange_bench.integrators.problem.vectors import cross, dot
 from lagrange_bench.integrators.truth.curve import (
     Curve,
     I,
@@ -49,13 +51,11 @@ from lagrange_bench.integrators.truth.curve import (
     above,
     around,
     certified,
-    cross,
-    dot,
     horner,
     power_above,
     series,
 )
-from lagrange_bench.integrators.truth.rotations import matrix, product, square, unit_turn
+from lagrange_bench.integrators.truth.rotations import matrix, square, unit_turn
 from lagrange_bench.support.precision import workprec
 
 # The fraction of the longest first step at which the base point lies. Times of users are multiples of powers of two. No such time
