@@ -23,7 +23,7 @@ Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics, 
 from __future__ import annotations
 
 import numpy as np
-from flint import acb, arb, ctx, fmpq
+from flint import acb, arb, fmpq
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.problem.rotation import product
@@ -109,14 +109,14 @@ class FreeBody(Top):
 
     def point(self, u: list[arb], t: fmpq) -> Point:
         (i, j, k), L = self.places, u[4:]
-        axis = self.frame_with(ctx.prec).across([row[j] for row in matrix(u[:4])])
+        axis = self.frame().across([row[j] for row in matrix(u[:4])])
         Z = axis * self.own_turn(t).conjugate(), acb(L[i]), acb(L[k])
         return Point(L[j], (self.a[k] - self.a[i]) * L[i] * L[k], Z)
 
     def variables(self, p: Point, t: fmpq) -> list[arb]:
         (i, j, k), L = self.places, [arb(0)] * 3
         L[i], L[j], L[k] = p.Z[1].real, p.x, p.Z[2].real
-        zeta, frame = p.Z[0] * self.own_turn(t), self.frame_with(ctx.prec)
+        zeta, frame = p.Z[0] * self.own_turn(t), self.frame()
         zetas, across, G = [zeta] * 3, self.G2 - L[j] * L[j], frame.length
         zetas[i] = zeta * acb(-L[i] * L[j], G * L[k]) / across
         zetas[k] = zeta * acb(-L[k] * L[j], -G * L[i]) / across
@@ -130,14 +130,14 @@ class FreeBody(Top):
     def turned(self, t: fmpq) -> list[arb]:
         if not self.G2:
             return [arb(v) for v in self.start]
-        frame = self.frame_with(ctx.prec)
+        frame = self.frame()
         return [*product(frame.turned(self.D / self.G2 * t * frame.length), self.q), *map(arb, self.L)]
 
     # ------------------------------------------------------------------ for tables
 
     def advance(self, before: list[arb], after: list[arb]) -> tuple[arb, arb]:
         turn = product(after[:4], conjugate(before[:4]))
-        return 2 * angle(turn[0], dot(turn[1:], self.frame_with(ctx.prec).axes[2])), arb(0)
+        return 2 * angle(turn[0], dot(turn[1:], self.frame().axes[2])), arb(0)
 
     def half_turn(self, period: fmpq, k: int) -> fmpq:
         """The turns about L in half a period, mod 1, if L goes round axis k: then L_k is as before, L_i and L_j are opposite."""
@@ -146,7 +146,7 @@ class FreeBody(Top):
         def compute() -> list[arb]:
             before, after = product(self.q, half), self.variables_at(period / 2)[:4]
             turn = product(after, conjugate(before))
-            return [angle(turn[0], dot(turn[1:], self.frame_with(ctx.prec).axes[2])) / arb.pi()]
+            return [angle(turn[0], dot(turn[1:], self.frame().axes[2])) / arb.pi()]
 
         return rational(fraction(certified(compute, [fmpq(1, 2**130)], BITS)[0]))
 

@@ -18,7 +18,7 @@ Source: Klein & Sommerfeld, Theorie des Kreisels, chapter VI.
 from __future__ import annotations
 
 import numpy as np
-from flint import acb, arb, ctx, fmpq
+from flint import acb, arb, fmpq
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.problem.rotation import product
@@ -70,16 +70,16 @@ class SymmetricBody(Top):
         return Zero(-length, I * (self.M + length * self.l)), Zero(length, I * (length * self.l - self.M))
 
     def point(self, u: list[arb], t: fmpq) -> Point:
-        q0, q1, q2, q3 = product(self.frame_with(ctx.prec).turn, u[7:])
+        q0, q1, q2, q3 = product(self.frame().turn, u[7:])
         return super().point(u, t)._replace(Z=(acb(q0, q3), acb(q1, q2)))
 
     def variables(self, p: Point, t: fmpq) -> list[arb]:
         u, v = p.Z
-        Q = product(conjugate(self.frame_with(ctx.prec).turn), (u.real, v.real, v.imag, u.imag))
+        Q = product(conjugate(self.frame().turn), (u.real, v.real, v.imag, u.imag))
         return [*super().variables(p._replace(Z=(-2 * I * u * v / self.length,)), t), *Q]
 
     def turned(self, t: fmpq) -> list[arb]:
-        frame, rate = self.frame_with(ctx.prec), self.turn_rate()
+        frame, rate = self.frame(), self.turn_rate()
         sin, cos = arb(self.own_rate() * t / 2).sin_cos()
         Q = product(product(frame.turned(rate * t * frame.length), self.Q), (cos, arb(0), arb(0), sin))
         return [*super().turned(t), *Q]
@@ -99,7 +99,7 @@ class SymmetricBody(Top):
 
     def advance(self, before: list[arb], after: list[arb]) -> tuple[arb, arb]:
         left, _ = super().advance(before, after)
-        turn = product(product(conjugate(before[7:]), self.frame_with(ctx.prec).turned(-left)), after[7:])
+        turn = product(product(conjugate(before[7:]), self.frame().turned(-left)), after[7:])
         return left, 2 * angle(turn[0], turn[3])
 
     def drifts(self) -> list[Drift]:

@@ -32,9 +32,8 @@ against Taylor series in integers.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any, NamedTuple, cast
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar, cast
 
 from flint import acb, arb, ctx, fmpq, fmpq_poly
 
@@ -61,8 +60,8 @@ from lagrange_bench.support.precision import workprec
 # The fraction of the longest first step at which the base point lies. Times of users are multiples of powers of two. No such time
 # minus this one is a power of two times it, so symmetric motions meet no division by zero.
 BASE = fmpq(3, 10)
-KEPT = 8  # series of a motion, at different precisions
 Rationals = Sequence[fmpq]
+Value = TypeVar("Value")
 E3 = fmpq(0), fmpq(0), fmpq(1)
 
 
@@ -115,6 +114,18 @@ def angle(c: arb, s: arb) -> arb:
     return arb.atan2(-s, -c) + arb.pi() if c < 0 else arb.atan2(s, c)
 
 
+def at_each_precision(compute: Callable[[Any], Value]) -> Callable[[Any], Value]:
+    """A method that computes once at each precision."""
+
+    def kept(self: Any) -> Value:
+        key = compute.__name__, ctx.prec
+        if key not in self.kept:
+            self.kept[key] = compute(self)
+        return cast(Value, self.kept[key])
+
+    return kept
+
+
 class Top:
     """alpha, k and the start (J, x), rational. Its variables u are (J, x, X), its states (J, x); bodies have others.
 
@@ -125,10 +136,7 @@ class Top:
     columns: Sequence[int] = range(6)
 
     def __init__(self, alpha: fmpq, k: fmpq, *y0: fmpq, up: Rationals = E3) -> None:
-        # by the precision
-        self.series_with = lru_cache(KEPT)(self._series_with)
-        self.curve_with = lru_cache(KEPT)(self._curve_with)
-        self.frame_with = lru_cache(KEPT)(self._frame_with)
+        self.kept: dict[tuple[str, int], Any] = {}
         J, x = y0[:3], y0[3:]
         self.alpha, self.k, self.J, self.x, self.up = alpha, k, list(J), list(x), list(up)
         self.X, self.M, self.l, self.c, self.eps = dot(up, x), dot(up, J), dot(x, J), dot(x, x), dot(up, up)
@@ -184,14 +192,14 @@ class Top:
         while abs(since) > self.first_step() / 2:
             since, doublings = since / 2, doublings + 1
         t = self.base_time() + since
-        curve, p = self.curve_with(ctx.prec), self.point(self.near(t), t)
+        curve, p = self.curve(), self.point(self.near(t), t)
         for _ in range(doublings):
             p = curve.add(p, p)
         return p
 
     def grid(self, h: fmpq, count: int) -> list[list[arb]]:
         """u at the times n h since the base point, n = 0, …, count."""
-        points = self.curve_with(ctx.prec).multiples(self.point_since(h), count)
+        points = self.curve().multiples(self.point_since(h), count)
         return [self.variables(p, self.base_time() + n * h) for n, p in enumerate(points)]
 
     def base_time(self) -> fmpq:
@@ -204,16 +212,19 @@ class Top:
 
     def near(self, t: fmpq) -> list[arb]:
         """u at a short time, by Taylor's series and the bound of its rest."""
-        rows, theta = self.series_with(ctx.prec), arb(self.rate * t)
+        rows, theta = self.series(), arb(self.rate * t)
         rest = abs(theta) ** len(rows[0]) / (1 - abs(theta))
         return [horner(row, theta) + around(rest * size) for row, size in zip(rows, self.sizes(), strict=True)]
 
-    def _series_with(self, bits: int) -> list[list[arb]]:
+    @at_each_precision
+    def series(self) -> list[list[arb]]:
         """Coefficients of each u in powers of r t; enough terms for the longest first step."""
-        terms = bits // (6 + bits // 64) + 3
+        terms = ctx.prec // (6 + ctx.prec // 64) + 3
         return series(self.rates, self.start, 1 / arb(self.rate), terms)
 
-    def _curve_with(self, bits: int) -> Curve:
+    @at_each_precision
+    def curve(self) -> Curve:
+        """The curve and its base point."""
         base = self.base_time()
         f1, f2, f3, k = (arb(self.f[n]) for n in (1, 2, 3, 4))
         return Curve(f1, f2, f3, k, self.zeros(), self.point(self.near(base), base))
@@ -229,7 +240,8 @@ class Top:
         """The largest radii of a state."""
         return [tolerance * above(self.scale)] * 3 + [tolerance * above(arb(self.c).sqrt())] * 3
 
-    def _frame_with(self, bits: int) -> Frame:
+    @at_each_precision
+    def frame(self) -> Frame:
         """The shortest turn that takes e to the third axis; if e points down, half a turn after one that takes −e there."""
         length, (x, y, z) = arb(self.eps).sqrt(), self.up
         turn = (
@@ -246,11 +258,11 @@ class Top:
 
     def point(self, u: list[arb], t: fmpq) -> Point:
         """The point of the curve, from u at the time t."""
-        return Point(u[6], dot(self.up, cross(u[:3], u[3:6])), (self.frame_with(ctx.prec).across(u[3:6]),))
+        return Point(u[6], dot(self.up, cross(u[:3], u[3:6])), (self.frame().across(u[3:6]),))
 
     def variables(self, p: Point, t: fmpq) -> list[arb]:
         """u at the time t, from the point there."""
-        frame, X, x = self.frame_with(ctx.prec), p.x, p.Z[0]
+        frame, X, x = self.frame(), p.x, p.Z[0]
         J = x * acb(self.l - self.M * X / self.eps, -p.y / frame.length) / (self.c - X * X / self.eps)
         return [*frame.vector(J, self.M / frame.length), *frame.vector(x, X / frame.length), X]
 
@@ -269,7 +281,7 @@ class Top:
 
     def turned(self, t: fmpq) -> list[arb]:
         """The variables of a steady motion."""
-        frame, rate = self.frame_with(ctx.prec), self.turn_rate()
+        frame, rate = self.frame(), self.turn_rate()
         sin, cos = (rate * t * frame.length).sin_cos()
         parts = ((v, along / frame.length) for v, along in ((self.J, self.M), (self.x, self.X)))
         return [w for v, along in parts for w in frame.vector(frame.across(v) * acb(cos, sin), along)] + [arb(self.X)]
@@ -333,7 +345,7 @@ class Top:
 
     def advance(self, before: list[arb], after: list[arb]) -> tuple[arb, arb]:
         """The angles, mod 2π, of the turns about e and about the body's own axis that a period adds, from variables around it."""
-        frame, weights = self.frame_with(ctx.prec), (self.c, above(self.scale) ** 2)
+        frame, weights = self.frame(), (self.c, above(self.scale) ** 2)
         overlap = acb(0)
         for n, weight in zip((0, 3), weights, strict=True):
             old, new = (frame.across(u[n : n + 3]) for u in (before, after))
