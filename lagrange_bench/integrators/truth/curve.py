@@ -178,20 +178,16 @@ class Curve(NamedTuple):
 # ---------------------------------------------------------------- Taylor series
 
 
-def series(rates: Sequence[Terms], start: Sequence[Any], unit: arb, terms: int) -> list[list[arb]]:
-    """Taylor coefficients in t/unit of the solution of u' = Σ c u_i u_j + Σ c u_i."""
-    u = [[arb(v)] for v in start]
-    products = {tuple(sorted(places)) for row in rates for _, *places in row if len(places) == 2}
+def series(rates: Sequence[Terms], start: Sequence[Any], unit: Any, terms: int) -> list[list[Any]]:
+    """Taylor coefficients in t/unit of the solution of u' = Σ c u_i u_j + Σ c u_i; u may be balls, or arrays of doubles."""
+    u = [[v] for v in start]
+    products = {tuple(places) for row in rates for _, *places in row if len(places) == 2}
     for n in range(terms - 1):
-        value = {(i, j): sum(map(mul, u[i], u[j][::-1]), arb(0)) for i, j in products}
-        new = []
-        for row in rates:
-            total = arb(0)
-            for c, *places in row:
-                total += c * (u[places[0]][n] if len(places) == 1 else value[tuple(sorted(places))])  # type: ignore[index]
-            new.append(total * unit / (n + 1))
-        for values, v in zip(u, new, strict=True):
-            values.append(v)
+        value: dict[tuple[int, ...], Any] = {(i, j): sum(map(mul, u[i], u[j][::-1])) for i, j in products}
+        value |= {(i,): coefficients[n] for i, coefficients in enumerate(u)}
+        for coefficients, row in zip(u, rates, strict=True):
+            total = sum((c * value[tuple(places)] for c, *places in row), 0 * coefficients[0])
+            coefficients.append(total * unit / (n + 1))
     return u
 
 

@@ -13,13 +13,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from flint import arb, fmpq
 
 from lagrange_bench.integrators.checks import Array
-from lagrange_bench.integrators.truth.curve import BITS, above, certified, fraction, power_above, rational
+from lagrange_bench.integrators.truth.curve import (
+    BITS,
+    Terms,
+    above,
+    certified,
+    fraction,
+    power_above,
+    rational,
+    series,
+)
 from lagrange_bench.integrators.truth.top import Top
 from lagrange_bench.support.precision import workprec
 
@@ -138,8 +147,10 @@ class Table:
         self.ends = float(self.first * rate), float(self.last * rate)
         heads, self.tails = heads_and_tails(states, self.logs)
         terms = 1 if motion.steady else TERMS
-        coefficients, columns = series_in_doubles(scaled_rates(motion, self.logs), heads, terms), list(motion.columns)
-        self.coefficients, self.tails = np.ascontiguousarray(coefficients[:, :, columns]), self.tails[:, columns]
+        coefficients = np.array(series(scaled_rates(motion, self.logs), list(heads.T), 1.0, terms))
+        columns = list(motion.columns)
+        self.coefficients = np.ascontiguousarray(coefficients.transpose(1, 2, 0)[:, :, columns])
+        self.tails = self.tails[:, columns]
         self.logs = [self.logs[n] for n in columns]
 
     def __call__(self, times: Array, more: Array) -> Array:
@@ -247,26 +258,10 @@ def turnings(motion: Top, first: fmpq, last: fmpq) -> Iterator[Turning]:
                     yield Turning(clock(turn, since * motion.rate), length, is_left, side)
 
 
-def scaled_rates(motion: Top, logs: Sequence[int]) -> list[list[tuple[float, tuple[int, ...]]]]:
+def scaled_rates(motion: Top, logs: Sequence[int]) -> list[Terms]:
     """The rates of the variables of a table."""
     two = fmpq(2)
     return [
-        [(float(c * two ** (sum(logs[n] for n in places) - log) / motion.rate), tuple(places)) for c, *places in row]
+        tuple((float(c * two ** (sum(logs[n] for n in places) - log) / motion.rate), *places) for c, *places in row)
         for row, log in zip(motion.rates, logs, strict=True)
     ]
-
-
-def series_in_doubles(rates: Any, start: Array, terms: int) -> Array:
-    """Taylor coefficients (terms, cells, variables) of u' = Σ c u_i u_j + Σ c u_i, from u (cells, variables)."""
-    u = np.zeros((terms, *start.shape[::-1]))
-    u[0] = start.T
-    for n in range(terms - 1):
-        products: dict[tuple[int, ...], Array] = {}
-        for row, terms_of in zip(u[n + 1], rates, strict=True):
-            for c, places in terms_of:
-                if places not in products:
-                    i, j = places[0], places[-1]
-                    products[places] = u[n, i] if len(places) == 1 else np.sum(u[: n + 1, i] * u[n::-1, j], axis=0)
-                row += c * products[places]
-        u[n + 1] /= n + 1
-    return u.transpose(0, 2, 1)
