@@ -28,7 +28,7 @@ from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.integrators.trajectory import Trajectory
 from lagrange_bench.integrators.truth import rotations, truths
-from lagrange_bench.integrators.truth.rigid_body import rigid_motion
+from lagrange_bench.integrators.truth.rigid_body import about_fixed_point, rigid_motion
 from lagrange_bench.support.files import read_toml
 from lagrange_bench.support.words import suggestion
 
@@ -220,7 +220,8 @@ def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
     facts: dict[str, Any] = {**DEFAULTS, **given}
     fixed = content.get("fixed", True)
     if "inertia" in facts and "mass" in facts:
-        facts["inertia_com"] = _about_com(facts.pop("inertia"), facts["mass"], facts["com"] if fixed else (0, 0, 0))
+        lever = [Fraction(v) for v in (facts["com"] if fixed else (0, 0, 0))]
+        facts["inertia_com"] = about_fixed_point(-Fraction(facts["mass"]), lever, facts.pop("inertia"))
     if missing := [word for word in ("mass", "inertia_com", "omega_body") if word not in facts]:
         raise ValueError(f"{where}: {missing[0]} is missing")
     if "angles" in facts:
@@ -256,15 +257,6 @@ def _check_numbers(word: str, value: Any, where: str) -> None:
         raise ValueError(f"{where}: {word} must be {'a number' if NUMBERS[word] == [()] else 'numbers'}; got {value!r}")
     if word in POSITIVE and not numbers > 0:
         raise ValueError(f"{where}: {word} must be positive; got {value!r}")
-
-
-def _about_com(inertia: Any, mass: Any, com: Any) -> list[list[Fraction]]:
-    """The moments of inertia about the centre of mass, I − m (c·c 1 − c cᵀ), of those about the fixed point, without rounding."""
-    c, m = [Fraction(v) for v in com], Fraction(mass)
-    diagonal = np.ndim(inertia) == 1
-    rows = [[inertia[i] if i == j else 0 for j in range(3)] for i in range(3)] if diagonal else inertia
-    square = sum((v * v for v in c), Fraction(0))
-    return [[Fraction(rows[i][j]) - m * (square * (i == j) - c[i] * c[j]) for j in range(3)] for i in range(3)]
 
 
 def _of_angles(angles: Sequence[Any], axes: Any, where: str) -> list[float]:

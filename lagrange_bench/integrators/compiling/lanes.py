@@ -69,20 +69,6 @@ def compile_lanes(step: Callable, restore: Callable | None, size: int, lanes: in
     return run
 
 
-@jit
-def fill(columns, states, constants, places, lanes):
-    """Fill the `columns` of the loop above, from the rows `places` of states and constants."""
-    width = 6 + constants.shape[1]
-    for b in range(len(places) // lanes):
-        origin = b * width * lanes
-        for j in range(lanes):
-            top = places[b * lanes + j]
-            for k in range(6):
-                columns[origin + k * lanes + j] = states[top, k]
-            for k in range(constants.shape[1]):
-                columns[origin + (6 + k) * lanes + j] = constants[top, k]
-
-
 def run_lanes(
     kernel: tuple[Callable, Callable | None, int],
     states: Array,
@@ -101,8 +87,8 @@ def run_lanes(
     """
     step, restore, block = kernel
     places = np.resize(tops, -(-len(tops) // lanes) * lanes)  # the lanes left over repeat some tops
-    columns = np.empty(len(places) * (6 + constants.shape[1]))
-    fill(columns, states, constants, places, lanes)
+    rows = np.hstack((states[places], constants[places]))
+    columns = rows.reshape(-1, lanes, rows.shape[1]).transpose(0, 2, 1).ravel()
     places[len(tops) :] = -1
     with compiling:  # once, not in every thread
         run = compile_lanes(step, restore, constants.shape[1], lanes)
