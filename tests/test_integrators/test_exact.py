@@ -1,7 +1,6 @@
 """The closed-form solution against Taylor series in integers, which share nothing with it; its properties; where it is found."""
 
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from lagrange_bench import CASES, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, P
 from lagrange_bench.experiments.measuring.states import WIDE, find
 from lagrange_bench.integrators.truth import truths
 from lagrange_bench.integrators.truth.exact import FEW, as_mpf, motion_of
-from lagrange_bench.integrators.truth.table import rounded_off
 from lagrange_bench.support.precision import workprec
 from tests.reference import errors, flows, largest, turned
 
@@ -272,13 +270,6 @@ def test_after_steps_is_at_the_product_itself(name):
     assert np.max(np.abs(exact.after_steps(named.top, named.state, h, np.resize(counts, MANY))[:5] - truth)) < BOUND
     rounded = exact.solution(named.top, named.state, [h * n for n in counts])
     assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
-
-
-@settings(deadline=None, derandomize=True)
-@given(st.floats(1e-5, 1e5), st.integers(0, 2**53), st.sampled_from((1, -1)))
-def test_what_a_product_rounds_off(h, n, sign):
-    t = sign * h * float(n)
-    assert rounded_off(sign * h, np.array([float(n)]))[0] == float(Fraction(sign * h) * n - Fraction(t))
 
 
 def own(x1, x2, x3, p):

@@ -2,8 +2,8 @@
 
 Each case is a TOML file with decimals, because the digits are part of the case. A case of your own is such a file, too.
 `Case.solution` gives doubles, from the truth by which all methods are judged: for a free or symmetric body a closed form, which
-takes a microsecond a time, otherwise a reference solution. `Case.digits` gives up to 40 digits from Taylor series in integers, an
-independent computation.
+takes some microseconds a time, otherwise a reference solution. `Case.digits` gives up to 40 digits from Taylor series in
+integers, an independent computation.
 """
 
 from __future__ import annotations

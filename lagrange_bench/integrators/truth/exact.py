@@ -62,7 +62,7 @@ class Enclosure(NamedTuple):
 def solution(problem: Any, y0: ArrayLike, t: Any, digits: int | None = None) -> NDArray[Any]:
     """States at times t of the motion that is at y0 at t = 0.
 
-    A time takes about 1 ms, with digits=1000 some 10 ms. More than 30 times take 5 to 20 ms in all, and 1 μs each. Source:
+    A time takes about 1 ms, with digits=1000 some 10 ms. More than 30 times take 5 to 20 ms in all, and 3 μs each. Source:
     `truth.curve`, `truth.top`, `truth.free_body`, `truth.symmetric_body`.
 
     Parameters
