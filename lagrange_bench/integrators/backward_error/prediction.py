@@ -93,13 +93,11 @@ class PredictedPhase:
         are of first order in the local error, and of little worth if its error exceeds `amplitude`.
         NoPrediction, a ValueError, if there is no prediction.
         """
-        theory = self._known()
-        return theory.states(theory.steps(t))
+        return self._known().states(t)
 
     def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
         """The time by which the method is ahead, and the angle by which it has turned too far, (N,) each; t as in `states`."""
-        theory = self._known()
-        return theory.shifts(theory.steps(t))
+        return self._known().shifts(t)
 
     def _known(self) -> Theory:
         if self._theory is None:
@@ -131,15 +129,14 @@ def predicted_phase(
     ValueError
         An argument is not valid; the message names it.
     """
-    plain = top
     if not kinds.uniform(top):
         raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
-    plain.require_single()
+    top.require_single()
     record, state, h = find_method(method), check_state(y0), check_step(h)
     if lam is not None and "lam" not in record.options:
         raise ValueError(f"lam: {record.name} has no such option")
     try:
-        return theory(plain, state, h, record, None if lam is None else check_parameter(lam)).phase
+        return theory(top, state, h, record, None if lam is None else check_parameter(lam)).phase
     except NoPrediction as reason:
         return PredictedPhase(None, None, reason=str(reason))
 
@@ -211,9 +208,8 @@ class Theory:
         second = self.units.time(1.0)
         clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
         clock_growth, turn_growth = self.ramp.mean / self.h**2
-        turn, clock_growth, turn_growth = turn * second, clock_growth * second, turn_growth * second * second
-        rates = (float(clock), float(turn), float(clock_growth), float(turn_growth))
-        return PredictedPhase(*rates, self.amplitude, _theory=self)
+        rates = clock, turn * second, clock_growth * second, turn_growth * second * second
+        return PredictedPhase(*map(float, rates), amplitude=self.amplitude, _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """The numbers of steps for the times t (N,): whole numbers if t is a multiple of h up to rounding."""
@@ -221,14 +217,14 @@ class Theory:
         whole = np.rint(n)
         return np.where(np.abs(n - whole) <= 4.0 * np.finfo(float).eps * np.abs(n), whole, n)
 
-    def shifts(self, n: ArrayLike) -> tuple[Array, Array]:
-        """The time by which the method is ahead after n steps (N,), and the angle by which it has turned too far."""
-        p = self._along(np.asarray(n, dtype=float))
+    def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
+        """The time by which the method is ahead, and the angle by which it has turned too far, at times t (N,)."""
+        p = self._along(self.steps(t))
         return p[:, 0] / self.units.time(1.0), p[:, 1]
 
-    def states(self, n: ArrayLike) -> Array:
-        """The states (N, 6) of the method after n steps (N,)."""
-        n = np.asarray(n, dtype=float)
+    def states(self, t: ArrayLike) -> Array:
+        """The states (N, 6) of the method at times t (N,)."""
+        n = self.steps(t)
         p = self._along(n)
         y = exact.solution(self.top, self.y0, self.h * n + p[:, 0])
         c, s = np.cos(p[:, 1]), np.sin(p[:, 1])
@@ -314,13 +310,9 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
     for part, column in zip(y, states.T, strict=True):
         part.c[0] = column
     step.c[1] = 1.0
-    pairs = zip(
-        STEPS[method.name](alpha, tuple(y), step, power), taylor_flow(alpha, tuple(y), step, power), strict=True
-    )
-    terms = (
-        np.array([(after - exact_end).c[first:] for after, exact_end in pairs])
-        * (h ** np.arange(first, power + 1))[:, None]
-    )
+    after, right = (flow(alpha, tuple(y), step, power) for flow in (STEPS[method.name], taylor_flow))
+    coefficients = np.array([(a - b).c[first:] for a, b in zip(after, right, strict=True)])
+    terms = coefficients * (h ** np.arange(first, power + 1))[:, None]
     total = terms.sum(axis=1)
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
         raise NoPrediction("the power series of the local error does not converge: take a smaller |h|")
