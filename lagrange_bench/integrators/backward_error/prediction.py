@@ -206,10 +206,9 @@ class Theory:
     def phase(self) -> PredictedPhase:
         # p = n along + n (n − 1)/2 ramp on average, with n = t/h
         second = self.units.time(1.0)
-        clock, turn = (self.along.mean - self.ramp.mean / 2) / self.h
-        clock_growth, turn_growth = self.ramp.mean / self.h**2
-        rates = clock, turn * second, clock_growth * second, turn_growth * second * second
-        return PredictedPhase(*map(float, rates), amplitude=self.amplitude, _theory=self)
+        clock, turn = (float(v) for v in (self.along.mean - self.ramp.mean / 2) / self.h)
+        clock_growth, turn_growth = (float(v) * second for v in self.ramp.mean / self.h**2)
+        return PredictedPhase(clock, turn * second, clock_growth, turn_growth * second, self.amplitude, _theory=self)
 
     def steps(self, t: ArrayLike) -> Array:
         """The numbers of steps for the times t (N,): whole numbers if t is a multiple of h up to rounding."""

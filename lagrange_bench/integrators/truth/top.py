@@ -17,16 +17,18 @@ So Z = x+ is as `truth.curve` wants it. Its zeros are X = ±√(ε c), X' = i (�
 f = (X − X*)² w(X) and w > 0; |X − X*| decays like e^(−√w t). So every unit 1/√w of time costs a bit or two. (A triple root is
 reached like 1/t².)
 
-**The period.** With `low` and `high`, the roots of f between which X moves, e(X) = f'(low)/(4 (X − low)) is Weierstrass' function
-of t but for a constant. With e1 = e(high), and e2, e3 = e of the other two roots (0 for a root at infinity), it is
+**The period.** Let g2 and g3 be the invariants of f, and e1 > e2, e3 the roots of 4 z³ − g2 z − g3; e2 and e3 may be complex.
+With `low` and `high`, the roots of f between which X moves, e(X) = f'(low)/(4 (X − low)) + f''(low)/24 is Weierstrass' function
+of t, and
 
-    T = 2 R_F(0, e1 − e2, e1 − e3)        ∫ dX/(|P − X| √f) = (R_F + e(P) R_J(0, e1 − e2, e1 − e3, e1 − e(P))/3)/|P − low|
+    T = 2 R_F(0, e1 − e2, e1 − e3)        ∫ dX/(|P − X| √f) = (R_F + d R_J(0, e1 − e2, e1 − e3, e1 − e(P))/3)/|P − low|
 
-from `low` to `high`. The integrals for the poles P = ±√(ε c) give the angle that x sweeps about e in a period: its rate is the
-sum of (M √c ∓ |e| l)/(2 |P − X|). The axis passes through a pole only if its term is 0: so a jump of the azimuth does not count.
+from `low` to `high`, with d = f'(low)/(4 (P − low)). The integrals for the poles P = ±√(ε c) give the angle that x sweeps about e
+in a period: its rate is the sum of (M √c ∓ |e| l)/(2 |P − X|). The axis passes through a pole only if its term is 0: so a jump of
+the azimuth does not count.
 
-Sources: Whittaker, Analytical Dynamics, sections 71–72; DLMF 19.25.35 and 19.16. All formulas are derived again, and tested
-against Taylor series in integers.
+Sources: Whittaker, Analytical Dynamics, sections 71–72; Whittaker & Watson, 20.6; DLMF 19.25.35 and 19.16. All formulas are
+derived again, and tested against Taylor series in integers.
 """
 
 from __future__ import annotations
@@ -101,17 +103,15 @@ class Drift(NamedTuple):
     is_beyond: bool = False  # only near the limit on the separatrix
 
 
-class Turns(NamedTuple):
-    """Where X turns, and the other roots of f, which may be complex."""
-
-    low: arb
-    high: arb
-    others: list[acb]
-
-
 def angle(c: arb, s: arb) -> arb:
     """The angle of (c, s), away from the cut of the arc tangent."""
     return arb.atan2(-s, -c) + arb.pi() if c < 0 else arb.atan2(s, c)
+
+
+def roots_of(f: fmpq_poly) -> list[acb]:
+    """The roots of a polynomial; multiple ones several times."""
+    found: Any = f.numer().complex_roots()
+    return [root for root, order in found for _ in range(order)]
 
 
 def at_each_precision(compute: Callable[[Any], Value]) -> Callable[[Any], Value]:
@@ -311,37 +311,19 @@ class Top:
 
     # ------------------------------------------------------------------ periods
 
-    def roots(self) -> list[acb]:
-        """The roots of f; multiple ones several times."""
-        found: Any = self.f.numer().complex_roots()
-        return [root for root, order in found for _ in range(order)]
-
-    def turns(self) -> Turns:
-        """Where X turns, at the present precision. If it does at the start, the acceleration tells which turn this is."""
-        X, still = arb(self.X), self.velocity == 0
-        roots = self.roots()
-        real = [root.real for root in roots if root.imag.is_zero()]
-        others = [root for root in roots if not root.imag.is_zero()]
-        here = [root for root in real if root.overlaps(X)]
-        if len(here) != still:
-            raise Uncertain
-        low = max((root for root in real if root < X or (root in here and self.acceleration > 0)), key=float)
-        high = min((root for root in real if root > X or (root in here and self.acceleration < 0)), key=float)
-        return Turns(low, high, [acb(root) for root in real if root is not low and root is not high] + others)
-
     def period(self) -> arb | None:
         """The time from one turn of X to the next and back, at the present precision; None if it is infinite or X is constant."""
-        return None if self.steady or self.triple or self.node is not None else 2 * self.half_period(self.turns())[0]
+        return None if self.steady or self.triple or self.node is not None else 2 * self.half_period()[0]
 
-    def half_period(self, at: Turns) -> tuple[arb, list[acb]]:
-        """R_F and its arguments besides 0."""
-        e1, *others = (self.weierstrass(at, root) for root in (acb(at.high), *at.others))
-        e2, e3 = [*others, acb(0), acb(0)][:2]
+    def half_period(self) -> tuple[arb, list[acb]]:
+        """R_F, and e1, e1 − e2, e1 − e3."""
+        f0, f1, f2, f3, k = (self.f[n] for n in range(5))
+        g2 = k * f0 - f1 * f3 / 4 + f2**2 / 12
+        g3 = k * f0 * f2 / 6 + f1 * f2 * f3 / 48 - f2**3 / 216 - (k * f1**2 + f0 * f3**2) / 16
+        roots = roots_of(fmpq_poly([-g3, -g2, 0, 4]))
+        e1 = max((e for e in roots if e.imag.is_zero()), key=lambda e: float(e.real))
+        e2, e3 = (e for e in roots if e is not e1)
         return acb.elliptic_rf(0, e1 - e2, e1 - e3).real, [e1, e1 - e2, e1 - e3]
-
-    def weierstrass(self, at: Turns, X: acb) -> acb:
-        """e(X)."""
-        return horner(self.f.derivative().coeffs(), at.low) / 4 / (X - at.low)
 
     def advance(self, before: list[arb], after: list[arb]) -> tuple[arb, arb]:
         """The angles, mod 2π, of the turns about e and about the body's own axis that a period adds, from variables around it."""
@@ -396,14 +378,21 @@ class Top:
 
     def swept(self) -> arb:
         """The angle by which x turns about e in a period, without the jumps by ±π at poles."""
-        at, length, size = self.turns(), arb(self.eps).sqrt(), arb(self.c).sqrt()
-        half, (e1, d2, d3) = self.half_period(at)
+        length, size, X = arb(self.eps).sqrt(), arb(self.c).sqrt(), self.curve().base.x
+        real = [root.real for root in roots_of(self.f) if root.imag.is_zero()]
+        if any(root.overlaps(X) for root in real):
+            raise Uncertain
+        low = max((root for root in real if root < X), key=float)
+        slope, bend = (
+            horner(v.coeffs(), low) for v in (self.f.derivative() / 4, self.f.derivative().derivative() / 24)
+        )
+        half, (e1, d2, d3) = self.half_period()
         angle = arb(0)
         for sign in (1, -1):
             if self.c * self.M**2 == self.eps * self.l**2 and sign * self.M * self.l >= 0:
                 continue  # M √c = sign |e| l
             P = sign * length * size
-            e = self.weierstrass(at, acb(P))
-            integral = (half + (e * acb.elliptic_rj(0, d2, d3, e1 - e)).real / 3) / abs(P - at.low)
+            d = slope / (P - low)
+            integral = (half + (d * acb.elliptic_rj(0, d2, d3, e1 - bend - d)).real / 3) / abs(P - low)
             angle += (self.M * size - sign * length * self.l) * integral
         return angle
