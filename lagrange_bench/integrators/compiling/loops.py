@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -140,29 +140,19 @@ class Kernel:
     memory: int = SIZE - MEMORY
 
 
-class StateUnits(Protocol):
-    """The units of a kernel: powers of two times the user's, so that nothing is rounded."""
+class StateUnits:
+    """The units of a kernel: powers of two times the user's, so that nothing is rounded. These are the user's own."""
 
-    def enter(self, y: Array, /) -> Array:
+    def enter(self, y: Array) -> Array:
         """A state in the kernel's units, as a fresh array."""
-        ...
-
-    def leave(self, rows: Array, /) -> Array:
-        """The kernel's rows in the user's units; may change `rows` in place."""
-        ...
-
-
-class OwnUnits:
-    """The user's own units."""
-
-    def enter(self, y: Array, /) -> Array:
         return np.array(y)
 
-    def leave(self, rows: Array, /) -> Array:
+    def leave(self, rows: Array) -> Array:
+        """The kernel's rows in the user's units; may change `rows` in place."""
         return rows
 
 
-OWN_UNITS = OwnUnits()
+OWN_UNITS = StateUnits()
 
 
 class FixedStepper(Stepper):

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper, Kernel
+from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper, Kernel, StateUnits
 from lagrange_bench.integrators.interface import Array, Claims
 from lagrange_bench.integrators.methods.backlund import PAPER, SOURCE
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -61,17 +61,17 @@ def to_real(s: Array) -> Array:
     return np.stack([v.real for v in half], axis=-1)
 
 
-class ComplexUnits:
+class ComplexUnits(StateUnits):
     """The units of a top, and complex states."""
 
     def __init__(self, units: Units):
         self.units = units
 
-    def enter(self, y: Array, /) -> Array:
+    def enter(self, y: Array) -> Array:
         with np.errstate(all="ignore"):  # as in `Units`
             return to_complex(self.units.enter(y))
 
-    def leave(self, rows: Array, /) -> Array:
+    def leave(self, rows: Array) -> Array:
         with np.errstate(all="ignore"):
             return self.units.leave(to_real(rows))
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.loops import StateUnits
 from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
@@ -81,7 +82,7 @@ def ldexp(number: float, exponent: int) -> float:
         return math.copysign(math.inf, number)
 
 
-class Units:
+class Units(StateUnits):
     """The units of a top: powers of two that bring |x| and |J| + √(|alpha||x|) to order one."""
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
