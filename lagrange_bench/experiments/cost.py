@@ -25,8 +25,16 @@ from lagrange_bench.integrators.truth import exact
 
 VERSION = 4
 SCALED_TIMES = ("step", "periods")  # parts
-A_STEP = ("ns_per_step", "ns_per_step_median", "ns_per_time", "steps_per_time", "evals_per_step", "iterations_per_step",
-          "rejected_per_step", "setup_us")  # fmt: skip
+A_STEP = (
+    "ns_per_step",
+    "ns_per_step_median",
+    "ns_per_time",
+    "steps_per_time",
+    "evals_per_step",
+    "iterations_per_step",
+    "rejected_per_step",
+    "setup_us",
+)
 MEASURED = {
     "step": A_STEP,
     "periods": A_STEP,

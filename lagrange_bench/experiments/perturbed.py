@@ -85,7 +85,7 @@ def cells(profile: str) -> list[dict]:
                 if not racing(method, state, span):
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
-                listed += [{**race, **way} for way in VARIANTS.get(name, ({},)) if full or len(way) < 2]
+                listed += [{**race, **options} for options in VARIANTS.get(name, ({},)) if full or len(options) < 2]
     tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
     listed += [
         {**tolerance, "field": field, "span": span, "tol": tol}

@@ -43,9 +43,21 @@ MEASURED = {
     "order": ("h", "error"),
     "time": ("t", "time", "angle", "off", "error"),
     "promise": ("h", "error", "ulps"),
-    "theory": ("t", "time", "angle", "off", "error", "predicted_time", "predicted_angle", "left",
-               "clock", "turn", "clock_growth", "turn_growth"),
-}  # fmt: skip
+    "theory": (
+        "t",
+        "time",
+        "angle",
+        "off",
+        "error",
+        "predicted_time",
+        "predicted_angle",
+        "left",
+        "clock",
+        "turn",
+        "clock_growth",
+        "turn_growth",
+    ),
+}
 
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
 LONG = {"quick": (0.25, 10**4), "full": (0.25, 4 * 10**6)}  # step and number of steps of the runs against time
@@ -70,9 +82,9 @@ def cells(profile: str) -> list[dict]:
         listed.append({"part": "time", "method": name, "state": LONG_STATE, "h": h, "steps": n})
     for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
         listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
-    some = PROMISE_RANDOM[profile]
-    any_kind = (*states.WIDE[:some], *states.RELEASED[:some], *states.SPINNING[:some])
-    tops = (*TOPS, *(f"random{i:03d}" for i in range(some)), *states.CLOSE[: some // 2], *any_kind)
+    count = PROMISE_RANDOM[profile]
+    any_kind = (*states.WIDE[:count], *states.RELEASED[:count], *states.SPINNING[:count])
+    tops = (*TOPS, *(f"random{i:03d}" for i in range(count)), *states.CLOSE[: count // 2], *any_kind)
     promised = (*product(("backlund",), tops), *product(("backlund_unpinned",), any_kind))
     return listed + [{"part": "promise", "method": method, "state": state} for method, state in promised]
 

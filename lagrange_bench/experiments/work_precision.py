@@ -109,8 +109,8 @@ def _run(cell: dict) -> dict:
     if seconds[0] < SAMPLE:
         seconds += timing.time_call(lambda: stepper.advance(y0, n), min_time=SAMPLE, repeats=3).samples
     else:
-        more = 3 if seconds[0] < 20 * SAMPLE else 1 if seconds[0] < 0.5 else 0
-        seconds += [_seconds(stepper, y0, n) for _ in range(more)]
+        repeats = 3 if seconds[0] < 20 * SAMPLE else 1 if seconds[0] < 0.5 else 0
+        seconds += [_seconds(stepper, y0, n) for _ in range(repeats)]
     setups += [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
     return {
         "error": states.rounded(error),

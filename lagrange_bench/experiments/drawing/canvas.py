@@ -109,7 +109,12 @@ def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
 
 
 def figure(
-    width: str | float = "page", height: float = 2.4, nrows: int = 1, ncols: int = 1, squeeze: bool = True, **more: Any
+    width: str | float = "page",
+    height: float = 2.4,
+    nrows: int = 1,
+    ncols: int = 1,
+    squeeze: bool = True,
+    **subplots: Any,
 ) -> tuple[Figure, Any]:
     """A figure and its axes, as `Figure.subplots` gives them.
 
@@ -121,10 +126,10 @@ def figure(
     if width == "column" and ncols > 1:
         rows, columns = nrows * ncols, 1
         height = min(height * ncols, max(TALLEST, PANEL * rows))
-        more |= {name: bool(more[name]) for name in ("sharex", "sharey") if name in more}
+        subplots |= {name: bool(subplots[name]) for name in ("sharex", "sharey") if name in subplots}
     inches = WIDTHS[width] if isinstance(width, str) else width
     fig = Figure(figsize=(inches, height), layout="constrained")
-    grid = fig.subplots(rows, columns, squeeze=False, **more).reshape(nrows, ncols)
+    grid = fig.subplots(rows, columns, squeeze=False, **subplots).reshape(nrows, ncols)
     if not squeeze:
         return fig, grid
     return fig, np.squeeze(grid) if grid.size > 1 else grid.item()

@@ -308,13 +308,11 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
     starts = (*map(placed, names), *nearly_upright) if method.control == "step" else ()
     worst = Worst()
     for start, span, steps in product(starts, LONG_SPANS, LONG_RUNS):
-        top, y0 = start.top, start.state
-        claimed = [word in method.conserves_on(top) for word in top.names]
+        top, y0, h = start.top, start.state, span * start.unit
         with contextlib.suppress(StepError):
-            y = prepared(method, top, y0, span * start.unit).record(y0, steps, 1)
-            with np.errstate(over="ignore", invalid="ignore"):
-                drift = np.abs(metrics.relative_drift(top.invariants(y), top.invariant_scales(y0)))[:, claimed]
-            worst = worst.worse_of(float(np.max(drift, initial=0.0)) / (A_UNIT * EPS * span), start, span)
+            drifts = _drifts(top, y0, h, prepared(method, top, y0, h).record(y0, steps, 1), {})
+            size = np.max([drifts[word] for word in method.conserves_on(top)], initial=0.0)
+            worst = worst.worse_of(size / (A_UNIT * EPS * span), start, span)
     if worst.at:
         how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it"
         yield worst.verdict("conserves in long steps", 1.0, how)
