@@ -268,7 +268,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
                 drifts[quantity] = drifts[quantity].worse_of(size, start, span)
     tops = [start.top for start in starts]
     conserved = dict.fromkeys(word for top in tops for word in top.names if word in top.conserved)
-    there = {name for top in tops for name in top.names}
+    there = set(conserved)
     if any(name.startswith("C") for name in there):  # C1 and C2 stand for all Casimirs
         there |= {"C1", "C2"}
     for word in sorted(method.claims.conserves - there):
