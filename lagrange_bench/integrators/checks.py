@@ -181,8 +181,9 @@ def check_count(n: Any, name: str, least: int = 0) -> int:
     """`n` as an int of at least `least`."""
     if type(n) is int and least <= n <= MOST:
         return n
-    if isinstance(n, (bool, np.bool_)) or not isinstance(n, (int, np.integer)):
-        raise ValueError(f"{name} must be a whole number, an int; got {n!r}")
+    is_whole = isinstance(n, (int, np.integer)) or (isinstance(n, float) and n.is_integer())  # 1e6, too
+    if isinstance(n, (bool, np.bool_)) or not is_whole:
+        raise ValueError(f"{name} must be a whole number; got {n!r}")
     if n < least:
         raise ValueError(f"{name} must be at least {least}; got {n}")
     if n > MOST:

@@ -29,7 +29,7 @@ def closed():
 
 
 def test_drift_is_that_of_a_run_in_both_units_of_time():
-    frame = drift([NAMED, "rk4"], ["generic", BODY], h=0.1, steps=8).to_frame()
+    frame = drift([NAMED, "rk4"], ["generic", BODY], h=0.1, steps=8.0).to_frame()
     run = integrate(GENERIC.top, GENERIC.state, 0.1, 8, "rk4", every=1)
     here = frame[(frame.method == "rk4") & (frame.top == "generic")]
     change = np.abs(run.invariants() - run.invariants()[0]) / GENERIC.top.invariant_scales(GENERIC.state)
