@@ -25,7 +25,7 @@ ATOLS = {"ulps": 1.0}  # the truth may be off by an ulp of the initial state
 COUNTS = ("n", "steps", "evals", "iterations", "rejected", "maps", "evals_per_step", "iterations_per_step")
 STATES = ("t", "J1", "J2", "J3", "x1", "x2", "x3", "H", "C1", "C2")
 EXACT = frozenset((*STATES, *COUNTS))  # columns of a compiled method that must agree bit by bit
-SHOWN = 3  # so many reasons are listed
+SHOWN = 3  # so many reasons, or names of what is absent, are listed
 
 
 @dataclass
@@ -99,7 +99,7 @@ def _sample(
 ) -> list[Record]:
     """Stored cells, in turn from every (experiment, part, method), in random order within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
-    left_out = Counter[str]()
+    absent, long = Counter[str](), 0
     for experiment in store.experiments():
         try:
             module = load_stored(experiment)
@@ -117,13 +117,18 @@ def _sample(
             if old and age == sources.SAME:
                 continue
             if reason := _absent(cell) or missing_package(experiment, cell):
-                left_out[f"{reason} is not available here (of a file of your own: --module NAME)"] += 1
+                absent[reason] += 1
             elif record["seconds"] > longest:
-                left_out[f"they took longer than {longest:g} s"] += 1
+                long += 1
             elif _comparable(record, getattr(module, "TIMES", ())):
                 group = (experiment, str(cell.get("part", "")), str(cell.get("method") or cell.get("variant", "")))
                 groups.setdefault(group, []).append(record)
-    result.notes += [f"not computed: {reason}: {count} of the stored cells" for reason, count in left_out.items()]
+    if absent:
+        names = ", ".join([*absent][:SHOWN]) + (" and others" if len(absent) > SHOWN else "")
+        where = "not available here (of a file of your own: --module NAME)"
+        result.notes.append(f"not computed: {absent.total()} cells: {names}: {where}")
+    if long:
+        result.notes.append(f"not computed: {long} cells that took longer than {longest:g} s")
     for records in groups.values():
         draw.shuffle(records)
     turns = zip_longest(*groups.values())

@@ -116,7 +116,7 @@ def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
         ("figure evilpkg.exp_squares --results results", 2, "unknown"),
         ("compare results other", 1, "unknown experiment 'evilpkg.exp'"),
         ("verify results --quiet --longest 10", 2, "unknown experiment 'unittest.__main__'"),
-        ("verify own --quiet", 2, "not computed: evilpkg.method:POTENTIAL is not available here"),
+        ("verify own --quiet", 2, "not computed: 1 cells: evilpkg.method:POTENTIAL: not available here"),
     ):
         found, out, err = run(*words.split())
         assert (found, said in out + err) == (code, True), err
