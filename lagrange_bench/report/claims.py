@@ -8,7 +8,7 @@ refutes it: an accident, a step that a method declined, or NaN in a row that is 
 import operator
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import date, datetime
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from string import Formatter
 from typing import Any, NamedTuple
@@ -187,7 +187,8 @@ class Claim:
     group: str
     text: str
     experiment: str
-    bounded: datetime  # when the youngest of its bounds was set
+    first_bounded: date  # when its bounds were first set
+    bounded: datetime  # when the last of them was changed
     bounds: tuple[Bound, ...]
     answers: tuple[ShortAnswer, ...] = ()  # of the README
 

@@ -138,10 +138,12 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
 
 def _bounded(claim: claims.Claim, start: str | None) -> str:
     """When the bounds of a claim were set; and, if its rows were measured from `start` on (UTC), whether that was before them."""
-    when = f"bounds set on {claim.bounded:%Y-%m-%d}"
+    first, last = claim.first_bounded.isoformat(), f"{claim.bounded:%Y-%m-%d}"
+    when = f"bounds set on {first}" + (f", last changed on {last}" if last != first else "")
     if start is None:
         return when
-    return f"{when}, {'before its rows were measured' if claim.bounded.isoformat() < start else 'with its rows known'}"
+    known = "before these rows were measured" if claim.bounded.isoformat() < start else "with these rows known"
+    return f"{when}, {known}"
 
 
 def _make(report: Report, name: str, make: Callable[[], Any]) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 
 import numpy as np
 import pandas as pd
@@ -80,7 +80,9 @@ def test_the_experiments_name_every_number_that_all_rows_of_a_part_have(stored, 
 
 
 def judge(rows, bound):
-    return claims.judge(Claim("c", "cost", "", "drift", datetime(2026, 11, 24, tzinfo=UTC), (bound,)), rows)
+    return claims.judge(
+        Claim("c", "cost", "", "drift", date(2026, 11, 24), datetime(2026, 11, 24, tzinfo=UTC), (bound,)), rows
+    )
 
 
 def test_bounds():

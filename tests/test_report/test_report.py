@@ -9,7 +9,7 @@ import shutil
 import stat
 import sys
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from html import unescape
 from html.parser import HTMLParser
 from importlib.metadata import EntryPoint
@@ -73,7 +73,8 @@ def put(folder, experiment, index, method, h, *drift, **fields):
 
 def claim(name, text, limit, column="drift", experiment="toy.good", year=2026, **where):
     bounds, answers = (Bound((column,), "≤", limit, where=where),), (ShortAnswer(f"{text} In short?", "{claim.worst}"),)
-    return Claim(name, "cost", text, experiment, datetime(year, 11, 24, tzinfo=UTC), bounds, answers)
+    first, last = date(2026, 11, 24), datetime(year, 11, 24, tzinfo=UTC)
+    return Claim(name, "cost", text, experiment, first, last, bounds, answers)
 
 
 CLAIMS = [
@@ -197,8 +198,11 @@ def test_what_is_missing_is_said_in_its_place(report, text):
     assert "run</span> <span>toy.empty</span>" in parts["missing"]
     found, away = parts["claims"].split("About experiments that are not stored here")
     assert ("claim-holds" in found, "claim-unstored" in found, "claim-unstored" in away) == (True, False, True)
-    assert "bounds set on 2026-11-24, before its rows were measured" in found.split("claim-holds")[1].split("</li>")[0]
-    assert "bounds set on 2999-11-24, with its rows known" in found.split("claim-refuted")[1].split("</li>")[0]
+    assert (
+        "bounds set on 2026-11-24, before these rows were measured" in found.split("claim-holds")[1].split("</li>")[0]
+    )
+    changed = "bounds set on 2026-11-24, last changed on 2999-11-24, with these rows known"
+    assert changed in found.split("claim-refuted")[1].split("</li>")[0]
     assert "Newton gave up &lt;here&gt;" in parts["failures"]
     assert np.__version__ in parts["environment"]
     assert report.errors == ["toy.broken: figures cannot be drawn: ZeroDivisionError: <b>no luck</b>"]

@@ -208,7 +208,7 @@
 
   function reach(most) {
     $("steps").max = Math.min(most, STEPS);
-    $("more").textContent = `Up to ${Math.min(4 * $("steps").max, STEPS)} steps`;
+    $("more").textContent = `Allow ${Math.min(4 * $("steps").max, STEPS)} steps`;
     $("more").disabled = Number($("steps").max) >= STEPS;
   }
 
