@@ -17,16 +17,7 @@ from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judging.advice import findings_of, so_read
 from lagrange_bench.judging.columns import Options, Trajectory, read
-from lagrange_bench.judging.frames import (
-    ATTITUDES,
-    GROUPS,
-    Convention,
-    Frames,
-    blurred,
-    by_the_better_clock,
-    count_turns,
-    curve,
-)
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames, curve
 from lagrange_bench.judging.judgement import Error, Judgement
 from lagrange_bench.judging.start import started
 
@@ -203,14 +194,14 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
             case, text = started(request.start, case, frames, rows)
             notes.append(f"The motion starts at t = {written[0]:.9g} s {text}.")
             frames = Frames(case.body, convention, frames.digit, case)
-        errors, rows["time"], clock = by_the_better_clock(frames, rows)
+        errors, rows["time"], clock = frames.by_the_better_clock(rows)
         remark = so_read(frames, rows, errors, findings) if findings else remark
         if not errors:
             raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
         seen = {name: values[_some(len(written))] for name, values in rows.items()}
         exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
-        turned = count_turns(frames, seen, exact)
-        blur = {} if exact is None else blurred(frames, seen["time"][:, 0], exact, floor.get("time", 0.0))
+        turned = frames.count_turns(seen, exact)
+        blur = {} if exact is None else frames.blurred(seen["time"][:, 0], exact, floor.get("time", 0.0))
     t = rows["time"][:, 0]
     measured = {name: Error(float(error.max()), float(error[-1])) for name, error in errors.items()}
 

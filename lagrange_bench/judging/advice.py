@@ -11,7 +11,7 @@ import numpy as np
 from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
 from lagrange_bench.judging.findings import Finding, say
-from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames, by_the_better_clock
+from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames
 from lagrange_bench.judging.names import unit_of
 
 Array = np.ndarray
@@ -91,7 +91,7 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
     other = Frames(frames.rigid_body, replace(frames.convention, **changes), frames.digit, frames.case)
     if other.case is None:
         other.refer(rows)
-    errors, _, _ = by_the_better_clock(other, rows)
+    errors, _, _ = other.by_the_better_clock(rows)
     names = [name for name in ("rotation", "position", "omega", "kinematics") if name in errors]
     if any(np.nanmedian(errors[name]) > np.nanmedian(before[name]) for name in names if name in before):
         return ""  # the options do not say all that is to be changed
