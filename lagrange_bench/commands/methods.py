@@ -54,10 +54,9 @@ def run(options: argparse.Namespace) -> Answer:
     if len(shown) < len(data):
         lines.append(f"{len(data) - len(shown)} more are in the archive: lagrange-bench methods --archive")
     if options.verbose:
-        for claims in taken:
-            known = ", ".join(claims.get("options") or ["none"])
-            lines += ["", claims["name"], f"  source:  {claims.get('source', '?')}", f"  options: {known}"]
-            lines += [f"  family:  {claims.get('family', '?')}", f"  control: {claims.get('control', '?')}"]
+        known = [claims for claims in taken if "error" not in claims]
+        facts = [(c["name"], c["family"], c["control"], ", ".join(c["options"]) or "none", c["source"]) for c in known]
+        lines += ["", *table([("name", "family", "control", "options", "source"), *facts])]
     return Answer("\n".join(lines), data)
 
 
@@ -76,20 +75,20 @@ def _method_notes(data: list[dict[str, Any]]) -> list[str]:
 
     taken = [claims for claims in data if not claims.get("refuses")]
     missing = _names((claims["requires"], claims["name"]) for claims in taken if claims.get("available") is False)
-    notes = [f"{', '.join(names)}: {how_to_get(package)}" for package, names in missing.items()]
+    notes = [f"{names}: {how_to_get(package)}" for package, names in missing.items()]
     others = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
-    notes += [line for what, names in others.items() for line in (f"only for {what}:", f"  {', '.join(names)}")]
+    notes += [line for what, names in others.items() for line in (f"only for {what}:", f"  {names}")]
     notes += [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
     refusing = ((claims["refuses"], claims["name"]) for claims in data if claims.get("refuses"))
     reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)
-    return notes + [f"left out: {', '.join(names)}: {reason}" for reason, names in reasons.items()]
+    return notes + [f"left out: {names}: {reason}" for reason, names in reasons.items()]
 
 
-def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
-    """Group the names in pairs (what, name) by `what`."""
-    groups: dict[str, list[str]] = {}
+def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """The names in pairs (what, name) of each `what`, in a row."""
+    groups: dict[str, str] = {}
     for what, name in pairs:
-        groups.setdefault(what, []).append(name)
+        groups[what] = f"{groups[what]}, {name}" if what in groups else name
     return groups
 
 

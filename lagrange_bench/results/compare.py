@@ -55,7 +55,7 @@ class ComparedStores:
 def compare(old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0) -> ComparedStores:
     """Compare the store in the folder `new` with the one in `old`. FileNotFoundError if a folder holds no results."""
     stores = Store(find_results(old)), Store(find_results(new))
-    result, both, otherwise = ComparedStores({}, []), 0, 0
+    result, both, others = ComparedStores({}, []), 0, 0
     for experiment in sorted({*stores[0].experiments(), *stores[1].experiments()}):
         journals = [store.open(experiment) for store in stores]
         result.notes += [problem for journal in journals for problem in journal.problems]
@@ -64,10 +64,13 @@ def compare(old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0) -> Compa
         for key in (key for key in before if key in after):
             pair = before[key], after[key]
             word, columns = compare_cell(*pair, times, lambda _: (rtol, atol))
-            cells.same, cells.close = cells.same + (word == "same"), cells.close + (word == "close")
-            cells.changed += [{"cell": pair[0]["cell"], "columns": columns}] if columns else []
+            cells.same += word == "same"
+            cells.close += word == "close"
+            if columns:
+                cells.changed.append({"cell": pair[0]["cell"], "columns": columns})
             digests = {record.get("sources") for record in pair}
-            both, otherwise = both + 1, otherwise + (len(digests) > 1 or None in digests)
+            both += 1
+            others += len(digests) > 1 or None in digests
         cells.missing["old"] = [record["cell"] for key, record in after.items() if key not in before]
         cells.missing["new"] = [record["cell"] for key, record in before.items() if key not in after]
         result.experiments[experiment] = cells
@@ -76,8 +79,8 @@ def compare(old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0) -> Compa
                 load_stored(experiment)
             except UnknownExperiment as error:
                 result.notes.append(f"all columns are compared, times too: {error}")
-    if otherwise:
-        result.notes.append(f"{otherwise} of the {both} cells in both were computed with other or unknown source code")
+    if others:
+        result.notes.append(f"{others} of the {both} cells in both were computed with other or unknown source code")
     return result
 
 

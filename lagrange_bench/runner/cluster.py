@@ -1,8 +1,7 @@
 """Runs cells on a Dask cluster. Needs the extra `cluster` (dask.distributed).
 
-A Dask worker has a `workers.Worker`, as `workers.Local` has here. So a cell that hangs or crashes fails alone, with the same
-message. Dask finds a worker for each cell, and another one if the worker is lost. Only the process that asks for the cells
-writes the store.
+A Dask worker has a `workers.Worker`, as `workers.Local` has here, so a cell that hangs or crashes fails alone. Dask finds
+another worker if one is lost. Only the process that asks for the cells writes the store.
 """
 
 import importlib.util
