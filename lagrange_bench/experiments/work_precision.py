@@ -7,7 +7,7 @@ exact in time go on to steps of one unit, so that runs with a state every unit c
 
 The error is the largest at four places in the last fifth of the run, against the exact solution, relative to the scales of J and
 x. Wall time is the least of several compiled runs; a run of half a second or more is timed once. Set-up, such as the λ(h) of a
-torus, has a column of its own, and each table says whether it is counted. Nonlinear equations are solved to round-off.
+torus, has a column of its own. Nonlinear equations are solved to round-off.
 "Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
@@ -211,7 +211,7 @@ def _draw_frontier(rows: pd.DataFrame, style):
         "Largest error in the last fifth of the run against the wall time of the run on "
         f"“{states.label(good.state.iloc[0])}”; down and to the left is better. Each curve shows a method's Pareto-optimal runs. "
         f"{words}. Runs of up to t = {SHORT:g} take hardly longer than the call from Python. Set-up and compilation are not "
-        "included here; the tables count set-up too."
+        "included; the profile counts set-up, too."
     )
     return fig
 
