@@ -118,7 +118,7 @@ class Comparison:
         """Draw a column against another, a panel for each top, in your own rcParams.
 
         An axis is logarithmic if the numbers on it are errors, steps or tolerances, or positive and of several sizes. Errors are
-        drawn by absolute value. A line has its name where it leaves the panel, also after `set_xlim`. A cross is a failure.
+        drawn by absolute value. A cross is a failure.
 
         Parameters
         ----------
