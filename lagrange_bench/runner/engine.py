@@ -120,31 +120,31 @@ def run(
     tasks = [task for missing in plan.values() for task in missing]
     timed = [task for task in tasks if task.cell.get("timing")]
     others = [task for task in tasks if not task.cell.get("timing")]
-    bar = progress.Progress({name: len(missing) for name, missing in plan.items()}, show)
+    with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
 
-    def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
-        with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
-            store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+        def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
+            with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
+                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+                for task, outcome in outcomes:
+                    _count(summary, task, outcome)
             for task, outcome in outcomes:
-                _count(summary, task, outcome)
-        for task, outcome in outcomes:
-            bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
+                bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
 
-    try:
-        if others:
-            here = workers.Local(jobs or machine.usable_cores(), limit)
-            with cluster.Cluster(scheduler, limit) if scheduler else here as executor:
-                workers.compute_all(others, executor, bar.begin, finish)
-        if timed:
-            if scheduler:
-                summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
-            with workers.Local(1, limit) as executor:
-                workers.compute_all(timed, executor, bar.begin, finish)
-    except KeyboardInterrupt:
-        stored = sum(counts.stored + counts.computed for counts in summary.experiments.values())
-        asked = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
-        message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
-        raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
+        try:
+            if others:
+                here = workers.Local(jobs or machine.usable_cores(), limit)
+                with cluster.Cluster(scheduler, limit) if scheduler else here as executor:
+                    workers.compute_all(others, executor, bar.begin, finish)
+            if timed:
+                if scheduler:
+                    summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
+                with workers.Local(1, limit) as executor:
+                    workers.compute_all(timed, executor, bar.begin, finish)
+        except KeyboardInterrupt:
+            stored = sum(counts.stored + counts.computed for counts in summary.experiments.values())
+            asked = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
+            message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
+            raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
 
 

@@ -1,4 +1,4 @@
-"""Shows progress on stderr: a line now and then."""
+"""Shows progress on stderr: bars on a terminal, else a line now and then."""
 
 import contextlib
 import sys
@@ -6,46 +6,73 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from time import monotonic
+from typing import Any
 
 INTERVAL = 10.0  # s between two lines of one experiment
 
 
-class Progress:
-    """How many cells of each experiment are done and failed. totals : how many each has to compute."""
+class Cells:
+    """How many cells of each experiment are done and failed. bars : rich's `Progress`. plain : print lines, too."""
 
-    def __init__(self, totals: Mapping[str, int], show: bool):
-        self.totals, self.show = totals, show
-        self.done, self.failed = Counter[str](), Counter[str]()
+    def __init__(self, totals: Mapping[str, int], bars: Any, plain: bool):
+        self.bars, self.plain = bars, plain
+        self.tasks = {name: bars.add_task(name, total=n, start=False, failures="") for name, n in totals.items()}
+        self.failed = Counter[str]()
         self.printed: dict[str, float] = {}  # when the last line of an experiment was
 
     def begin(self, experiment: str) -> None:
         if experiment not in self.printed:
-            self._print(
-                experiment, f"{self.totals[experiment]} cells; the first ones take longer, methods are compiled"
-            )
+            self.bars.start_task(self.tasks[experiment])
+            total = self.bars.tasks[self.tasks[experiment]].total
+            self._print(experiment, f"{total} cells; the first ones take longer, their methods are compiled")
 
     def advance(self, experiment: str, failed: bool) -> None:
-        self.done[experiment] += 1
         self.failed[experiment] += failed
-        done, total, failures = self.done[experiment], self.totals[experiment], self.failed[experiment]
-        if done == total or monotonic() - self.printed[experiment] >= INTERVAL:
-            self._print(experiment, f"{done}/{total} cells" + (f", {failures} failed" if failures else ""))
+        failures = f"{self.failed[experiment]} failed" if self.failed[experiment] else ""
+        self.bars.update(self.tasks[experiment], advance=1, failures=failures)
+        task = self.bars.tasks[self.tasks[experiment]]
+        if task.completed == task.total or monotonic() - self.printed[experiment] >= INTERVAL:
+            self._print(experiment, ", ".join(filter(None, (f"{task.completed}/{task.total} cells", failures))))
 
     def _print(self, experiment: str, text: str) -> None:
         self.printed[experiment] = monotonic()
-        if self.show:
+        if self.plain:
             print(f"{experiment}: {text}", file=sys.stderr, flush=True)
 
 
 @contextlib.contextmanager
+def follow(totals: Mapping[str, int], show: bool = True) -> Iterator[Cells]:
+    """Show progress through the cells of experiments. totals : how many cells each experiment has to compute."""
+    with _bars("[red]{task.fields[failures]}", show=show and bool(totals)) as bars:
+        yield Cells(totals, bars, show and bars.disable)
+
+
+@contextlib.contextmanager
 def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Say how many parts of a page are drawn, then where its rows come from. Call the result with (done, total)."""
+    """Show progress through the parts of a page, then where its rows come from. Call the result with (done, total)."""
+    with _bars(show=show) as bars:
+        task = bars.add_task("drawing", total=None)
 
-    def advance(done: int, total: int) -> None:
-        if show and done == 0:
-            print(f"drawing {total} parts", file=sys.stderr, flush=True)
+        def advance(done: int, total: int) -> None:
+            if show and bars.disable and bars.tasks[task].total is None:
+                print(f"drawing {total} parts", file=sys.stderr, flush=True)
+            bars.update(task, completed=done, total=total)
 
-    yield advance
+        yield advance
     if show:
         place = results.relative_to(Path.cwd()) if results.is_relative_to(Path.cwd()) else results
         print(f"drawn from {place}", file=sys.stderr, flush=True)
+
+
+@contextlib.contextmanager
+def _bars(*more: str, show: bool) -> Iterator[Any]:
+    """Progress bars on stderr. They show nothing unless stderr is a terminal that can move its cursor."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    bar, time = BarColumn(bar_width=24), TimeRemainingColumn(elapsed_when_finished=True)
+    columns = (TextColumn("{task.description}"), bar, MofNCompleteColumn(), *map(TextColumn, more), time)
+    console = Console(stderr=True, highlight=False)
+    hidden = not show or not sys.stderr.isatty() or console.is_dumb_terminal
+    with Progress(*columns, console=console, refresh_per_second=5, disable=hidden) as bars:
+        yield bars

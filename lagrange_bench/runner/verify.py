@@ -66,16 +66,16 @@ def verify(
     if ages := sources.summary(result.stored):
         result.notes.append(ages)
     current: dict[tuple[str, str], Record] = {}
-    bar = progress.Progress({"verify": len(records)}, show)
+    with progress.follow({"verify": len(records)}, show) as bar:
 
-    def finish(outcomes: Sequence[tuple[Task, workers.Outcome]]) -> None:
-        for task, outcome in outcomes:
-            current[task.experiment, _canonical(task.cell)] = {"cell": task.cell, **outcome}
-            bar.advance("verify", False)
+        def finish(outcomes: Sequence[tuple[Task, workers.Outcome]]) -> None:
+            for task, outcome in outcomes:
+                current[task.experiment, _canonical(task.cell)] = {"cell": task.cell, **outcome}
+                bar.advance("verify", False)
 
-    tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
-    with workers.Local(jobs or machine.usable_cores(), limit=100 * longest) as executor:
-        workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
+        tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
+        with workers.Local(jobs or machine.usable_cores(), limit=100 * longest) as executor:
+            workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     result.cells = len(records)
     for record in records:
         experiment, cell = record["experiment"], record["cell"]

@@ -1,7 +1,9 @@
 """A run computes what is missing, survives what cells do to it, and stops before it does harm."""
 
 import json
+import re
 import signal
+import sys
 import threading
 import time
 
@@ -134,22 +136,28 @@ def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatc
             toy(cells)
 
 
-def test_progress_is_sparse_and_can_be_silent(monkeypatch, capsys, tmp_path):
+def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_path):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
 
-    def shown(show):
-        bar = progress.Progress({"drift": 300}, show)
-        for i in range(300):
-            bar.begin("drift")
-            now[0] += 0.5
-            bar.advance("drift", failed=i == 100)
-        with progress.drawing(tmp_path, show) as drawn:
-            drawn(0, 2)
+    def shown(show=True):
+        with progress.follow({"drift": 300}, show=show) as bar:
+            for i in range(300):
+                bar.begin("drift")
+                now[0] += 0.5
+                bar.advance("drift", failed=i == 100)
+        with progress.drawing(tmp_path, show=show) as drawn:
+            drawn(1, 2)
         return capsys.readouterr().err
 
-    begin, *lines, drawing, last = shown(True).splitlines()
+    begin, *lines, drawing, last = shown().splitlines()
     assert begin.startswith("drift: 300 cells; the first ones")
     assert 10 <= len(lines) <= 17  # 150 s, one in 10 s
     assert (lines[2], lines[-1]) == ("drift: 60/300 cells", "drift: 300/300 cells, 1 failed")
-    assert (drawing, last, shown(False)) == ("drawing 2 parts", f"drawn from {tmp_path}", "")
+    assert (drawing, last) == ("drawing 2 parts", f"drawn from {tmp_path}")
+    assert shown(False) == ""
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    monkeypatch.setenv("TERM", "xterm-256color")
+    bars = re.sub(r"\x1b\[[\d;?]*\w", "", shown())
+    assert re.search("drift .* 300/300 .*1 failed.*drawing .* 1/2", bars, re.DOTALL)
+    assert "drift" not in shown(False)
