@@ -57,7 +57,7 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
         A line for each engine and setting. `engine`: with its version. `setting`: with the integrator, and with a reason where
         the advice is worse than the default. "1/60 s", "1/1024 s": the error of the centre of mass after 2 s with these steps,
         m (NaN: it gave up, or was not measured). `until`: how long it is within 10 cm with steps of 1/60 s, s. `limit`: the
-        motion that smaller steps lead to, or why an engine that is measured in part has no numbers.
+        motion that smaller steps lead to.
     """
     good = runs(rows[rows.status == "done"], sweep=False)
     lines = []
@@ -73,11 +73,6 @@ def overview(rows: pd.DataFrame, engines: Iterable[str] = KNOWN) -> pd.DataFrame
             least = min(least, errors["1/1024 s"])
             line = {"engine": title(name, slow.version.iloc[-1]), "setting": setting, **errors}
             lines.append({**line, "until": slow.until.get(1 / 60, np.nan), "limit": limit(group)})
-        if (engine := ENGINES.get(name)) and engine.missing:
-            measured = set(chosen[chosen.case == "slow"].integrator)
-            for kind, setting in engine.integrators.items():
-                if setting in (DEFAULT, BEST) and kind not in measured:
-                    lines.append({"engine": name, "setting": in_words(name, kind, setting), "limit": engine.missing})
     return pd.DataFrame(lines, columns=["engine", "setting", *OVERVIEW, "until", "limit"])
 
 

@@ -42,7 +42,6 @@ class Engine:
     engine: str = ""
     timed: bool = False
     least: float = 0.0
-    missing: str = ""
     worse: str = ""
 
     @property
