@@ -1,20 +1,19 @@
 """Formats what commands print: answers, tables, JSON. Checks and writes the files that the user names."""
 
 import importlib.util
-import io
 import math
 import os
 import re
 import shutil
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 TABLES, PICTURES = (".csv", ".npz", ".parquet"), (".svg", ".pdf", ".png")
-HEAD = 9  # words of a heading up to this length are not broken
-WIDEST = 10_000  # columns, if stdout is no terminal
+LEAST = 20  # characters to a line of the last column of a table
 
 
 class Answer(NamedTuple):
@@ -27,23 +26,17 @@ class Answer(NamedTuple):
 
 
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines with aligned columns below the first row. A terminal wraps them to its width; else each row is a line."""
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    head, *body = rows
-    grid = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
-    for i, name in enumerate(head):
-        least = min(max(map(len, name.split()), default=0), HEAD)
-        grid.add_column(Text(name), no_wrap=i == 0, overflow="fold", min_width=least)
-    for row in body:
-        grid.add_row(*map(Text, row))
-    width = shutil.get_terminal_size().columns if sys.stdout.isatty() else WIDEST
-    console = Console(file=io.StringIO(), width=width, color_system=None)
-    with console.capture() as captured:
-        console.print(grid)
-    return [line.rstrip() for line in captured.get().splitlines()]
+    """Lines with aligned columns. A terminal that is too narrow wraps the last column."""
+    *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))
+    left = sum(width + 2 for width in widths)
+    if sys.stdout.isatty():
+        last = max(shutil.get_terminal_size().columns - left, LEAST)
+    lines = []
+    for *cells, end in rows:
+        start = "".join(f"{cell:<{width + 2}}" for cell, width in zip(cells, widths, strict=True))
+        first, *others = textwrap.wrap(end, max(last, 1)) or [""]
+        lines += [(start + first).rstrip(), *(" " * left + part for part in others)]
+    return lines
 
 
 def visible(text: str) -> str:

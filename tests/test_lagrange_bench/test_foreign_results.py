@@ -1,19 +1,19 @@
 """Somebody else's packages join; somebody else's results run no code, and are never shown in silence."""
 
+import json
+import os
 import shutil
 import sys
 import tomllib
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
+from faults import python
 from test_cli import STUDY
 
 from lagrange_bench.experiments import catalogue
 from lagrange_bench.experiments.catalogue import load
-from lagrange_bench.experiments.drawing import style
-from lagrange_bench.integrators import INVARIANTS, METHODS, POTENTIALS
-from lagrange_bench.integrators.registry import NAMED_TOPS
+from lagrange_bench.integrators import INVARIANTS, METHODS
 from lagrange_bench.results.store import Store, make_record
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "docs" / "example_plugin"
@@ -38,43 +38,29 @@ def install(site: Path, name: str, groups: dict[str, dict[str, str]]) -> None:
     (info / "entry_points.txt").write_text("\n".join(lines))
 
 
-@pytest.fixture(scope="module")
-def packages(tmp_path_factory):
-    site, registries = tmp_path_factory.mktemp("site"), (METHODS, POTENTIALS, NAMED_TOPS)
-    before = [registry._entries for registry in registries]
+@pytest.mark.processes
+def test_packages_join(tmp_path):
+    """Their names are known, but for those that are taken; a name means the object that it stands for."""
     about = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))
-    shutil.copy(EXAMPLE / "suzuki_top.py", site)
-    (site / "my_own.py").write_text(OWN)
-    install(site, about["project"]["name"], about["project"]["entry-points"])
-    install(site, "well-top", {f"lagrange_bench.{group}": entries for group, entries in GROUPS.items()})
-    with pytest.MonkeyPatch.context() as patch, ExitStack() as stack:
-        patch.syspath_prepend(str(site))
-        for module in ("suzuki_top", "my_own"):
-            stack.callback(sys.modules.pop, module, None)
-        for registry, entries in zip(registries, before, strict=True):
-            stack.callback(vars(registry).__setitem__, "_entries", entries)
-            del vars(registry)["_entries"]
-            with pytest.warns(RuntimeWarning) as warned:
-                list(registry)
-            (message,) = (str(warning.message) for warning in warned)
-            assert f"give the {registry.word} another name, or pip uninstall well-top" in message
-        yield site
+    shutil.copy(EXAMPLE / "suzuki_top.py", tmp_path)
+    (tmp_path / "my_own.py").write_text(OWN)
+    install(tmp_path, about["project"]["name"], about["project"]["entry-points"])
+    environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{EXAMPLE.parents[1]}"}
 
+    def answer(*words):
+        done = python("-m", "lagrange_bench", *words, "--json", env=environment)
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout), done.stderr
 
-@pytest.mark.usefixtures("packages")
-def test_packages_join(answer):
-    assert answer("check", "suzuki4", "--quick")["passed"]
-    (method,) = (method for method in answer("methods") if method["name"] == "suzuki4")
-    assert (method["order"], method["family"], method["available"]) == (4, "splitting", True)
-    assert METHODS.module("rk4").startswith("lagrange_bench.")
-    assert (style.family("suzuki4"), style.of("suzuki4")["color"]) == ("splitting", style.OWN), "its own look"
-    assert {"name": "well", "parameters": ["k"], "note": "a well"} in answer("potentials")
-    assert [potential["name"] for potential in answer("potentials")].count("tide") == 1
-    words = ("integrate", "--h", "0.1", "--steps", "5", "--method", "rk4")
-    for option, names in (("--potential", ("well", "my_own:WELL")), ("--top", ("mine", "my_own:MINE"))):
-        more = ("--parameters", "0.1") if option == "--potential" else ()
-        one, other = (answer(*words, option, name, *more)["y_final"] for name in names)
-        assert one == other
+    assert answer("check", "suzuki4", "--quick")[0]["passed"]
+    install(tmp_path, "well-top", {f"lagrange_bench.{group}": entries for group, entries in GROUPS.items()})
+    for word, joined in (("method", "suzuki4"), ("potential", "well"), ("top", "mine")):
+        listed, said = answer(f"{word}s")
+        assert f"give the {word} another name, or pip uninstall well-top" in said
+        names = [each["name"] for each in listed]
+        assert (names.count(joined), len(names)) == (1, len(set(names)))
+    words = ("integrate", "--h", "0.1", "--steps", "5", "--method", "rk4", "--potential", "well")
+    assert answer(*words, "--parameters", "0.1")[0]["potential"] == "well"
 
 
 MODULE = f"""
