@@ -13,13 +13,13 @@ from lagrange_bench.integrators.cases import Case
 from lagrange_bench.integrators.checks import (
     check_count,
     check_grid,
+    check_rows,
     check_step,
     check_times_or_grid,
     warn_caller,
 )
 from lagrange_bench.integrators.interface import Array, Method, StepError, Stepper, StepWarning, Work
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.integrators.problem.checked_stepper import check_rows, checked_stepper
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import find_method
@@ -148,6 +148,7 @@ def integrate(
         if not math.isfinite(h * steps):
             raise StepError(record.name, "the time n h is beyond the largest double", h=h)
         y, work = stepper.record(state, steps, every), stepper.work
+        check_rows(record.name, "record", y, (steps // every + 1, len(state)))
         times = grid_times(h, every, len(y))
     step = h if record.control == "step" and t is None else None
     inputs = RunInputs(state, record, step, options, start.flight)
@@ -208,11 +209,11 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
     start = perf_counter()
     try:
         stepper = build(top, y0, h, **options)
-        if not type(stepper).__module__.startswith(f"{__package__}."):
-            stepper = checked_stepper(method.name, stepper, len(y0))
     except Exception as error:
         error.add_note(f"in prepare of the method {method.name}")
         raise
+    if not isinstance(getattr(stepper, "work", None), Work):
+        raise ValueError(f"{method.name}: prepare returned {stepper!r}: return a Stepper, with its work")
     stepper.work.setup_seconds = perf_counter() - start
     return stepper
 

@@ -189,3 +189,10 @@ def check_count(n: Any, name: str, least: int = 0) -> int:
     if n > MOST:
         raise ValueError(f"{name} must be at most {MOST}; got {n}")
     return int(n)
+
+
+def check_rows(name: str, word: str, rows: Any, shape: tuple[int, ...]) -> None:
+    """ValueError unless `rows`, which `word` of the method `name` returned, is an array of floats of this shape."""
+    if not isinstance(rows, np.ndarray) or rows.shape != shape or rows.dtype != np.float64:
+        kind = f"{rows.dtype} {rows.shape}" if isinstance(rows, np.ndarray) else type(rows).__name__
+        raise ValueError(f"{name}: {word} must return an array of floats (float64) of shape {shape}; got {kind}")
