@@ -85,7 +85,7 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
         xlabel="$x_1$", ylabel="$x_2$", zlabel="$x_3$ (up)", xticks=ends, yticks=ends, zticks=ends, box_aspect=(1, 1, 1)
     )
     ax.legend(loc="upper left", frameon=False)
-    return ax  # type: ignore[no-any-return]
+    return ax
 
 
 def _line(run: Any) -> tuple[Array, Array]:

@@ -90,7 +90,7 @@ def _about(inertia: Array, along: Array, slack: float) -> tuple[Fraction, Fracti
 def direction_of(v: Array) -> Array:
     """v/|v|. A power of two is taken out first, so that squares do not underflow."""
     v = v / math.ldexp(1.0, math.frexp(np.max(np.abs(v)))[1] - 1)
-    return v / np.linalg.norm(v)  # type: ignore[no-any-return]
+    return v / np.linalg.norm(v)
 
 
 def _dot(a: Array, b: Array) -> Fraction:

@@ -12,6 +12,7 @@ Source: Lamb, Hydrodynamics (1932), chapter VI, sections 117 to 126.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from lagrange_bench.integrators.problem.problem import Problem
 
@@ -37,7 +38,7 @@ def kirchhoff_body(a: Sequence[float], b: Sequence[float], c: Sequence[float]) -
     if len(a) != 3 or len(b) != 3 or len(c) != 3:
         raise ValueError(f"a, b and c must be three numbers each; got {a}, {b}, {c}")
 
-    def hamiltonian(t, y, p):
+    def hamiltonian(t: Any, y: Any, p: Any) -> Any:
         J, x = y[:3], y[3:]
         terms = (p[i] * J[i] * J[i] + 2.0 * p[3 + i] * J[i] * x[i] + p[6 + i] * x[i] * x[i] for i in range(3))
         return sum(terms) / 2.0

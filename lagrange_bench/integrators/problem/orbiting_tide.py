@@ -20,6 +20,8 @@ Theory of Satellite Geodesy (1966), the functions G_lpq(e) with l = 2.
 
 from __future__ import annotations
 
+from typing import Any
+
 from lagrange_bench.integrators.compiling.expression import cos, sin
 from lagrange_bench.integrators.problem.problem import Problem
 
@@ -44,7 +46,7 @@ def orbiting_tide(strength: float, eccentricity: float, motion: float, alpha: fl
         Its Hamiltonian depends on t.
     """
 
-    def hamiltonian(t, y, p):
+    def hamiltonian(t: Any, y: Any, p: Any) -> Any:
         k, e, rate, weight = p
         M, (_, _, _, a, b, c) = rate * t, y
         mean = 1.0 + 1.5 * e * e + 3.0 * e * cos(M) + 4.5 * e * e * cos(2.0 * M)

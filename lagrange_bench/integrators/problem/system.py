@@ -277,7 +277,7 @@ def _gradient_of_W(tape: Tape, x: Vector, g: Vector) -> tuple[Vector, Vector]:
     """N = x × g and ∇W = ∇|N|² = 2 (g × N + U'' (N × x))."""
     N = cross(x, g)
     change = tape.along(g, x, cross(N, x))
-    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), change, strict=True))  # type: ignore[return-value]
+    return N, tuple(2.0 * (a + b) for a, b in zip(cross(g, N), change, strict=True))
 
 
 @lru_cache(maxsize=256)

@@ -21,7 +21,7 @@ MODERATE = 1000  # powers of two up to this one are doubles themselves
 
 
 @jit
-def exponents(alpha, y, h):
+def exponents(alpha: float, y: Any, h: float) -> tuple[int, int]:
     """Exponents (rate, length): |J| + √(|alpha||x|), or 1/|h| if this is 0, is about 2^rate, and |x| about 2^length."""
     jj, xx, a = y[0] * y[0] + y[1] * y[1] + y[2] * y[2], y[3] * y[3] + y[4] * y[4] + y[5] * y[5], abs(alpha)
     if USUAL < jj < 1.0 / USUAL and USUAL < xx < 1.0 / USUAL and USUAL < a * a < 1.0 / USUAL:
@@ -42,7 +42,7 @@ def exponents(alpha, y, h):
 
 
 @jit
-def own_units(alpha, y, h):
+def own_units(alpha: float, y: Any, h: float) -> tuple[int, int, float, float]:
     """`exponents`, then alpha and h in these units; h is infinite if an exponent is extreme or |h| too long."""
     rate, length = exponents(alpha, y, h)
     span = math.ldexp(h, rate)
@@ -52,7 +52,7 @@ def own_units(alpha, y, h):
 
 
 @jit
-def scaled_norm(a, b, c):
+def scaled_norm(a: float, b: float, c: float) -> tuple[float, int]:
     """|(a, b, c)| as a number from 1/2 to 1 and the exponent of a power of two; (0, 0) if it vanishes."""
     power = math.frexp(max(abs(a), abs(b), abs(c)))[1]
     a, b, c = math.ldexp(a, -power), math.ldexp(b, -power), math.ldexp(c, -power)
@@ -61,7 +61,7 @@ def scaled_norm(a, b, c):
 
 
 @jit
-def shift(y, rate, length):
+def shift(y: Array, rate: int, length: int) -> None:
     """Multiply J of states (..., 6) by 2^rate and x by 2^length, in place. A number that is too large becomes infinite."""
     moderate = max(abs(rate), abs(length)) < MODERATE
     J, x = math.ldexp(1.0, rate), math.ldexp(1.0, length)

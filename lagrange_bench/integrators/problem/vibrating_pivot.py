@@ -10,6 +10,8 @@ Source: Kapitza, Zh. Eksp. Teor. Fiz. 21 (1951) 588; Landau & Lifshitz, Mechanic
 
 from __future__ import annotations
 
+from typing import Any
+
 from lagrange_bench.integrators.compiling.expression import cos
 from lagrange_bench.integrators.problem.problem import Problem
 
@@ -30,7 +32,7 @@ def vibrating_pivot(alpha: float, strength: float, frequency: float) -> Problem:
         Its Hamiltonian depends on t.
     """
 
-    def hamiltonian(t, y, p):
+    def hamiltonian(t: Any, y: Any, p: Any) -> Any:
         return (y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) / 2.0 + (p[0] + p[1] * cos(p[2] * t)) * y[5]
 
     numbers = (alpha, strength, frequency)
