@@ -52,9 +52,16 @@ def together(*arguments, **run):
     return integrate_ensemble(*arguments, **run).y
 
 
+def one(problem, place):
+    """The top at this place of many."""
+    numbers = [np.ravel(value)[place % np.size(value)] for value in (problem.alpha, *problem.parameters)]
+    top = LagrangeTop(numbers[0])
+    return PerturbedTop(top, problem.potential, numbers[1:]) if problem.parameters else top
+
+
 def one_by_one(problem, states, **run):
     """Rows of many tops, each by itself."""
-    return np.stack([integrate(problem.motion(i), y, **run).y for i, y in enumerate(states)], axis=1)
+    return np.stack([integrate(one(problem, i), y, **run).y for i, y in enumerate(states)], axis=1)
 
 
 @pytest.mark.parametrize("h", [0.1, 5.0])
