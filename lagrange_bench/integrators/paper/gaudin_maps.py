@@ -12,7 +12,6 @@ from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
 from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot, refuse
-from lagrange_bench.integrators.paper.two_point import dressing_matrix as two_point_dressing
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
 
@@ -33,22 +32,6 @@ def one_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
     return _dress(spins, dressing_matrix(p, q, lam, np.array(magnet.sites)))
 
 
-def two_point_textbook(magnet: Any, spins: Any, lam1: Any, v1: Any, lam2: Any, v2: Any) -> Numbers:
-    """The two-point map of (λ1, v1), (λ2, v2) as in section 5.5, (5.5.2)–(5.5.6): complex, with its divisions.
-
-    M(λ1) annuls the eigenvector of v1, M(λ2) that of −v2. The inverse exchanges the two points. The map is real for
-    λ2 = λ̄1, v2 = v̄1; then it is `two_point` of (λ1, −v1).
-    """
-    spins = magnet.check_spins(spins)
-    (A1, B1), (A2, B2) = (pauli(magnet.vector(spins, lam))[0] for lam in (lam1, lam2))
-    refuse((B1, B2), "B vanishes at lam1 or lam2: use `two_point`, which has no poles")
-    x = (A1 - v1) / B1
-    gap = x - (A2 + v2) / B2
-    refuse(gap, "(lam1, v1) and (lam2, v2): the map is singular here; use `two_point`, which has no poles")
-    X = (lam1 - lam2) / gap
-    return _dress(spins, two_point_dressing(x, X, lam1, lam2, np.array(magnet.sites)))
-
-
 def two_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, v: Any = None) -> Numbers:
     """The real two-point map of λ and λ̄, without poles: every spin turns about one axis. Sheet −1 is the inverse.
 
@@ -57,7 +40,7 @@ def two_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
         s̃_j = s_j + 2/(g_j² + w·w) (w×(w×s_j) − g_j w×s_j),
 
     a turn by 2 arg(a_j − λ) about n; M(u) = u − Re λ + i σ·w. |n| = (|v|² + |p|² + |q|²)/2 vanishes only with ℓ(λ).
-    It is `two_point_textbook` of (λ, −v), (λ̄, −v̄): there sheet 1 steps backwards.
+    It is the one-point map of (λ, −v), followed by the inverse of that of (λ̄, −v̄).
     ValueError unless Im λ > 0 and the spins are real.
     """
     spins = magnet.check_real_spins(spins)

@@ -11,7 +11,7 @@ from scipy.integrate import solve_ivp
 from lagrange_bench.integrators.paper import generating_functions as gf
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue, pade_roots, spectral_polynomial
-from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point, two_point_textbook
+from lagrange_bench.integrators.paper.gaudin_maps import one_point, two_point
 from lagrange_bench.integrators.paper.gaudin_model import GaudinMagnet
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
 from lagrange_bench.integrators.paper.phase_space import gradient
@@ -102,8 +102,8 @@ def test_one_point_map(p, n):
 
 
 @SIZES
-def test_two_forms_of_the_two_point_map(p, n):
-    """(5.5.2)–(5.5.6) with n sites = the real form; B_(λ̄,v̄)⁻¹ ∘ B_(λ,v); sheet −1 is the inverse; all integrals kept."""
+def test_two_point_map(p, n):
+    """The real form with n sites is B_(λ̄,v̄)⁻¹ ∘ B_(λ,v); sheet −1 is the inverse; all integrals are kept."""
     magnet, spins = magnet_of(p, n, real=True)
     lam, sheet, site = upper(p.lam), p.sheet, p.rng.randrange(n)
     bar, v = lam.conjugate(), eigenvalue(magnet, spins, lam, sheet, site)
@@ -111,13 +111,10 @@ def test_two_forms_of_the_two_point_map(p, n):
     tolerance = 1000 * largest(image)
     p.same(image, two_point(magnet, spins, lam, v=v), 100)
     assert hash(magnet) == hash(GaudinMagnet(list(magnet.sites), magnet.alpha))
-    p.same(image, two_point_textbook(magnet, spins, lam, -v, bar, -v.conjugate()), tolerance)
-    p.same(image, two_point_textbook(magnet, spins, bar, v.conjugate(), lam, v), tolerance)
     back = one_point_inverse(magnet, one_point(magnet, spins, lam, v=-v), bar, v=-v.conjugate())
     p.same(image, back, 100 * tolerance)
     p.same(magnet.invariants(image), magnet.invariants(spins), tolerance)
     p.same(two_point(magnet, image, lam, -sheet, site), spins, tolerance)
-    p.same(two_point_textbook(magnet, image, bar, -v.conjugate(), lam, -v), spins, tolerance)
     p.same(np.conjugate(image), image)
     free = GaudinMagnet(magnet.sites, 0.0)  # at alpha = 0 the two-point map exists
     image = two_point(free, spins, lam)
@@ -136,7 +133,7 @@ def test_maps_are_poisson_only_with_v_of_the_state(p, n):
         p.same(error, 0 * error, terms * size)
     for frozen in (
         partial(one_point, lam=lam, v=v),
-        partial(two_point_textbook, lam1=lam, v1=-v, lam2=lam.conjugate(), v2=-v.conjugate()),
+        partial(two_point, lam=lam, v=v),
     ):
         assert largest(defect(frozen, magnet, spins)[0]) > 1e-4
 
