@@ -73,10 +73,10 @@ def rational(v: Any) -> fmpq:
     return fmpq(v.numerator, v.denominator)
 
 
-def fraction(v: arb) -> Fraction:
+def midpoint(v: arb) -> fmpq:
     """The midpoint of a ball."""
     mantissa, exponent = v.mid().man_exp()
-    return Fraction(int(mantissa)) * Fraction(2) ** int(exponent)
+    return fmpq(int(mantissa)) * fmpq(2) ** int(exponent)
 
 
 def around(size: Any) -> arb:
@@ -86,7 +86,7 @@ def around(size: Any) -> arb:
 
 def above(v: arb) -> fmpq:
     """A rational number above a ball."""
-    return rational(fraction(v.upper()))
+    return midpoint(v.upper())
 
 
 def power_above(v: arb) -> fmpq:

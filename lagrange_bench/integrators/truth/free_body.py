@@ -35,9 +35,8 @@ from lagrange_bench.integrators.truth.curve import (
     Zeros,
     above,
     certified,
-    fraction,
+    midpoint,
     power_above,
-    rational,
 )
 from lagrange_bench.integrators.truth.rotations import conjugate, matrix, quaternion, square, turns_about
 from lagrange_bench.integrators.truth.top import Drift, Top, angle
@@ -148,7 +147,7 @@ class FreeBody(Top):
             turn = product(after, conjugate(before))
             return [angle(turn[0], dot(turn[1:], self.frame().axes[2])) / arb.pi()]
 
-        return rational(fraction(certified(compute, [fmpq(1, 2**130)], BITS)[0]))
+        return midpoint(certified(compute, [fmpq(1, 2**130)], BITS)[0])
 
     def drifts(self) -> list[Drift]:
         if not self.G2 or (self.node is None and not self.steady):

@@ -25,7 +25,7 @@ from lagrange_bench.integrators.truth.curve import (
     Terms,
     above,
     certified,
-    fraction,
+    midpoint,
     power_above,
     rational,
     series,
@@ -186,7 +186,7 @@ def cells_in(motion: Top, time: fmpq) -> fmpq:
 def exact_period(motion: Top) -> fmpq:
     """The period to BITS bits."""
     size = above(certified(lambda: [cast(arb, motion.period())], [1 / motion.rate], BITS)[0])
-    return rational(fraction(certified(lambda: [cast(arb, motion.period())], [size / 2**150], BITS)[0]))
+    return midpoint(certified(lambda: [cast(arb, motion.period())], [size / 2**150], BITS)[0])
 
 
 def in_cells(motion: Top) -> tuple[fmpq, fmpq, list[list[arb]]]:
@@ -218,7 +218,7 @@ def turns_in(motion: Top, period: fmpq) -> tuple[fmpq, fmpq]:
         return [angle / (2 * arb.pi()) for angle in angles]
 
     left, right = certified(compute, [fmpq(1, 2**130)] * 2, BITS)
-    return rational(fraction(left)), rational(fraction(right))
+    return midpoint(left), midpoint(right)
 
 
 def turnings(motion: Top, first: fmpq, last: fmpq) -> Iterator[Turning]:
@@ -226,7 +226,7 @@ def turnings(motion: Top, first: fmpq, last: fmpq) -> Iterator[Turning]:
     for drift in motion.drifts():
         for rate, is_left in ((drift.left / motion.rate, True), (drift.right / motion.rate, False)):
             if abs(rate) > SLOWEST:
-                turn, sign = in_units(rational(fraction(2 * arb.pi() / abs(rate)))), math.copysign(1.0, float(rate))
+                turn, sign = in_units(midpoint(2 * arb.pi() / abs(rate))), math.copysign(1.0, float(rate))
                 for side, since in ((-1, first), (1, last)) if drift.is_beyond else ((0, fmpq(0)),):
                     yield Turning(turn, in_units(since * motion.rate), sign, is_left, side)
 
