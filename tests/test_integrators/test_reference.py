@@ -27,11 +27,19 @@ def everything(x1, x2, x3, p):
     return x1 * x1 / 0.6 + sqrt(p[0]) * x2 / (2 - x3) - sqrt(2 + x1) * x2 - (-x3) / x2**3 - p[0] / 3 * x1
 
 
+def its_gradient(x1, x2, x3, p):
+    return (
+        x1 / 0.3 - x2 / (2 * sqrt(2 + x1)) - p[0] / 3,
+        sqrt(p[0]) / (2 - x3) - sqrt(2 + x1) - 3 * x3 / x2**4,
+        sqrt(p[0]) * x2 / (2 - x3) ** 2 + x2**-3,
+    )
+
+
 KINDS = {
     **POTENTIALS,
     "none": Potential("none", lambda x1, x2, x3, p: 0.0),
     "square": Potential("square", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2),
-    "everything": Potential("everything", everything),
+    "everything": Potential("everything", everything, its_gradient),
 }
 
 
