@@ -102,12 +102,6 @@ def short_races(monkeypatch):
 
 
 @pytest.fixture
-def one_core(monkeypatch):
-    """Pages are drawn in this process: starting others takes longer than a few figures."""
-    monkeypatch.setattr("lagrange_bench.support.machine.usable_cores", lambda: 1)
-
-
-@pytest.fixture
 def in_process(monkeypatch):
     """Cells are computed in this process: starting others takes longer than most cells."""
     from lagrange_bench.runner import workers

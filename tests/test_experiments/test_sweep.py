@@ -84,7 +84,7 @@ def test_a_top_in_a_potential_and_a_method_of_ones_own(write):
     ]
 
 
-def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process, one_core):
+def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process):
     text = GOOD.replace(', "generic"', "").replace(', "implicit_midpoint"', "").replace("= 1000", "= 5")
     code, out, err = run("run", write(text), "--results", tmp_path / "out", "--jobs", "1", "--quiet")
     assert code == 0, err

@@ -181,7 +181,7 @@ def draw(rows):
 """
 
 
-def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, one_core, folder):
+def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, folder):
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)
     code, out, err = run("run", "my_study.energy", "--results", "my out", "--jobs", "1", "--draw", "--quiet")

@@ -82,7 +82,7 @@ ERRORS = {
 }
 
 
-def test_a_failing_cell_is_a_result(toy, in_process, run, one_core, tmp_path):
+def test_a_failing_cell_is_a_result(toy, in_process, run, tmp_path):
     file = tmp_path / "there"
     cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
     cells += squares(9, method="nonsense")

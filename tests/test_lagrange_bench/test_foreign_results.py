@@ -74,7 +74,7 @@ METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
 {STUDY}"""
 
 
-def test_rows_never_choose_code(run, folder, one_core, monkeypatch):
+def test_rows_never_choose_code(run, folder, monkeypatch):
     """Modules that results name are not imported, though they could be, until the user names them."""
     monkeypatch.setitem(vars(METHODS), "_entries", METHODS._entries)
     (folder / "evilpkg").mkdir()
