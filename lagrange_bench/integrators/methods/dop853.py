@@ -40,7 +40,6 @@ TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)
 SHRINK, GROW = 1.0 / 3.0, 6.0  # least and largest quotient of a step and the one before
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
 LEAST_SCALE = 2.0**-1022
-LARGEST = 2.0**1000  # largest state: beyond, stages overflow, and steps shrink until they change nothing
 SAFETY = 0.9
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
@@ -83,49 +82,40 @@ def eighth_root(a):
 def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     """For any system: trial, interpolant and value, which `compile_loop` takes, and first_step(s, end, c).
 
-    Slopes have the components that move. Constants: RTOL, ATOL, the time at the start, parameters.
+    Constants: RTOL, ATOL, the time at the start, parameters.
     """
-    places, n = system.moving, system.size
-    numbered, numbers = tuple(enumerate(places)), tuple_loader(system.parameters)
-    count, (E5, AHEAD, D) = len(places), more()
+    moving, n, numbers, (E5, AHEAD, D) = system.moving, system.size, tuple_loader(system.parameters), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
         """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters. Their products come first."""
         tape = Tape()
-        t, s = tape.input(), [tape.input() for _ in range(n)]
-        made = tuple(whole([tape.input() for _ in range(count)]) for _ in range(slopes))
-        extra = [tape.input() for _ in range(count)] if slopes else []
+        t, s, *vectors = tape.input(), *([tape.input() for _ in range(n)] for _ in range(1 + slopes + bool(slopes)))
         h = tape.input(fixed=True)
         p = [tape.input(fixed=True) for _ in range(system.parameters)]
         follow = partial(stages, system, tape=tape, t=t, y=s, h=h, p=p)
-        return tape.program(formula(follow, made, extra))
-
-    def whole(slope: Any) -> tuple[Any, ...]:
-        return tuple(slope[places.index(j)] if j in places else 0.0 for j in range(n))
-
-    def moving(v: Any) -> tuple[Any, ...]:
-        return tuple(v[j] for j in places)
+        return tape.program([v for part in formula(follow, *vectors) for v in part])
 
     def minus(a: Any, b: Any) -> tuple[Any, ...]:
         return tuple(p - q for p, q in zip(a, b, strict=True))
 
-    def attempt_of(follow: Any, *_: Any) -> Any:
+    def attempt_of(follow: Any) -> Any:
         """Increment, both errors, and all twelve slopes."""
         slopes = follow(A)
-        return [v for part in (weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), *slopes) for v in moving(part)]
+        return weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), *slopes
 
-    def polynomial_of(follow: Any, slopes: Any, increment: Any) -> Any:
-        """Coefficients of the interpolant in its own nested form, without the state."""
+    def polynomial_of(follow: Any, *made: Any) -> Any:
+        """Coefficients of the interpolant in its own nested form, without the state. made : twelve slopes and the increment."""
+        *slopes, increment = made
         slopes = follow(AHEAD, slopes=slopes)
-        bend = minus(moving(slopes[0]), increment)
-        twist = minus(minus(increment, moving(slopes[12])), bend)
-        return [v for part in (bend, twist, *(moving(weigh(d, slopes)) for d in D)) for v in part]
+        bend = minus(slopes[0], increment)
+        twist = minus(minus(increment, slopes[12]), bend)
+        return bend, twist, *(weigh(d, slopes) for d in D)
 
     attempt_program, polynomial_program = recorded(attempt_of), recorded(polynomial_of, 12)
-    slope = machine_code(system.record(lambda *inputs: moving(system.rates(*inputs))))
+    slope = machine_code(system.rhs)
 
     def in_rows(flat: Any) -> Any:
-        return tuple(flat[i : i + count] for i in range(0, len(flat), count))
+        return tuple(flat[i : i + n] for i in range(0, len(flat), n))
 
     @unrolled
     def attempt(s, t, q, h):
@@ -135,26 +125,22 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     @unrolled
     def polynomial(s, increment, t, q, h, slopes):
         made = (v for slope in slopes for v in slope)
-        return moving(s), increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
-
-    @unrolled
-    def replaced(s, parts):
-        return tuple(parts[places.index(j)] if j in places else s[j] for j in range(n))
+        return s, increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
 
     @unrolled
     def moved(s, h, d):
         """s + h d"""
-        return tuple(s[j] + h * d[places.index(j)] if j in places else s[j] for j in range(n))
+        return tuple(a + h * b for a, b in zip(s, d, strict=True))
 
-    parts, difference = unrolled(moving), unrolled(minus)
+    difference = unrolled(minus)
 
     @jit
     def trial(s, t, h, c):
         d, e, f, slopes = attempt(s, c[START] + t, numbers(c, NUMBERS), h)
         new = moved(s, 1.0, d)
         fifth = third = 0.0
-        for i, j in numbered:
-            r = 1.0 / max(c[ATOL] + c[RTOL] * max(abs(s[j]), abs(new[j])), LEAST_SCALE)
+        for i in moving:
+            r = 1.0 / max(c[ATOL] + c[RTOL] * max(abs(s[i]), abs(new[i])), LEAST_SCALE)
             p, q = e[i] * r, f[i] * r
             fifth += p * p
             third += q * q
@@ -166,18 +152,14 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     @jit
     def interpolant(s, new, t, h, c, made):
         d, slopes = made
-        return s, polynomial(s, d, c[START] + t, numbers(c, NUMBERS), h, slopes)
-
-    @jit
-    def value(f, theta):
-        return replaced(f[0], nested(f[1], theta))
+        return polynomial(s, d, c[START] + t, numbers(c, NUMBERS), h, slopes)
 
     @jit
     def size(v, s, c):
         """The largest component, in units of its tolerance. A root mean square might overflow."""
         largest = 0.0
-        for i, j in numbered:
-            largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[j]), LEAST_SCALE))
+        for i in moving:
+            largest = max(largest, abs(v[i]) / max(c[ATOL] + c[RTOL] * abs(s[i]), LEAST_SCALE))
         return largest
 
     @jit
@@ -185,7 +167,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
         """A step whose error should be a hundredth of the tolerance, from f and its change along an Euler step."""
         q = numbers(c, NUMBERS)
         f = slope((c[START],) + s, q)  # noqa: RUF005 - compiled code does not unpack
-        d0, d1 = size(parts(s), s, c), size(f, s, c)
+        d0, d1 = size(s, s, c), size(f, s, c)
         h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
         h = math.copysign(min(h, abs(end)), end)
         if h != 0.0:
@@ -196,7 +178,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
             h = math.copysign(min(100.0 * abs(h), best, abs(end)), end)
         return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
 
-    return trial, interpolant, value, first_step
+    return trial, interpolant, nested, first_step
 
 
 @cache
@@ -256,8 +238,6 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     first_step((0.0,) * n, 1.0, c)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
-        if not np.max(np.abs(y)) <= LARGEST:
-            raise StepError("dop853", "a state this close to the largest double leaves a step no room")
         state, out, walk = y.copy(), np.empty((len(grid), n)), np.zeros(WALK)
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[-3:])  # a Casimir function
