@@ -82,10 +82,11 @@ def test_steps_that_come_back_drift_unpinned(top, y0, periods):
         ("homoclinic", -0.5 + 1.00000000001j),  # a double root of Q is −0.5 + i
         ("homoclinic", -0.5 + 1j),
         ("regular", -2 + 1.5j),
+        ("figure2", 500 + 5000j),  # large
         ("generic", -0.07159512589181724 + 0.6718896187898421j),  # a simple root, to all digits
     ],
 )
-def test_next_to_a_root_of_q_the_map_keeps_the_invariants(name, lam):
+def test_next_to_a_root_of_q_and_far_away_the_map_keeps_the_invariants(name, lam):
     named = TOPS[name]
     image = two_point(named.top, named.state, lam)
     assert np.max(drift(named.top, named.state, image)) < 4e-15

@@ -151,6 +151,8 @@ def kernel(stages: int, system: System) -> Any:
     rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
     numbers, whole, keep, keep_matrix = (*map(tuple_loader, (system.parameters, n)), *map(tuple_storer, (n, n * n)))
 
+    sums = unrolled(two_sums)
+
     @jit(inline=True)
     def time(c, counters, ahead):
         return c[START] + c[STEP] * (counters[loops.CLOCK] + ahead) if timed else 0.0
@@ -246,10 +248,6 @@ def kernel(stages: int, system: System) -> Any:
             last = size
         counters[loops.RESIDUAL] = last
         return 0
-
-    @unrolled
-    def sums(s, change):
-        return tuple(map(tuple, two_sums(s, change)))
 
     @jit
     def step(s, c, counters):

@@ -18,7 +18,7 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.methods.runge_kutta import two_sums
+from lagrange_bench.integrators.methods.runge_kutta import carrying_sums
 from lagrange_bench.integrators.problem.vectors import cross
 
 PART = 0.25  # largest z = (angle/2)² of one part: an angle of 1
@@ -52,18 +52,13 @@ def turn(x, v, a, b, z):
 
 @cache
 def adding(compensated: bool) -> Any:
-    """(x, lost, change) → x + change, and what the sums lose. Compensated sums add to each change what the last one lost."""
+    """(x, change, lost) → x + change, and what the sums lose. Compensated sums add to each change what the last one lost."""
 
     @unrolled
-    def plain(x, lost, change):
+    def plain(x, change, lost):
         return tuple(a + d for a, d in zip(x, change, strict=True)), lost
 
-    @unrolled
-    def carrying(x, lost, change):
-        totals, lows = two_sums(x, [d + low for d, low in zip(change, lost, strict=True)])
-        return tuple(totals), tuple(lows)
-
-    return carrying if compensated else plain
+    return carrying_sums if compensated else plain
 
 
 @cache
@@ -82,9 +77,9 @@ def rotation(compensated: bool) -> Any:
             while z > PART:
                 v, z, parts = (0.5 * v[0], 0.5 * v[1], 0.5 * v[2]), 0.25 * z, 2 * parts
         a, b = small_coefficients(z)
-        x, lost = add(x, lost, turn(x, v, a, b, z))
+        x, lost = add(x, turn(x, v, a, b, z), lost)
         for _ in range(1, parts):
-            x, lost = add(x, lost, turn(x, v, a, b, z))
+            x, lost = add(x, turn(x, v, a, b, z), lost)
         return True, x, lost
 
     return rotate

@@ -91,11 +91,17 @@ def increment_of(tableau: Tableau, system: System) -> Split:
     return system.split(increment)
 
 
-def two_sums(a: Any, b: Any) -> tuple[list[Any], list[Any]]:
+def two_sums(a: Any, b: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
     """The sums of pairs of numbers and their rounding errors, as by `two_sum`."""
-    totals = [x + y for x, y in zip(a, b, strict=True)]
+    totals = tuple(x + y for x, y in zip(a, b, strict=True))
     rows = [(x, y, total, total - x) for x, y, total in zip(a, b, totals, strict=True)]
-    return totals, [(x - (total - share)) + (y - share) for x, y, total, share in rows]
+    return totals, tuple((x - (total - share)) + (y - share) for x, y, total, share in rows)
+
+
+@unrolled
+def carrying_sums(a, change, lost):
+    """The sums a + (change + lost), and their rounding errors."""
+    return two_sums(a, [d + low for d, low in zip(change, lost, strict=True)])
 
 
 @cache
@@ -105,23 +111,25 @@ def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
     compensated : the rounding error of the last sum is added to d, and the error of this sum is stored.
     """
     count = len(moving)
-    get, keep = tuple_loader(count), tuple_storer(max(count, 1))
+    get, keep, chosen = (
+        tuple_loader(count),
+        tuple_storer(max(count, 1)),
+        unrolled(lambda s: tuple(s[i] for i in moving)),
+    )
+
+    @unrolled
+    def replaced(s, new):
+        return tuple(new[moving.index(i)] if i in moving else s[i] for i in range(size))
 
     @unrolled
     def plain(s, d, counters):
-        return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
-
-    @unrolled
-    def sums(s, d, lost):
-        changes = [change + low for change, low in zip(d, lost, strict=True)]
-        totals, lows = two_sums([s[i] for i in moving], changes)
-        return tuple(totals[moving.index(i)] if i in moving else s[i] for i in range(size)), tuple(lows)
+        return replaced(s, [s[i] + d[k] for k, i in enumerate(moving)])
 
     @jit
     def carrying(s, d, counters):
-        new, lost = sums(s, d, get(counters, loops.MEMORY))
+        new, lost = carrying_sums(chosen(s), d, get(counters, loops.MEMORY))
         keep(counters, loops.MEMORY, lost)
-        return new
+        return replaced(s, new)
 
     return carrying if compensated and count else plain
 

@@ -23,7 +23,6 @@ Sources: with each scheme; McLachlan & Quispel, Acta Numerica 11 (2002) 341.
 
 from __future__ import annotations
 
-import math
 from functools import cache, partial
 from typing import Any
 
@@ -42,7 +41,7 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
 
 A, B, C, D, STRIDE = range(5)  # places in each group of constants: one rotation, one kick
-LARGE = 1e154  # larger numbers have no square in doubles
+LARGE = 1e154  # larger numbers have no square in doubles; h is refused long before
 TOO_FAR = 1
 FAILURES = {TOO_FAR: "the axis turns by more than 256 radians in one part of the step; take a smaller |h|"}
 
@@ -90,7 +89,7 @@ def kernel(system: System, gradients: int, compensated: bool) -> Any:
             if not done:
                 counters[FAILURE] = TOO_FAR
                 return s
-            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), (k1, k2, k3), push((x1, x2, x3), c, i))
+            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), push((x1, x2, x3), c, i), (k1, k2, k3))
             if conserves_J3:
                 J3 = s[2]
         if compensated:
@@ -131,23 +130,13 @@ def groups(scheme: Scheme) -> tuple[Array, Array]:
     return np.column_stack((rotations, kicks)), first[None]
 
 
-@jit
-def scaled(groups, scales, numbers):
+def scaled(groups: Array, scales: Array, numbers: Array) -> Array:
     """The groups of coefficients, times `scales`, each followed by `numbers`, in one row."""
-    stride = STRIDE + len(numbers)
-    c = np.zeros(len(groups) * stride)
-    for i in range(len(groups)):
-        for k in range(STRIDE):
-            if groups[i, k] != 0.0:  # 0 · ∞ is not a number: a coefficient that vanishes has no scale
-                c[i * stride + k] = groups[i, k] * scales[k]
-        for k in range(len(numbers)):  # Numba compiles an assignment to a slice for two seconds
-            c[i * stride + STRIDE + k] = numbers[k]
-    return c
-
-
-def square(number: float) -> float:
-    """number², infinite beyond the range of doubles."""
-    return number**2 if abs(number) < LARGE else math.inf
+    parts = np.empty((len(groups), STRIDE + len(numbers)))
+    with np.errstate(all="ignore"):  # 0 · ∞ is not a number: a coefficient that vanishes has no scale
+        parts[:, :STRIDE] = np.where(groups == 0.0, 0.0, groups * scales)
+    parts[:, STRIDE:] = numbers
+    return parts.ravel()
 
 
 def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
@@ -162,7 +151,7 @@ def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool =
         return prepare_parts(name, problem, h)
     scheme, system, numbers = SCHEMES[name], problem.system, np.array((problem.start, *problem.numbers))
     gradients = bool(scheme.c) + bool(scheme.d)
-    scales = np.array((0.5 * h, h, -h * (h * h), h * square(h * h)))
+    scales = np.array((0.5 * h, h, -h * (h * h), h * min(h * h, LARGE) ** 2))
     steps, first = groups(scheme)
     constants, begin, end = (scaled(*part, numbers) for part in ((steps, scales), (first, scales), (first, -scales)))
     if not (finite(constants) and finite(begin)):
