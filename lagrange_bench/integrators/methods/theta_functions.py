@@ -307,7 +307,7 @@ def nome(squared, complementary):
 
 
 @jit
-def direct_series(c, cos_at, sin_at, sigma, eta, K):
+def direct_series(c, cos_at, sigma, eta, K):
     """Coefficients q^(n²+n) cosh and σ sinh of (2n+1)β, over cosh β, with η' = K' − η for `eta`; returns d arg/dv."""
     q = c[NOME]
     grow = math.exp(-math.pi * eta / K)  # q e^2β
@@ -318,7 +318,7 @@ def direct_series(c, cos_at, sin_at, sigma, eta, K):
     odd_before = -odd
     top, bottom, power = 0.0, 0.0, q  # q^(2n+1)
     for n in range(TERMS):
-        c[cos_at + n], c[sin_at + n] = even, odd
+        c[cos_at + n], c[cos_at + TERMS + n] = even, odd
         top += (2.0 * n + 1.0) * odd
         bottom += even
         even, even_before = power * (y * even - power * even_before), even
@@ -328,13 +328,13 @@ def direct_series(c, cos_at, sin_at, sigma, eta, K):
 
 
 @jit
-def transformed_series(c, cos_at, sin_at, sigma, b, odd):
+def transformed_series(c, cos_at, sigma, b, odd):
     """Coefficients of a factor, ± cos and −σ sin of 2nb or, `odd`, of (2n+1)b; returns d arg/dV."""
     top, bottom, sign = 0.0, 1.0, 1.0
     power, step_ = 1.0, c[NOME]  # q^(n²), q^(2n+1)
     for n in range(TERMS):
         angle = (2.0 * n + 1.0) * b if odd else 2.0 * n * b
-        c[cos_at + n], c[sin_at + n] = sign * math.cos(angle), -sigma * sign * math.sin(angle)
+        c[cos_at + n], c[cos_at + TERMS + n] = sign * math.cos(angle), -sigma * sign * math.sin(angle)
         if n > 0:
             top -= 4.0 * n * sign * power * math.sin(2.0 * n * b)
             bottom += 2.0 * sign * power * math.cos(2.0 * n * b)
@@ -366,13 +366,13 @@ def constants(alpha, y, h):
     if alpha < 0.0:  # the mirror image
         c[SIGN], alpha, y = -1.0, -alpha, (y[0], y[1], y[2], -y[3], -y[4], -y[5])
     found = roots(alpha, y)
-    z12, z13, z23, of_J, of_A, of_B = put_clock(found, y[2], c)
+    z12, z13, z23, places = put_clock(found, y[2], c)
     K, K_ = put_start(found, y, z12, z13, z23, c)
     if z23 <= z12:
-        slopes = put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c)
+        slopes = put_direct(z12, z13, z23, places, K, K_, c)
     else:
-        slopes = put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c)
-    put_scales(found, of_J[2], of_A[2], of_B[1], slopes, alpha, y, c)
+        slopes = put_transformed(z12, z13, z23, places, K, K_, c)
+    put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
     return c
 
 
@@ -409,7 +409,7 @@ def put_clock(found, m, c):
     of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], side(dA, A_low, A_high)
     B3 = max(sub(z3, zB)[0], 0.0)
     of_B = sub(z1, zB)[0], sub(z2, zB)[0], B3, math.copysign(1.0, dB[0]) if dB[0] != 0.0 and B3 > 0.0 else 0.0
-    return sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0], of_J, of_A, of_B
+    return sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0], (of_J, of_A, of_B)
 
 
 @jit
@@ -427,52 +427,50 @@ def put_start(found, y, z12, z13, z23, c):
 
 
 @jit
-def put_direct(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
+def put_direct(z12, z13, z23, places, K, K_, c):
     """3: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
     c[KIND], c[NOME] = DIRECT, nome(z23 / z13, z12 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K
-    (J1, J2, J3_, sJ), (A1, A2, A3, sA), (B1, B2, B3, sB) = of_J, of_A, of_B
-    eJ = math.sqrt(J1) * carlson(J2, J3_ * z12 / z13, z12) if sJ != 0.0 else K_
-    eA = math.sqrt(A1) * carlson(A2, A3 * z12 / z13, z12) if sA != 0.0 else K_
-    eB = math.sqrt(z13) * carlson(B3, B2, B1) if sB != 0.0 else K_
-    gJ = direct_series(c, COS_J, SIN_J, sJ, eJ, K)
-    gA = direct_series(c, COS_A, SIN_A, sA, eA, K)
-    gB = direct_series(c, COS_B, SIN_B, sB, eB, K)
+    slopes = np.zeros(3)
+    for i, (to_1, to_2, to_3, sigma) in enumerate(places):
+        eta = K_
+        if sigma != 0.0 and i < 2:
+            eta = math.sqrt(to_1) * carlson(to_2, to_3 * z12 / z13, z12)
+        elif sigma != 0.0:
+            eta = math.sqrt(z13) * carlson(to_3, to_2, to_1)
+        slopes[i] = direct_series(c, COS_J + 2 * TERMS * i, sigma, eta, K)
     power, odd = -2.0 * c[NOME], -c[NOME] * c[NOME] * c[NOME]  # 2 (−1)^n q^(n²), −q^(2n+1)
     for n in range(TERMS):
         c[THETA + n] = power
         power *= odd
         odd *= c[NOME] * c[NOME]
-    return gJ, gA, gB
+    return slopes
 
 
 @jit
-def put_transformed(z12, z13, z23, of_J, of_A, of_B, K, K_, c):
+def put_transformed(z12, z13, z23, places, K, K_, c):
     """3: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
     c[KIND], c[NOME] = TRANSFORMED, nome(z12 / z13, z23 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K_
     c[BARRIER] = 0.5 * math.pi * K / K_
-    (J1, J2, J3_, sJ), (A1, A2, A3, sA), (B1, B2, B3, sB) = of_J, of_A, of_B
-    per_K, bJ, bA, bB = 0.5 * math.pi / K_, 0.0, 0.0, 0.0
-    if sJ != 0.0:
-        bJ = per_K * math.sqrt(J2 * z13) * carlson(J1 * z23, z23 * z12, J3_ * z12)
-    if sA != 0.0:
-        bA = per_K * math.sqrt(A2 * z13) * carlson(A1 * z23, z23 * z12, A3 * z12)
-    if sB != 0.0:
-        bB = per_K * math.sqrt(B3) * carlson(z23, z23 * B1 / z13, B2)
-    gJ = transformed_series(c, COS_J, SIN_J, sJ, bJ, False)
-    gA = transformed_series(c, COS_A, SIN_A, sA, bA, False)
-    return gJ, gA, transformed_series(c, COS_B, SIN_B, sB, bB, True)
+    per_K, slopes = 0.5 * math.pi / K_, np.zeros(3)
+    for i, (to_1, to_2, to_3, sigma) in enumerate(places):
+        b = 0.0
+        if sigma != 0.0 and i < 2:
+            b = per_K * math.sqrt(to_2 * z13) * carlson(to_1 * z23, z23 * z12, to_3 * z12)
+        elif sigma != 0.0:
+            b = per_K * math.sqrt(to_3) * carlson(z23, z23 * to_1 / z13, to_2)
+        slopes[i] = transformed_series(c, COS_J + 2 * TERMS * i, sigma, b, i == 2)
+    return slopes
 
 
 @jit
 def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
     """4: the rates λ, the constant factors, and the phase ψ at the start."""
     J1, J2, m, x1, x2, x3 = y
-    _, _, _, _, _, _, dJ, dA, dB = found
-    gJ, gA, gB = slopes
-    c[RATE_J] = 0.5 * m + (dJ[0] / J3_ - c[CLOCK] * gJ)
-    c[RATE_X] = (dA[0] / A3 - c[CLOCK] * gA) + (dB[0] / B2 - c[CLOCK] * gB)
+    dJ, dA, dB = found[6:]
+    c[RATE_J] = 0.5 * m + (dJ[0] / J3_ - c[CLOCK] * slopes[0])
+    c[RATE_X] = (dA[0] / A3 - c[CLOCK] * slopes[1]) + (dB[0] / B2 - c[CLOCK] * slopes[2])
     # factors of J+ and A where x3 is smallest, of B where it is largest
     J, A, B = factors(0.0, c)
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)

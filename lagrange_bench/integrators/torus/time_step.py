@@ -104,14 +104,6 @@ def slope(q, lam, m):
     return div(re, n), div(im, n)
 
 
-@unrolled
-def cubic(q, lam, m):
-    """a1, b0, b1 of A = (−Im m + a1 v) + (b0 + b1 v)(v² + η²), v = u − R, with A(λ) = i m and A'(λ) = i Q'(λ)/(2m)."""
-    g, eta = slope(q, lam, m), lam[1]
-    a1 = div(m[0], eta)
-    return a1, div(scale(g[0], 0.5), eta), div(scale(add(a1, g[1]), 0.5), mul(eta, eta))
-
-
 @jit
 def double_time(q, lam, m):
     """(λ, m) of twice the time; see the module's docstring."""
