@@ -50,17 +50,6 @@ def textbook_step(s, c, counters):
     return J3, Km, Kp, y3, ym, yp
 
 
-def to_complex(y: Array) -> Array:
-    J1, J2, J3, x1, x2, x3 = np.moveaxis(np.asarray(y, dtype=complex), -1, 0)
-    return np.stack((J3, J1 - 1j * J2, J1 + 1j * J2, x3, x1 - 1j * x2, x1 + 1j * x2), axis=-1)
-
-
-def to_real(s: Array) -> Array:
-    J3, Jm, Jp, x3, xm, xp = np.moveaxis(s, -1, 0)
-    half = ((Jm + Jp) / 2, 1j * (Jm - Jp) / 2, J3, (xm + xp) / 2, 1j * (xm - xp) / 2, x3)
-    return np.stack([v.real for v in half], axis=-1)
-
-
 class ComplexUnits(StateUnits):
     """The units of a top, and complex states."""
 
@@ -68,12 +57,15 @@ class ComplexUnits(StateUnits):
         self.units = units
 
     def enter(self, y: Array) -> Array:
+        J1, J2, J3, x1, x2, x3 = self.units.enter(y).astype(complex)
         with np.errstate(all="ignore"):  # as in `Units`
-            return to_complex(self.units.enter(y))
+            return np.stack((J3, J1 - 1j * J2, J1 + 1j * J2, x3, x1 - 1j * x2, x1 + 1j * x2))
 
     def leave(self, rows: Array) -> Array:
+        J3, Jm, Jp, x3, xm, xp = np.moveaxis(rows, -1, 0)
         with np.errstate(all="ignore"):
-            return self.units.leave(to_real(rows))
+            parts = ((Jm + Jp) / 2, 1j * (Jm - Jp) / 2, J3, (xm + xp) / 2, 1j * (xm - xp) / 2, x3)
+            return self.units.leave(np.stack([v.real for v in parts], axis=-1))
 
 
 def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | None = None) -> FixedStepper:

@@ -48,7 +48,8 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
             flow(0 if first else 1, length)
             now += length if first else 0.0
         return stages
-    for i, weight in enumerate(weights_of_two(*letters)):
+    # sweeps φ*, φ, φ*, … that for a sum of two parts are the splitting a1, b1, a2, b2, …
+    for i, weight in enumerate(accumulate(alternating(*letters)[:-1], lambda weight, letter: letter - weight)):
         now += weight if i % 2 else 0.0
         for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
             flow(part, weight)
@@ -59,11 +60,6 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
 def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:
     """a1, b1, a2, b2, …"""
     return [x for pair in zip_longest(a, b) for x in pair if x is not None]
-
-
-def weights_of_two(a: Sequence[float], b: Sequence[float]) -> list[float]:
-    """The weights of the sweeps φ*, φ, φ*, … that for a sum of two parts are the splitting a1, b1, a2, b2, … (McLachlan)."""
-    return list(accumulate(alternating(a, b)[:-1], lambda weight, letter: letter - weight))
 
 
 # Places of the constants: the time at the start, h, the number of stages. The stages follow, then the constants of the parts.

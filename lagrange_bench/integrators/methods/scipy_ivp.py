@@ -22,8 +22,7 @@ import numpy as np
 import scipy.integrate
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_loader
-from lagrange_bench.integrators.compiling.unroll import unrolled
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Problem, Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
@@ -34,15 +33,11 @@ from lagrange_bench.integrators.problem.system import System
 @cache
 def right_hand_side(system: System) -> Callable[..., Any]:
     """(c, t, y) → y' of any system; c : the time at the start, then the parameters."""
-    state, numbers = tuple_loader(system.size), tuple_loader(system.parameters)
-
-    @unrolled
-    def rates(t, y, q):
-        return system.rhs(t, *y, *q)
+    rates, state, numbers = machine_code(system.rhs), tuple_loader(system.size), tuple_loader(system.parameters)
 
     @jit
     def rhs(c, t, y):
-        f = np.array(rates(c[0] + t, state(y, 0), numbers(c, 1)))
+        f = np.array(rates((c[0] + t,) + state(y, 0), numbers(c, 1)))  # noqa: RUF005 - compiled code does not unpack
         if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
             raise OverflowError
         return f

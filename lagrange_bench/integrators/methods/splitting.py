@@ -62,21 +62,10 @@ def torques(system: System, gradients: int) -> Any:
 
 
 @cache
-def push_by(system: System, gradients: int) -> Any:
-    """(x, c, i) → the kick of group i, with so many gradients. t and the parameters follow the four constants of the group."""
-    total, numbers = torques(system, gradients), tuple_loader(1 + system.parameters)
-
-    @jit(inline=True)
-    def push(x, c, i):
-        return total(x, numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
-
-    return push
-
-
-@cache
 def kernel(system: System, gradients: int, compensated: bool) -> Any:
-    """One step of |J|²/2 + U(x): rotation and kick for each group of constants."""
-    push, stride, conserves_J3 = push_by(system, gradients), STRIDE + 1 + system.parameters, 2 in system.constant
+    """One step of |J|²/2 + U(x): rotation and kick for each group of constants, four and then t and the parameters."""
+    kick, numbers, conserves_J3 = torques(system, gradients), tuple_loader(1 + system.parameters), 2 in system.constant
+    stride = STRIDE + 1 + system.parameters
     rotate, add = rotation(compensated), adding(compensated)
     load, store = tuple_loader(6), tuple_storer(6)
 
@@ -89,7 +78,8 @@ def kernel(system: System, gradients: int, compensated: bool) -> Any:
             if not done:
                 counters[FAILURE] = TOO_FAR
                 return s
-            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), push((x1, x2, x3), c, i), (k1, k2, k3))
+            change = kick((x1, x2, x3), numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
+            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), change, (k1, k2, k3))
             if conserves_J3:
                 J3 = s[2]
         if compensated:

@@ -366,12 +366,9 @@ def constants(alpha, y, h):
     if alpha < 0.0:  # the mirror image
         c[SIGN], alpha, y = -1.0, -alpha, (y[0], y[1], y[2], -y[3], -y[4], -y[5])
     found = roots(alpha, y)
-    z12, z13, z23, places = put_clock(found, y[2], c)
-    K, K_ = put_start(found, y, z12, z13, z23, c)
-    if z23 <= z12:
-        slopes = put_direct(z12, z13, z23, places, K, K_, c)
-    else:
-        slopes = put_transformed(z12, z13, z23, places, K, K_, c)
+    gaps, places = put_clock(found, y[2], c)
+    K, K_ = put_start(found, y, gaps, c)
+    slopes = put_direct(gaps, places, K, K_, c) if gaps[2] <= gaps[0] else put_transformed(gaps, places, K, K_, c)
     put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
     return c
 
@@ -409,13 +406,13 @@ def put_clock(found, m, c):
     of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], side(dA, A_low, A_high)
     B3 = max(sub(z3, zB)[0], 0.0)
     of_B = sub(z1, zB)[0], sub(z2, zB)[0], B3, math.copysign(1.0, dB[0]) if dB[0] != 0.0 and B3 > 0.0 else 0.0
-    return sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0], (of_J, of_A, of_B)
+    return (sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0]), (of_J, of_A, of_B)
 
 
 @jit
-def put_start(found, y, z12, z13, z23, c):
+def put_start(found, y, gaps, c):
     """2: the time since x3 was smallest. Returns K and K'; CLOCK is κ for now."""
-    J1, J2, _, x1, x2, _ = y
+    (z12, z13, z23), (J1, J2, _, x1, x2, _) = gaps, y
     c[CLOCK] = math.sqrt(0.5 * z13)
     K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))
     K = 0.5 * math.pi / agm(1.0, math.sqrt(z12 / z13)) if z12 > 0.0 else math.inf
@@ -427,8 +424,9 @@ def put_start(found, y, z12, z13, z23, c):
 
 
 @jit
-def put_direct(z12, z13, z23, places, K, K_, c):
+def put_direct(gaps, places, K, K_, c):
     """3: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
+    z12, z13, z23 = gaps
     c[KIND], c[NOME] = DIRECT, nome(z23 / z13, z12 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K
     slopes = np.zeros(3)
@@ -448,8 +446,9 @@ def put_direct(z12, z13, z23, places, K, K_, c):
 
 
 @jit
-def put_transformed(z12, z13, z23, places, K, K_, c):
+def put_transformed(gaps, places, K, K_, c):
     """3: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
+    z12, z13, z23 = gaps
     c[KIND], c[NOME] = TRANSFORMED, nome(z12 / z13, z23 / z13)
     c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K_
     c[BARRIER] = 0.5 * math.pi * K / K_

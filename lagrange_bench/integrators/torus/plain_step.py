@@ -169,15 +169,6 @@ def double_time(P, z):
 
 
 @unrolled
-def scaled_curve(q, j3, alpha, t):
-    """P_1, …, P_4, the unit τ of λ and the unit √C1 of m, for a start with the time t."""
-    length = sqrt(q[0])
-    weight = (alpha * length) * (t * t)
-    P = 0.5 * (q[1] * (t / length)), 0.25 * (q[2] * (t * t)), 0.25 * (weight * (j3 * t)), 0.0625 * (weight * weight)
-    return P, 0.5 * (length * t), length
-
-
-@unrolled
 def invariants(s, alpha):
     """C1, 2 C2 and 2H, which are the coefficients of Q below u³."""
     J1, J2, J3, x1, x2, x3 = s
@@ -189,20 +180,22 @@ def invariants(s, alpha):
 @jit
 def parameter(q, j3, alpha, h):
     """(Re λ, Im λ, Re m, Im m, ok) of the exact step over h on the torus of q = (C1, 2 C2, 2H) and J3."""
-    weight = abs(alpha) * math.sqrt(q[0])
+    length = math.sqrt(q[0])
+    weight = abs(alpha) * length
     t, far, doublings = abs(h), (h * h) * max(q[2] + 2.0 * weight, weight), 0
     while far > REACH * REACH and doublings <= MOST:
         t, far, doublings = 0.5 * t, 0.25 * far, doublings + 1
     if doublings > MOST:
         t = 0.0
-    P, tau, length = scaled_curve(q, j3, alpha, t)
+    weight = (alpha * length) * (t * t)
+    P = 0.5 * (q[1] * (t / length)), 0.25 * (q[2] * (t * t)), 0.25 * (weight * (j3 * t)), 0.0625 * (weight * weight)
     z, ok = start(P), doublings <= MOST
     for _ in range(min(doublings, MOST)):
         z, B = double_time(P, z)
         ok = ok & (B > 0.0)
     N, _, B = slope(P, z)
     ok = ok & (B > 0.0) & (N >= 2.0 * LEAST)  # the time is below T_nut/2, and |m| so large that T has 15 digits
-    m = math.copysign(length, h)
+    tau, m = 0.5 * (length * t), math.copysign(length, h)  # the units of λ and m
     return tau * z[0], tau * z[1], m * z[2], m * z[3], ok
 
 

@@ -230,22 +230,23 @@ def parameter(q, h):
 
 
 @jit
-def cubic_root(c, z):
-    """The largest root of c3 z³ + c2 z² + c1 z + c0 with c3 > 0 and real roots, from a double z on its right.
+def largest_root(c0, c1, c2):
+    """The largest root of 2z³ + c2 z² + c1 z + c0, whose roots are real.
 
-    Newton's method falls monotonically: in double while the steps are well above round-off, then with the polynomial in
-    double-double. At a double root each step only halves the error; it still reaches 1e-17.
+    Newton's method falls monotonically from a double on its right: in double while the steps are well above round-off, then with
+    the polynomial in double-double. At a double root each step only halves the error; it still reaches 1e-17.
     """
+    z = 2.0 * max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0)) + 1e-300
     for _ in range(200):
-        f = ((c[3][0] * z + c[2][0]) * z + c[1][0]) * z + c[0][0]
-        d = (3.0 * c[3][0] * z + 2.0 * c[2][0]) * z + c[1][0]
+        f = ((2.0 * z + c2[0]) * z + c1[0]) * z + c0[0]
+        d = (6.0 * z + 2.0 * c2[0]) * z + c1[0]
         if f <= 0.0 or f <= 1e-5 * d * abs(z):
             break
         z -= f / d
     root = dd(z)
     for _ in range(60):
-        f = add(mul(add(mul(add(mul(c[3], root), c[2]), root), c[1]), root), c[0])
-        d = add(mul(add(mul(scale(c[3], 3.0), root), scale(c[2], 2.0)), root), c[1])
+        f = add(mul(add(mul(add(scale(root, 2.0), c2), root), c1), root), c0)
+        d = add(mul(add(mul(dd(6.0), root), scale(c2, 2.0)), root), c1)
         if f[0] == 0.0 or d[0] == 0.0:
             break
         step = f[0] / d[0]
@@ -253,13 +254,6 @@ def cubic_root(c, z):
         if abs(step) <= 1e-20 * abs(root[0]):
             break
     return root
-
-
-@jit
-def largest_root(c0, c1, c2):
-    """The largest root of 2z³ + c2 z² + c1 z + c0, to which Newton's method descends."""
-    bound = max(abs(c2[0]), math.sqrt(abs(c1[0])), abs(c0[0]) ** (1.0 / 3.0))
-    return cubic_root((c0, c1, c2, dd(2.0)), 2.0 * bound + 1e-300)
 
 
 @jit
