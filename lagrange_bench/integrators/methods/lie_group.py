@@ -174,28 +174,30 @@ def generator_of(system: System) -> Split:
 
 @cache
 def algebra(space: Space) -> tuple[Any, Any, Any]:
-    """For generators: (r, k1, …, k4) → Σ r k; the commutator [k, l]; (k, r, l) → k + r l."""
-    size, affine, body = 6 if space == BODY else space.size, space.affine, space == BODY
+    """For generators: k → k/2; (k1, k2) → ½ k2 − ⅛ [k1, k2]; (k1, …, k4) → (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12."""
 
-    @unrolled
-    def mean(w, k1, k2, k3, k4):
-        rows = zip(k1, k4, k2, k3, strict=True)
-        return tuple(((w[0] * a + w[3] * d) + w[1] * b) + w[2] * c for a, d, b, c in rows)
-
-    @unrolled
     def commutator(k, l):
-        if body:
+        if space == BODY:
             return *vectors.cross(k[:3], l[:3]), *(0.0 * v for v in k[3:])
-        if affine:
+        if space.affine:
             pairs = zip(vectors.cross(k[:3], l[3:]), vectors.cross(l[:3], k[3:]), strict=True)
             return *vectors.cross(k[:3], l[:3]), *(a - b for a, b in pairs)
-        return tuple(v for i in range(0, size, 3) for v in vectors.cross(k[i : i + 3], l[i : i + 3]))
+        return tuple(v for i in range(0, space.size, 3) for v in vectors.cross(k[i : i + 3], l[i : i + 3]))
 
     @unrolled
-    def plus(k, r, l):
-        return tuple(a + r * b for a, b in zip(k, l, strict=True))
+    def half(k):
+        return tuple(0.5 * v for v in k)
 
-    return mean, commutator, plus
+    @unrolled
+    def middle(k1, k2):
+        return tuple(0.5 * a + -0.125 * c for a, c in zip(k2, commutator(k1, k2), strict=True))
+
+    @unrolled
+    def mean(k1, k2, k3, k4):
+        w, rows = RK4, zip(k1, k2, k3, k4, commutator(k1, k4), strict=True)
+        return tuple((((w[0] * a + w[3] * d) + w[1] * b) + w[2] * c) + (-1.0 / 12.0) * e for a, b, c, d, e in rows)
+
+    return half, middle, mean
 
 
 @cache
@@ -203,12 +205,10 @@ def kernel(system: System) -> Any:
     """The step for any system; constants: the time at the start, h, and those of the generator."""
     split, timed, space = generator_of(system), system.timed, system.space
     program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
-    mean, commutator, plus = algebra(space)
-    n = len(split.moving.outputs)
+    half, middle, mean = algebra(space)
     act = turn_body(system.body)
     if space != BODY:
-        act = move if space.affine else turn_all(n // 3)
-    zero = (0.0,) * n
+        act = move if space.affine else turn_all(space.size // 3)
 
     @jit
     def generator(s, ahead, c, counters):
@@ -218,14 +218,10 @@ def kernel(system: System) -> Any:
     @jit
     def rkmk4(s, c, counters):
         k1 = generator(s, 0.0, c, counters)
-        k2 = generator(act(plus(zero, 0.5, k1), s, counters), 0.5, c, counters)
-        # ½ k2 − ⅛ [k1, k2]
-        k = plus(plus(zero, 0.5, k2), -0.125, commutator(k1, k2))
-        k3 = generator(act(k, s, counters), 0.5, c, counters)
+        k2 = generator(act(half(k1), s, counters), 0.5, c, counters)
+        k3 = generator(act(middle(k1, k2), s, counters), 0.5, c, counters)
         k4 = generator(act(k3, s, counters), 1.0, c, counters)
-        # (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12
-        k = plus(mean(RK4, k1, k2, k3, k4), -1.0 / 12.0, commutator(k1, k4))
-        return act(k, s, counters)
+        return act(mean(k1, k2, k3, k4), s, counters)
 
     return rkmk4
 
