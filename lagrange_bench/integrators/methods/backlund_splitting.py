@@ -40,7 +40,6 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice, check_flag
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.tape import phase_rates
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Stepper, Work
 from lagrange_bench.integrators.methods import backlund, step_halving
 from lagrange_bench.integrators.methods import backlund_kernel as kernels
@@ -57,7 +56,6 @@ from lagrange_bench.integrators.methods.backlund_step_size import (
 from lagrange_bench.integrators.methods.dense import at_times
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.system import depends
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import tables
 
@@ -106,7 +104,6 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        self.sweep: Problem | None = None  # if its frequencies in time change: then the end of a run counts, too
         preprocess, postprocess = ends_of(chosen, h, corrected)
         step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
         kernel = loops.Kernel(
@@ -126,11 +123,6 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         numbers, parts, (start, *_) = self._postprocess
         self._map(out[1:], (numbers, parts, (start, every * self.h, 1.0)))
         return out
-
-    def record(self, y: Array, n: int, every: int) -> Array:
-        if self.sweep:
-            warn_long(self.sweep, np.asarray(y, dtype=float), self.h, n * self.h)
-        return super().record(y, n, every)
 
     def enter(self, y: Array) -> Array:
         J1, J2, J3, x1, x2, x3 = y.tolist()
@@ -167,11 +159,7 @@ def prepare(
         return stepper
     warn_strong(problem, y0)
     warn_long(problem, y0, h)
-    stepper = ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
-    V = problem.alpha_and_rest[1]
-    if V.timed and depends(phase_rates(V.energy, 0), [0]):
-        stepper.sweep = problem
-    return stepper
+    return ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
 
 
 def _belongs(name: str, value: bool | None, scheme: str) -> bool:

@@ -35,13 +35,9 @@ def warn_strong(problem: Problem, y0: Array) -> None:
         warn_caller(text, StepWarning)
 
 
-def warn_long(problem: Problem, y0: Array, h: float, span: float = 0.0) -> None:
-    """Warn, or raise a StepError, where the step is in resonance with V along the motion from y0 on, over a time `span`."""
-    h, frequency, unit = (
-        abs(h),
-        highest_frequency(problem, y0, np.array((0.0, span))),
-        top_without_V(problem).scales(y0)[2],
-    )
+def warn_long(problem: Problem, y0: Array, h: float) -> None:
+    """Warn, or raise a StepError, where the step is in resonance with V along the motion from y0 on."""
+    h, frequency, unit = abs(h), highest_frequency(problem, y0, np.zeros(1)), top_without_V(problem).scales(y0)[2]
     if h <= RESONANT * SHORTEST * unit * (1.0 - h * frequency / WIDEST):
         return
     period = nutation_period(problem, y0)
