@@ -289,14 +289,14 @@ def of_bodies(name: str, label: str, claims: Claims, source: str, prepare: Calla
 
 
 def symmetric(
-    name: str, label: str, step: Callable[..., Any], source: str, conserves: set[str], **more: bool
+    name: str, label: str, step: Callable[..., Any], source: str, conserves: set[str], poisson: bool = False
 ) -> Method:
     """The record of a symmetric method, whose step is solved to round-off."""
 
     def prepare(body: RigidBody, y0: Array, h: float) -> FixedStepper:
         return FixedStepper(name, h, Kernel(step, failures=FAILURES), constants(body, h), size=7)
 
-    return of_bodies(name, label, Claims(symmetric=True, conserves=conserves, **more), source, prepare)
+    return of_bodies(name, label, Claims(symmetric=True, poisson=poisson, conserves=conserves), source, prepare)
 
 
 ZANNA = "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87"
