@@ -65,10 +65,8 @@ def test_degrees_of_the_tables(monkeypatch):
     monkeypatch.undo()  # tables of every degree
     text = (Path(__file__).parents[2] / "docs" / "perturbed.md").read_text("utf-8")
     (shown,) = re.findall(r"^\| degree \| (.*) \|$", text, re.MULTILINE)
-    found = []
-    for name in ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide"):
-        top, y0, unit = problem(name)
-        found.append(prepare(top, y0, 0.5 * unit, NAME).degree)
+    starts = map(problem, ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide"))
+    found = [prepare(top, y0, 0.5 * unit, NAME).degree for top, y0, unit in starts]
     assert [int(word) for word in shown.split(" | ")] == found
 
 

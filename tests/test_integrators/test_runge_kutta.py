@@ -16,13 +16,10 @@ U = EPS / 2
 
 def test_compensated_sums_keep_the_digits_of_the_increments():
     """10⁵ small steps: what is left is the rounding inside the increments, h times smaller."""
-    errors = {}
-    h, n = 2.0**-6, 100_000
-    for compensated in (False, True):
-        run = integrate(GENERIC.top, GENERIC.state, h, n, "verner9_fixed", compensated=compensated)
-        errors[compensated] = run.error()[-1]
-    assert errors[True] < errors[False] / 3
-    assert run.work.rhs_evals == n * len(VERNER9.b)
+    grid = GENERIC.top, GENERIC.state, 2.0**-6, 100_000, "verner9_fixed"
+    plain, carried = (integrate(*grid, compensated=compensated) for compensated in (False, True))
+    assert carried.error()[-1] < plain.error()[-1] / 3
+    assert carried.work.rhs_evals == 100_000 * len(VERNER9.b)
 
 
 @pytest.mark.parametrize("name", ["generic", "fast", "regular", "sleeping_unstable", "hanging", "homoclinic"])
@@ -36,8 +33,6 @@ def test_projection_holds_the_invariants(name):
     ordinary = name in ("generic", "fast")
     for span in (0.1, 0.6):
         assert off("verner9_projected", span, 20_000) < 16 * U + (0 if ordinary else 2 * runge_kutta.DAMPING)
-    if ordinary:
-        assert off("verner9_fixed", 0.25, 100_000) > 32 * U, "negative control"
 
 
 @pytest.mark.parametrize(("name", "rtol"), [("generic", 1e-3), ("figure1", 1e-6), ("fast", 1e-9), ("slow", 1e-12)])
