@@ -29,7 +29,7 @@ from tests.mutants import ROOT
 from tests.reference import free_body
 
 COMMANDS = tuple(" ".join(cli.GROUPS.values()).split())
-SLOW = "numpy numba scipy matplotlib pandas heyoka mpmath flint jinja2 multiprocessing"
+SLOW = "numpy numba scipy matplotlib pandas heyoka mpmath flint rich jinja2 multiprocessing"
 SHORT = ("integrate", "--h", "0.1", "--steps", "20")
 
 
