@@ -38,7 +38,7 @@ OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega
 OF_UNITS |= {"t": ["time"], "position": ["position", "points"], "length": ["position", "displacement", "points"]}
 OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
-JUDGED += ["mrp", "omega", "momentum"]
+JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
 COUNTS = {("step",), ("steps",), ("timestep",), ("time", "step"), ("frame",), ("iteration",)}  # of rows, not of bodies
 WHOLE = 1e-3  # quaternions are as near to length 1
@@ -314,7 +314,7 @@ def _choose(
         if best:
             chosen[kind] = best[0]
     if "omega" in chosen:  # then a momentum tells nothing more, and may be in other axes
-        chosen.pop("momentum", None)
+        chosen = {kind: group for kind, group in chosen.items() if not kind.startswith("momentum")}
     _order_angles(chosen, header, options, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
@@ -511,7 +511,7 @@ def _keep(found: Trajectory, rows: Array) -> None:
 
 
 def _turned(found: Trajectory) -> None:
-    """Write Rodrigues parameters, axis and angle as rotation vectors."""
+    """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
     groups = found.arrays
     for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
         values = groups.pop(kind)
@@ -527,6 +527,13 @@ def _turned(found: Trajectory) -> None:
         if "rotation vector" in groups:
             raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
         groups["rotation vector"], found.floor["rotation vector"] = vectors, found.floor.get(kind, 0.0)
+    if (p := groups.pop("momentum of quaternion", None)) is not None and "quaternion" in groups:
+        q = groups["quaternion"]
+        if found.quat == "xyzw":
+            p, q = np.roll(p, 1, axis=1), np.roll(q, 1, axis=1)
+        # of molecular dynamics: p = 2 q (0, L)
+        groups["momentum"] = (q[:, :1] * p[:, 1:] - p[:, :1] * q[:, 1:] - np.cross(q[:, 1:], p[:, 1:])) / 2
+        found.frame = "body"
 
 
 def _rigid(found: Trajectory, points: Array, com: Array) -> None:

@@ -277,7 +277,7 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "axis and angle": (("axis and angle", tuple(f"{order} angle" for order in VECTORS)),),
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
     "gyro": (("gyro", ("x y z",)),),
-    "momentum": (("momentum", VECTORS),),
+    "momentum": (("momentum of quaternion", QUATERNIONS), ("momentum", VECTORS)),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),
     "angles": (("angles", ROLES),),
     "qpos7": (("position", ("0 1 2",)), ("quaternion", ("3 4 5 6",))),  # of MuJoCo, of a free and of a ball joint
