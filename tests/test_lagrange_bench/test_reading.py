@@ -248,7 +248,7 @@ REFUSED = {  # what is in a file → what the line says
     "t,x,y,z\n0,0,1,0\n1,0,1\n": "line 3: 3 columns instead of 4; a table must have one header, then a line with all",
     "t,vx_com,vy_com,vz_com\n0,0,1,0\n": "or wx=4,… or angle1=4,…",
     "t,force.x,force.y,force.z\n0,0,1,0\n": "nothing to judge but times",
-    "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m: say --units omega=rad/s",
+    "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m; it needs one such as rad/s: --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
     "t,x,y,z\n": "no line of numbers in it; the last line is 't,x,y,z'; write a table",
     "MATLAB 7.3 MAT-file": "from MATLAB with save(…, '-v7')",
