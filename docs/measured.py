@@ -114,6 +114,12 @@ def known() -> list[str]:
     return table(f"program | setting | {errors} | smaller steps lead to", lines)
 
 
+def scripts() -> list[str]:
+    """Two of the files that run engines, whole."""
+    texts = [(programs.HERE / f"{name}_run.py").read_text(encoding="utf-8") for name in ("mujoco", "rapier")]
+    return ["\n".join(["```py", text.rstrip(), "```", ""]) for text in texts]
+
+
 FAMILY = 0.05  # relative: integrators whose errors differ by less at all steps take the same step
 
 
@@ -174,7 +180,7 @@ def metres(error: float, none: str = "–") -> str:
     return shown(error, ".1e", " m", none)
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:
