@@ -409,7 +409,8 @@ def _factors(
         if unit.kind not in (expected, "1"):
             what = next((what for what in options.units if said and kind in OF_UNITS[what]), "")
             advice = f"it needs one such as {expected}: --units {kind if kind in OF_UNITS else 'angle'}={expected}"
-            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {options.units.get(what, written)}; {advice}")
+            named = options.units.get(what, written)
+            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {named}; {advice}")
         if name.strange and not said:
             taken = f"{expected} is taken; else say --units {kind}=…."
             notes.append(f"{header[i]}: {name.strange!r} is no known unit, {taken}")
