@@ -1,4 +1,4 @@
-"""Section 5.6: the continuum limit, the interpolating Hamiltonian flow, T(λ), Θ(λ), χ(λ), and the exact step as a map."""
+"""Section 5.6: the continuum limit; T(λ) and Θ(λ) of the exact step."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sections 1 and 2: brackets, r-matrix algebra, sheets of the spectral curve (itself: `test_errata`); the discrete Lax pair."""
+"""Sections 1 and 2: brackets, r-matrix algebra, sheets of the spectral curve (itself: `test_errata`)."""
 
 import numpy as np
 import pytest
@@ -104,6 +104,3 @@ def test_what_is_exact(p):
     p.same(con.bracket(y), poisson_tensor(y))
     naive = gradient(lambda z: np.array(con.casimirs(z)), y)
     assert np.max(np.abs((P @ naive.T).astype(complex))) > 1e-3
-
-
-# ---------------------------------------------------------------- the discrete Lax pair of Bobenko and Suris, and Kahan's
