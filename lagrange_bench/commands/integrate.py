@@ -207,7 +207,10 @@ def _of_body(given: dict[str, float]) -> tuple[Any, Any]:
     phi, theta, psi = (given[name] for name in ("phi", "theta", "psi"))
     if abs(theta) > 2 * math.pi:
         raise ValueError(f"--physical: theta = {theta:g} is in rad, not in degrees, and at most 2π")
-    across = given["A"] - given["mass"] * given["distance"] ** 2
+    lever = given["mass"] * given["distance"] ** 2
+    if given["A"] < lever:
+        raise ValueError(f"--physical: A = {given['A']:g}, about the tip, is less than mass·distance² = {lever:g}")
+    across = given["A"] - lever
     com, gravity = (0.0, 0.0, given["distance"]), (0.0, 0.0, -given["gravity"])
     body = RigidBody(given["mass"], com, (across, across, given["C"]), gravity)
     rotation = Rotation.from_euler("ZYZ", (phi, theta, psi))

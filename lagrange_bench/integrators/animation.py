@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.problem import kinds
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def animate(run: Any, path: Path, frames: int, seconds: float) -> Path:
     from matplotlib import animation
     from matplotlib import pyplot as plt
 
+    check_choice(path.suffix.lower(), "the ending of the file's name", (".gif",))
     if len(run.t) < frames:
         raise ValueError(f"the run has {len(run.t)} states, fewer than {frames} frames: record more of them (every=1)")
     across = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])

@@ -14,6 +14,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.files import write_file
 
 if TYPE_CHECKING:
@@ -60,12 +61,21 @@ def plot(run: Any, what: str, ax: Axes | None, look: dict[str, Any]) -> Axes:
     return ax
 
 
+def _axis(problem: Any, states: Array) -> Array:
+    """The axis x of a top, or the unit vector along the axis of a symmetric body, in each state, (N, 3)."""
+    if problem.space.name == "e3":
+        return states[:, 3:6]
+    if not kinds.rigid_body(problem) or problem.symmetry is None:
+        raise ValueError(f"what: {problem!r} has no axis on a sphere")
+    if not len(states):
+        return np.empty((0, 3))
+    return problem.rotations(states).apply(problem.axes[problem.symmetry])
+
+
 def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
-    if run.problem.space.name != "e3":
-        raise ValueError(f"what: {run.top!r} has no axis x on a sphere")
     if not hasattr(ax, "set_zlabel"):
         raise ValueError("ax: the axis is drawn in space: give axes made with projection='3d'")
-    x, line = run.y[:, 3:], _line(run)[1][:, 3:]
+    x, line = (_axis(run.problem, states) for states in (run.states, _line(run)[1]))
     radius = float(np.linalg.norm(x[0]))
     around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
     sphere = (

@@ -215,3 +215,6 @@ def test_directions_are_the_axis_and_the_principal_axes(runs):
     assert np.allclose(top[:, 0], runs["top"].y[:, 3:] / np.linalg.norm(NAMED.state[3:]))
     along = runs["body"].position / np.linalg.norm(BODY.com)
     assert np.allclose(np.max(np.abs(np.einsum("nki,ni->nk", body, along)), axis=1), 1.0)
+    ax = runs["body"].plot("axis", plt.figure().add_subplot(projection="3d", azim=60.0))
+    assert np.allclose(np.transpose(ax.lines[0].get_data_3d()), along)  # nothing of it is behind the sphere
+    plt.close(ax.figure)
