@@ -23,6 +23,10 @@ class Verdict:
     how: str
     at: str = ""
 
+    def __str__(self) -> str:
+        measured = "" if self.measured is None else f" {self.measured:.4g}, bound {self.bound};"
+        return f"{self.claim}:{measured} {self.how}"
+
     @property
     def word(self) -> str:
         if self.passed is None:
