@@ -38,7 +38,6 @@ from .integrators import (
     integrate_ensemble as integrate_ensemble,
     kirchhoff_body as kirchhoff_body,
     log as log,
-    orbiting_tide as orbiting_tide,
     predicted_phase as predicted_phase,
     prepare as prepare,
     reference as reference,

@@ -15,7 +15,6 @@ from .interface import (
 )
 from .paper.gaudin_model import GaudinMagnet as GaudinMagnet
 from .problem.kirchhoff import kirchhoff_body as kirchhoff_body
-from .problem.orbiting_tide import orbiting_tide as orbiting_tide
 from .problem.perturbed import PerturbedTop as PerturbedTop, Potential as Potential
 from .problem.potentials import PERTURBED_TOPS as PERTURBED_TOPS
 from .problem.problem import Problem as Problem

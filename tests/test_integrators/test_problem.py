@@ -8,7 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from lagrange_bench import Problem, RigidBody
-from lagrange_bench.integrators import cos, integrate, kirchhoff_body, orbiting_tide, reference, sin
+from lagrange_bench.integrators import cos, integrate, kirchhoff_body, reference, sin
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import METHODS, available
@@ -211,26 +211,3 @@ def test_every_scheme_keeps_its_order_in_a_driven_field(scheme, order, options):
         return np.max(np.abs(run.y[-1] - right))
 
     assert np.log2(error(48) / error(96)) == pytest.approx(order, abs=0.25)
-
-
-def on_an_orbit(eccentricity, M, x):
-    """(a/r)³ (n·x)², by Newton's method for Kepler's equation."""
-    E = M
-    for _ in range(50):
-        E -= (E - eccentricity * np.sin(E) - M) / (1.0 - eccentricity * np.cos(E))
-    r = 1.0 - eccentricity * np.cos(E)
-    toward = np.array((np.cos(E) - eccentricity, np.sqrt(1.0 - eccentricity**2) * np.sin(E), 0.0)) / r
-    return (toward @ x) ** 2 / r**3
-
-
-def test_the_tide_of_an_orbit_misses_a_part_of_the_cube_of_its_eccentricity():
-    x = np.array((0.3, -0.5, 0.6))
-
-    def missed(eccentricity):
-        tide = orbiting_tide(2.0, eccentricity, 1.5)
-        times = np.linspace(0.0, 4.0, 33)
-        energies = [tide.starting_at(t).energy(np.r_[0.0, 0.0, 0.0, x]) for t in times]
-        return max(abs(H - 2.0 * on_an_orbit(eccentricity, 1.5 * t, x)) for t, H in zip(times, energies, strict=True))
-
-    assert missed(0.0) < 1e-14
-    assert np.log2(missed(0.02) / missed(0.01)) == pytest.approx(3.0, abs=0.1)
