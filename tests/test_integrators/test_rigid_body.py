@@ -390,7 +390,7 @@ def test_rho_damps():
 
 
 @pytest.mark.interpreted
-@pytest.mark.parametrize("size", [1e-310, 1e-160, 1e160, 1e300])
+@pytest.mark.parametrize("size", [1e-310, 1e-300, 1e-160, 1e160, 1e300])
 @pytest.mark.parametrize("facts", [(1, 0, 0, 0), (0, 1, 0, 1), (0, 0, 1, 1), (1, 1, 1, 1)])
 def test_extreme_numbers_make_a_body_or_a_named_error(facts, size):
     """A choice of inertia_com, mass, com and gravity is extreme."""
