@@ -112,11 +112,15 @@ def assert_drift(
     for name, bound in ulps.items():
         if not check_real(bound, name) >= 0:
             raise ValueError(f"{name} must be a bound in ulps, at least 0; got {bound!r}")
+    if below is not None:
+        check_real(below, "below")
     record = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
     invariants = [*ulps] if growth is None else [*ulps, growth]
     runs = list(drifts(record, starts_of(tops, invariants), h, h_scaled, steps, options))
+    if not runs:
+        raise ValueError("h and h_scaled: give at least one step")
     lines = []
     for run in runs:
         for name, bound in ulps.items():

@@ -147,14 +147,23 @@ def integrate(
         stepper = _prepare(record, problem, state, h, options)
         if not math.isfinite(h * steps):
             raise StepError(record.name, "the time n h is beyond the largest double", h=h)
+        before = state.tobytes()
         y, work = stepper.record(state, steps, every), stepper.work
         check_rows(record.name, "record", y, (steps // every + 1, len(state)))
+        if state.tobytes() != before or y[0].tobytes() != before:  # of a stepper that a user wrote
+            raise ValueError(f"{record.name}: record must leave its input as it is, and return it as row 0")
+        _check_finite(record, y, h)
         times = grid_times(h, every, len(y))
     step = h if record.control == "step" and t is None else None
     inputs = RunInputs(state, record, step, options, start.flight)
     if start.flight is not None:
         y = np.hstack((y, problem.flight_at(start.flight, times)))
     return Trajectory(problem, record.name, times, y, work, inputs)
+
+
+def _check_finite(record: Method, y: Array, h: float | None) -> None:
+    if not np.isfinite(y).all():
+        raise StepError(record.name, "it returned a state that is not finite", h=h)
 
 
 def recorded(steps: Any) -> int:
@@ -224,4 +233,5 @@ def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[s
         raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
     y, work = evaluate(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
+    _check_finite(method, y, None)
     return y, work

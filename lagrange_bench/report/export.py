@@ -43,7 +43,7 @@ def export(name: str, results: Path, path: Path, kind: str, width: str | None, c
         if name in drawn:
             done = replace_file(path, figures.FORMATS[kind](drawn[name]))
             caption = getattr(drawn[name], "caption", "")
-            remarks = [*([f"caption: {caption}"] if caption else []), *_remarks(section)]
+            remarks = [*([f"caption: {caption}"] if caption else []), *_remarks(section), *_without(name, section)]
             return {path: done}, _methods_without_rows(section), remarks
     if known := names(results, choice):
         raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
@@ -113,6 +113,15 @@ def _methods_without_rows(section: sections.Section) -> list[str]:
     """The chosen methods that the figures of an experiment do not show, because it has no rows of them."""
     chosen = replace(section.origin.choice, methods=tuple(section.without_rows))
     return [_no_rows(section.experiment, chosen)] if section.without_rows else []
+
+
+def _without(name: str, section: sections.Section) -> list[str]:
+    """The chosen tops that a figure does not show, because its part of the experiment has no rows of them."""
+    rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
+    rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
+    stored = {*rows.get("state", ()), *rows.get("top", ())}
+    missing = [top for top in section.origin.choice.tops if top not in stored]
+    return [f"{name}: no rows of {', '.join(missing)}"] if missing else []
 
 
 def _no_rows(experiment: str, choice: Choice) -> str:

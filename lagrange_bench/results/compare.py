@@ -14,7 +14,7 @@ from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, lo
 from lagrange_bench.results.store import Record, Store, _canonical, failure_text, find_results, restore
 
 # a column of a timing cell is a time if its name has one of these words, or if the experiment lists it in TIMES
-WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "unstable", "predicted", "memory"))
+WORDS = frozenset(("ns", "us", "ms", "s", "seconds", "ratio", "speedup", "samples", "predicted", "memory"))
 
 Tolerance = Callable[[str], tuple[float, float]]  # name of a column → (rtol, atol)
 

@@ -299,7 +299,7 @@ class Store:
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
         """Every record of an experiment, oldest first, and what is wrong with damaged lines.
 
-        StoreError if the journal cannot be read.
+        StoreError if the journal cannot be read, or has records of another schema.
         """
         path, records, problems = self.path(experiment), [], []
         try:
@@ -312,6 +312,9 @@ class Store:
             raise StoreError(f"cannot read {path}: {error.strerror}") from error
         for number, line in enumerate([*lines, last], 1):
             record = _parse(line)
+            if record is not None and record["schema"] != SCHEMA:
+                reason = f"of schema {record['schema']}, not {SCHEMA}: update lagrange-bench"
+                raise StoreError(f"{path}, line {number}: {reason}")
             if record is not None and record["experiment"] == experiment:
                 records.append(record)
             elif line:

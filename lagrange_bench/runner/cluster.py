@@ -80,14 +80,14 @@ class Cluster:
 
         def resolve(future: Any) -> None:
             try:
-                answer.set_result(self._outcome(future))
+                answer.set_result(self._outcome(future, task))
             except BaseException as error:
                 answer.set_exception(error)
 
         self._client.submit(compute, task, self._limit, pure=False).add_done_callback(resolve)
         return answer
 
-    def _outcome(self, future: Any) -> Outcome:
+    def _outcome(self, future: Any, task: Task) -> Outcome:
         from distributed.scheduler import KilledWorker
 
         try:
@@ -101,6 +101,10 @@ class Cluster:
         except Exception as error:  # something is wrong with the workers: cells do not raise
             raise ClusterError(f"the Dask workers cannot compute cells: {type(error).__name__}: {error}") from error
         _compare(theirs)
+        digests = sources.of_cell(task.experiment, task.cell).digests
+        if outcome["status"] == "done" and any(outcome[name] != digest for name, digest in digests.items()):
+            reason = f"the Dask workers have other files of {task.experiment} or its method"
+            raise ClusterError(f"{reason}: copy yours there")
         return outcome  # type: ignore[no-any-return]
 
 

@@ -5,6 +5,7 @@ thread. `Local` runs cells on this machine, and `cluster.Cluster` on a cluster, 
 same rows.
 """
 
+import faulthandler
 import gc
 import multiprocessing
 import os
@@ -34,6 +35,7 @@ THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB
 TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED = "WorkerDied"
+GRACE = 30.0  # s after the limit of a cell until a worker without a parent ends itself
 LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 
 
@@ -120,7 +122,7 @@ class Worker:
             self._start()
         begin = perf_counter()
         try:
-            self._pipe.send((task.experiment, task.cell))
+            self._pipe.send((limit, task.experiment, task.cell))
             if self._pipe.poll(min(limit, LONGEST_WAIT)):
                 return self._pipe.recv()  # type: ignore[no-any-return]
         except (EOFError, OSError):
@@ -171,7 +173,11 @@ def _serve(pipe: Any) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent is gone
         while True:
-            pipe.send(compute(*pipe.recv()))
+            limit, *task = pipe.recv()
+            # if the parent is killed while this process is in compiled code, `_end_with_parent` cannot run
+            faulthandler.dump_traceback_later(min(limit, LONGEST_WAIT) + GRACE, exit=True)
+            pipe.send(compute(*task))
+            faulthandler.cancel_dump_traceback_later()
 
 
 def _end_with_parent() -> None:

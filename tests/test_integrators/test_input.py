@@ -36,6 +36,35 @@ ALPHAS = [NAN, -INF, "1", b"1", None, True, np.bool_(True), 1j, np.complex128(1)
 LAMBDAS = [0.0, 1.0, -1j, complex(NAN, 1), complex(1, INF), "x", None, [1j]]
 
 
+class Spoiled:
+    """A stepper that spoils the rows of one that stands still, or its input."""
+
+    def __init__(self, spoil):
+        self.spoil, self.work = spoil, lb.Work()
+
+    def advance(self, y, n):
+        return y.copy()
+
+    def record(self, y, n, every):
+        rows = np.tile(y, (n // every + 1, 1))
+        self.spoil(y, rows)
+        return rows
+
+
+@pytest.mark.parametrize(
+    ("spoil", "error", "match"),
+    [
+        (lambda y, rows: rows.__setitem__(-1, NAN), StepError, "a state that is not finite"),
+        (lambda y, rows: rows.__setitem__(0, 2.0), ValueError, "return it as row 0"),
+        (lambda y, rows: y.__setitem__(0, 2.0), ValueError, "leave its input as it is"),
+    ],
+)
+def test_wrong_rows_of_a_stepper_of_ones_own_are_refused(spoil, error, match):
+    record = replace(METHODS["rk4"], prepare=lambda top, y0, h: Spoiled(spoil), kernels_for={})
+    with pytest.raises(error, match=match):
+        integrate(TOP, Y0, 0.1, 4, record)
+
+
 def refused(match, call, *args, **kwargs):
     """One ValueError with this beginning, without a warning, and not while handling another."""
     with warnings.catch_warnings():

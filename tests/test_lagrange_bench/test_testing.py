@@ -83,7 +83,9 @@ NO_TEST = [
     ({"H": 16, "tops": []}, "^tops"),
     ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^tops: y0 must have shape"),
     ({"H": 16, "h": 1.0, "h_scaled": 1.0}, "^give h or h_scaled, not both"),
+    ({"H": 16, "h": []}, "give at least one step"),
     ({"growth": "H"}, "go together"),
+    ({"growth": "H", "below": float("nan")}, "^below must be "),
     ({"H": 16, "tops": ["generi"]}, "unknown top 'generi'; did you mean 'generic'"),
     ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
 ]

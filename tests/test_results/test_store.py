@@ -112,6 +112,9 @@ def test_lines_that_are_no_record_are_skipped(filled):
     journal = filled.open("toy")
     assert len(journal.rows()) == len(filled.done("toy")[0]) == 5
     assert [f"line {n}: damaged" in text for n, text in enumerate(journal.problems, 6)] == [True] * (len(lines) + 1)
+    filled.append({**record(6), "schema": 2})
+    with pytest.raises(StoreError, match="line 12: of schema 2, not 1: update"):
+        filled.open("toy")
 
 
 @pytest.mark.parametrize("field", ["key", "sources"])
@@ -280,6 +283,10 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
     files = {f"{name}_h-{width}.svg" for name in ("drift", "phase") for width in style.WIDTHS}
     assert files == {path.name for path in drawn.iterdir()}
+    other = {**cell, "part": "time", "state": "fast", "method": "rk4"}  # in another part
+    Store(tmp_path).append(make_record("phase", phase.VERSION, 1, other, rows=ROWS))
+    one = ("phase_h", "--tops", "generic,fast", "--results", tmp_path, "--output", drawn / "one.svg")
+    assert "phase_h: no rows of fast\n" in run("figure", *one)[2]
 
 
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
