@@ -47,6 +47,8 @@ WORTH = 3e-3
 TURNS = 0.02
 # and if they are off by more than that and none of the causes is clear, nothing can be said of the law
 UNCLEAR = 0.2
+# the logarithm of the fall of a spin to a cap
+CAPPED = math.log(0.9)
 # relative, or rad: a start that is off by less is no other start; so many first rows tell it from noise
 ANOTHER_START, STARTING = 0.05, 9
 # beside these causes another start is named
@@ -183,14 +185,30 @@ class Diagnosis:
             # degrees that were taken for radians turn some 57 times too fast, which is no minute
             alike = ALIKE[unit] if self.rows.angles is None else 0.1 * ALIKE[unit]
             if abs(ratio / factor - 1) < alike:
-                self.clock(unit, abs(ratio - 1), abs(ratio / factor - 1))
+                self.clock(factor, abs(ratio - 1), abs(ratio / factor - 1))
+                return
+        if self.exact is not None and self.rows.R is not None:
+            self.time_unit_of_turns(self.exact, self.rows.R)
+
+    def time_unit_of_turns(self, exact: ff.Exact, R: Array) -> None:
+        """The unit of time in which rows that may be too far apart for rates are near the exact motion."""
+        before = ff.distance((R, None, None), exact(self.rows.t))
+        for factor in fk.CLOCKS.values():
+            right = exact(self.rows.t * factor)
+            off = ff.distance((R, None, None), right)
+            if off < GOOD * size(rotvec(right[1] @ right[1][:1].transpose(0, 2, 1))) and not before < off / GOOD:
+                self.clock(factor, before, off)
                 return
 
-    def clock(self, unit: str, before: float, after: float) -> None:
-        """Take the times in another unit."""
-        self.add(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
-        self.rows = self.rows._replace(t=self.rows.t * fk.CLOCKS[unit])
-        self.floor = self.floor._replace(t=self.floor.t * fk.CLOCKS[unit])
+    def clock(self, factor: float, before: float, after: float) -> None:
+        """Take the times as so many times what they say."""
+        unit = name_of(factor, fk.CLOCKS)
+        if unit is None:
+            self.add(say("time-unit unnamed", factor=1 / factor), before, after)
+        else:
+            self.add(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
+        self.rows = self.rows._replace(t=self.rows.t * factor)
+        self.floor = self.floor._replace(t=self.floor.t * factor)
 
     def speed_ratio(self) -> float:
         """How fast the rows turn or move by their own times, over how fast by the exact motion, by ω, or by gravity."""
@@ -211,8 +229,7 @@ class Diagnosis:
         if rows.R is not None and rows.omega is not None:
             return size(fk.rates(rows.t, rows.R)[0]) / (size(rows.omega) or math.nan)
         if rows.x is not None and not self.body.fixed:
-            flight, strength = ff.parabola(rows.t, rows.x), float(np.linalg.norm(self.body.gravity)) or math.nan
-            return math.sqrt(float(np.linalg.norm(flight.g)) / strength) if flight.misfit < WORTH else math.nan
+            return self.fall(rows.x)
         return math.nan
 
     def times_and_frames(self, exact: ff.Exact) -> None:
@@ -312,12 +329,15 @@ class Diagnosis:
             self.decay(rows.omega)
 
     def decay(self, omega: Array) -> None:
-        """Whether the spin about the axis of symmetry falls like exp(−c t): the exact one is constant."""
+        """Whether the spin about the axis of symmetry falls to a cap, or like exp(−c t): the exact one is constant."""
         axis, in_body = self.body.axis, self.in_body(omega)
         if axis is None or in_body is None:
             return
         t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ self.B @ axis)
         fall = np.log(spin / spin[0])
+        if fall[1] < CAPPED and np.ptp(spin[1:]) * EACH < spin[0] - spin[1]:
+            self.add(say("cap spin", before=spin[0], after=spin[1]), 1 - spin[1] / spin[0], 0.0)
+            return
         rate = -float(fall @ t / (t @ t))
         off = float(np.abs(fall + rate * t).max())
         if fall[-1] < -0.01 and off < 0.1 * abs(fall[-1]):
@@ -367,13 +387,35 @@ class Diagnosis:
             self.add(fk.of_spin(spin._replace(frame=rows.frame), rows.frame), *off)
             return None
         self.read(spin.reading, *off)
-        unit = name_of(factor_of(spin.M), fk.CLOCKS)
-        if unit is not None:
-            self.clock(unit, *off)
-            spin = spin._replace(M=spin.M / fk.CLOCKS[unit])
-        self.add(fk.of_spin(spin, rows.frame), *off)
         assert self.rows.R is not None
-        return fk.rates(self.rows.t, self.rows.R)[0] if spin.reading or unit else rate
+        rate, factor = fk.rates(rows.t, self.rows.R)[0], abs(factor_of(spin.M))
+        unit = name_of(factor, fk.CLOCKS)
+        ratio = float(np.median(np.linalg.norm(rate, axis=1) / np.linalg.norm(omega[2:-2], axis=1)))
+        if unit is not None:
+            ratio = fk.CLOCKS[unit]
+        if unit is not None or (abs(ratio - 1) > NEAR and self.is_clock(rate, omega, ratio)):
+            self.clock(ratio, *off)
+            spin, rate = spin._replace(M=spin.M / factor), rate / ratio
+        self.add(fk.of_spin(spin, rows.frame), *off)
+        return rate
+
+    def is_clock(self, rate: Array, omega: Array, factor: float) -> bool:
+        """Whether the rates have a factor because the times have one: ω starts as the case does, or gravity is right so."""
+        rows, inner = self.rows, slice(2, -2)
+        assert rows.R is not None
+        if self.exact is not None:
+            right = float(np.linalg.norm(self.exact(np.zeros(1))[2][0]))
+            return abs(float(np.linalg.norm(omega[0])) / right - 1) < NEAR
+        if not self.body.fixed:
+            return rows.x is not None and abs(self.fall(rows.x) / factor - 1) < NEAR
+        t, R = rows.t[inner], rows.R[inner]
+        read, other = (balance(t * c, R, rate / c, self.body) for c in (1.0, factor))
+        return other[0] / other[1] * CLEARLY < min(read[0] / read[1], GOOD)
+
+    def fall(self, x: Array) -> float:
+        """How much faster a flying body falls than it should, the root of its acceleration over g; NaN if unclear."""
+        flight, strength = ff.parabola(self.rows.t, x), float(np.linalg.norm(self.body.gravity)) or math.nan
+        return math.sqrt(float(np.linalg.norm(flight.g)) / strength) if flight.misfit < WORTH else math.nan
 
     def is_dense(self, omega: Array, factor: float, misfit: float) -> bool:
         """Whether turns between rows are what they seem: if ω as read says no, then a unit must be exact, or ω the exact one."""

@@ -16,6 +16,7 @@ from lagrange_bench.judging.vectors import NEAR, Array, is_axes, rotvec
 # cause, and a second word if it has several sentences | the sentence | the option or the change that mends it
 TABLE = """
 time-unit | the times are in {name}: {mend} | --units t={unit}
+time-unit unnamed | the times have the factor {factor:.3g} | divide the times by it: --step or --units t=…
 time-shift | the first row is the start of the case: {mend}, or subtract {first:.9g} s from the times | --t0 0
 rows-late | the times are shifted: each row holds the state {rows} | write the row on the other side of the step
 other-start | the rows start elsewhere than the case: {mend} | --start first-row
@@ -51,6 +52,7 @@ angles-integrated | the angles are the integrals of ω (φ' = p, θ' = q, ψ' = 
 angle-rates | the columns of ω are the rates of the angles, not ω | write ω, or leave these columns out
 cap | |ω| falls from {before:.4g} to {after:.5g} rad/s ({degrees:.4g} °/s) in the first step, and not below: a cap | lift the
     cap on angular velocities
+cap spin | the spin falls from {before:.4g} to {after:.4g} rad/s in the first step: a cap | lift the cap on angular velocities
 moments | the rows {verb} of a body with moments {moments} and {rest} | give the program the moments of the body
 moments left-out | the products of inertia are left out | give the program the moments of the body
 moments sign | the products of inertia have the other sign | give the program the moments of the body

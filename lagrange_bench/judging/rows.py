@@ -1,10 +1,12 @@
 """Tables of numbers in files that any program wrote: where the rows and the names of the columns are, and the numbers."""
 
+import bz2
 import codecs
 import csv
 import gzip
 import itertools
 import json
+import lzma
 import math
 import re
 import zipfile
@@ -26,6 +28,7 @@ COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
 RULE = re.compile(r"[-=+|:;,\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
 MISSING = {"", "na", "n/a", "#n/a", "null", "none", "<na>", "nan", "nan(ind)", "missing", "nat"}  # behind a sign, too
+ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
 VECTOR = re.compile(r"(?<![\w\])])[(\[{]{1,4}([-+.,;\s\ddDeEnaif]+)[)\]}]+")  # numbers in brackets: a cell, or a row
 BETWEEN = re.compile(r"\s*[;,]\s+|\s+|;|,(?=[-+]?\d*\.)")  # the numbers of a vector; 0,5 may be one of them
 JOIN = "\1"
@@ -44,9 +47,8 @@ OTHERS = {
     b"#ROSBAG": "a bag of ROS: write its topic as .csv",
     b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
     b"(\xb5/\xfd": "packed by zstd: unpack it",
-    b"\xfd7zXZ": "packed by xz: unpack it",
-    b"BZh": "packed by bzip2: unpack it",
 }
+PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
 @dataclass
@@ -82,6 +84,8 @@ def number(word: str, comma: bool = False) -> float:
             return float(f"{match[1].replace(',', '.')}e{match[2] or match[3] or 0}") * unit.factor
     if clock := CLOCK.fullmatch(plain):
         return 3600.0 * int(clock[1] or 0) + 60.0 * int(clock[2]) + float(clock[3])
+    if odd := ODD.fullmatch(plain):
+        return float(f"{odd[1]}inf") if odd[2] else math.nan
     if plain.lower().lstrip("+-") in ("inf", "infinity"):
         return float(plain)
     why = " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
@@ -187,7 +191,7 @@ class Text:
 
     def __init__(self, path: Path, start: bytes):
         self.path = path
-        self.open_bytes: Callable[..., Any] = gzip.open if start.startswith(b"\x1f\x8b") else open
+        self.open_bytes = next((opener for magic, opener in PACKED.items() if start.startswith(magic)), open)
         with self.open_bytes(path, "rb") as file:
             start = file.read(HEAD)
         self.encoding = _encoding(start)

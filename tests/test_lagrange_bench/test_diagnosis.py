@@ -97,6 +97,9 @@ def test_a_fall_along_y_is_told_without_a_start():
     (finding,) = found(Rows(rows.t, x=100 * rows.x), case)
     assert (finding.cause, finding.option) == ("length-unit", "--units position=cm")
     assert found(Rows(rows.t, x=rows.x), case) == []
+    rows, _ = program(CASES["slow"])
+    (finding,) = found(rows._replace(t=rows.t / 20), CASES["slow"])
+    assert finding.text == "the times have the factor 0.05.", "one clock, no unit of ω and no gravity"
 
 
 def test_omega_alone_tells_the_law_of_a_free_body():

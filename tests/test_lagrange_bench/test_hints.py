@@ -38,6 +38,7 @@ MIRROR = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, as in Unity
         ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "the axes (x, y, z) of the body are (z, y, -x)"),
         ({"omega": np.rad2deg(R.apply(OMEGA))}, "--omega world, from Python omega_frame. omega is in degrees per second"),
         ({"t": 1e3 * T, "position": X}, "milliseconds"),
+        ({"t": 1e3 * T[::50], "rotation": M[::50]}, "milliseconds"),
         ({"rotation": np.roll(M, 1, 0)}, "1 row earlier"),
         ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
     ],
@@ -143,6 +144,11 @@ def test_what_engines_do_to_a_spin_is_named():
     judged = judge(*damped, case="slow", omega_frame="world")
     assert "the spin falls like exp(−0.1 t): damping." in sentences(judged)
     assert judged.spin_rate.max > 1.0
+    case, rows = CASES["slow"], np.arange(120) / 60
+    slower = type(case)("slower", case.body, case.rotation, case.omega_body - 6 * case.body.axis).solution(rows)
+    capped = np.concatenate(([case.omega_body], slower.omega_body[1:]))
+    found = sentences(judge(rows, rotation=slower.rotation, omega=capped, case="slow"))
+    assert "the spin falls from 10 to 4 rad/s in the first step: a cap." in found
     lost = np.concatenate((omega[:1], 0 * omega[1:]))
     still = np.concatenate((M[:1], np.repeat(M[:1], len(M) - 1, axis=0)))
     assert "|ω| falls from 11.01 to 0 rad/s" in sentences(judge(t, rotation=still, omega=lost, case="slow"))[0]
@@ -166,6 +172,7 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
     for given, hint in (
         ({"t": 1e6 * t}, "microseconds: --units t=us"),
         ({"t": t / 60}, "minutes: --units t=min"),
+        ({"t": t / 20}, "the times have the factor 0.05"),
         ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
         ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
     ):

@@ -1,7 +1,9 @@
 """Trajectory files as programs write them: each is read right, or refused in a line that says what to do."""
 
+import bz2
 import gzip
 import json
+import lzma
 import re
 from functools import partial
 from pathlib import Path
@@ -179,6 +181,8 @@ WAYS = {  # how text is written → the bytes of the file
     "UTF-16": lambda: table("t\tx\ty\tz", T, X, separator="\t").encode("utf-16"),
     "Latin": lambda: table("Prüfstand: µ\nt,x,y,z", T, X).encode("cp1252"),
     "gzip": lambda: gzip.compress(table(PLAIN, T, X).encode()),
+    "bzip2": lambda: bz2.compress(table(PLAIN, T, X).encode()),
+    "xz": lambda: lzma.compress(table(PLAIN, T, X).encode()),
     "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
     "brackets": lambda: lines("t,x,y,z", "{},({}, {}, {})"),
     "vectors in cells": lambda: lines("t;pos", "{};({}, {}, {})"),
@@ -291,7 +295,7 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
     layout = read(file, Options(quat="wxyz"))
     assert (layout.quat, np.array_equal(layout.arrays["quaternion"], Q)) == (None, True)
-    file.write_text("t,x [furlong],y,z,b\n0,0,1,0,nan\n1,nan,inf,0,5\n", encoding="utf-8")
+    file.write_text("t,x [furlong],y,z,b\n0,0,1,0,1.#QNAN\n1,-1.#IND,1.#INF,0,5\n", encoding="utf-8")
     layout = read(file)
     assert layout.arrays["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
     assert ("'furlong' is no known unit" in layout.notes[0], "not used: b" in layout.columns) == (True, True)
