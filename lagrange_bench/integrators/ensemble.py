@@ -184,14 +184,14 @@ class _Work:
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop not copied if Y0 is that already."""
-    problem, states = check_problem(top), np.asarray(Y0) if isinstance(Y0, np.ndarray) else None
+    problem, states = check_problem(top), np.asarray(Y0) if hasattr(Y0, "__array__") else None
     if states is not None and kinds.uniform(problem) and states.ndim == 2 and states.shape[1] == 6:
         _check_numbers(problem, len(states))
         # along one axis only, `all` takes many times as long
         if states.dtype.kind in "iuf" and np.isfinite(states).all() and states[:, 3:].any(axis=1).all():
             return np.ascontiguousarray(states, dtype=np.float64)
     try:
-        rows: list[Any] = list(Y0)  # type: ignore[arg-type]
+        rows: list[Any] = list(Y0 if states is None else states)  # type: ignore[arg-type]
     except TypeError:
         raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
     _check_numbers(problem, len(rows))

@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
-E3_COLUMNS, BODY_COLUMNS = ("J1", "J2", "J3", "x1", "x2", "x3"), ("q0", "q1", "q2", "q3", "L1", "L2", "L3")
-
 
 @dataclass(frozen=True, eq=False)
 class RunInputs:
@@ -78,12 +76,8 @@ class Rows:
         tuple of str
             Of a top J1, J2, J3, x1, x2, x3.
         """
-        space = self.problem.space
-        if space.name in ("e3", "body"):
-            return E3_COLUMNS if space.name == "e3" else BODY_COLUMNS
-        if space.vectors == 1:
-            return "J1", "J2", "J3"
-        return tuple(f"s{j}_{i}" for j in range(1, space.vectors + 1) for i in (1, 2, 3))
+        names: tuple[str, ...] = self.problem.space.columns
+        return names
 
     def _motion(self) -> dict[str, Array]:
         """The motion of a body: names of MOTION_COLUMNS → arrays with a row for each time. Empty for other problems."""
@@ -324,6 +318,9 @@ class EnsembleTrajectory(Rows):
     """
 
     start: RunInputs
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.y, dtype=dtype, copy=copy)
 
     def __repr__(self) -> str:
         rows, n, top = *self.y.shape[:2], textwrap.shorten(repr(self.top), 60, placeholder=" …")

@@ -5,6 +5,7 @@ import pickle
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from lagrange_bench import METHODS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, available, exact
@@ -147,6 +148,12 @@ def test_failures_among_others(name):
         integrate_ensemble(top, states, 0.1, 20, name)
     assert (caught.value.step, caught.value.h) == (errors[first].step, 0.1)
     assert errors[first].reason in caught.value.reason
+
+
+def test_states_may_come_from_a_frame():
+    frame = pd.DataFrame(Y0, columns=["J1", "J2", "J3", "x1", "x2", "x3"])
+    run = integrate_ensemble(TOP, frame, 0.1, 4)
+    assert np.array_equal(np.asarray(run), together(TOP, Y0, 0.1, 4))
 
 
 def test_no_tops_and_no_steps():

@@ -157,7 +157,11 @@ INFINITE = Potential("mine", lambda x1, x2, x3, p: x1 / 0.0)
 OTHERS = [  # a call, words in the message
     (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
-    (lambda: posed(turning, "so3", invariants={"t": turning}), ".*'t'.* taken"),
+    *(
+        (lambda name=name: posed(turning, "so3", invariants={name: lambda t, y, p: y[2]}), rf".*\[{name!r}\].* taken")
+        for name in ("t", "J1", 1)
+    ),
+    (lambda: Potential("mine", INFINITE.value, parameters="ab"), ".*sequence of names"),
     (lambda: integrate(MAGNET, SPINS, 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),
     (lambda: exact.solution(TOP, Y0, 2e14), ".*pass digits="),
     (lambda: exact.solution(*HUGE), ".*overflows"),

@@ -225,6 +225,19 @@ def test_a_lost_state_is_no_truth(monkeypatch):
     assert np.isnan(states).all(axis=1).tolist() == [False, False, True]
 
 
+@pytest.mark.parametrize("damage", ["bit", "short"])
+def test_a_damaged_file_is_written_anew(folder, counted, monkeypatch, damage):
+    first = asked()
+    (file,) = folder.iterdir()
+    good = file.read_bytes()
+    flipped = good[:-1] + bytes([good[-1] ^ 1])
+    file.write_bytes({"bit": flipped, "short": good[:-8]}[damage])
+    monkeypatch.setattr(reference, "_memory", {})
+    assert same(asked(), first)
+    assert len(counted) == 4
+    assert file.read_bytes() == good
+
+
 CORNER = PerturbedTop(LagrangeTop(1.0), Potential("corner", lambda x1, x2, x3, p: sqrt(x1 * x1)))
 
 

@@ -67,6 +67,8 @@ class Potential:
             raise ValueError(f"name of a potential must be a word; got {name!r}")
         if not callable(value):
             raise ValueError(f"potential {name}: value must be a function of (x1, x2, x3, p); got {value!r}")
+        if isinstance(parameters, str):
+            raise ValueError(f"potential {name}: parameters must be a sequence of names; got {parameters!r}")
         self.name, self.value, self.gradient, self.note = name, value, gradient, note
         self.parameters = None if parameters is None else tuple(parameters)
         self._formulas: dict[int, tuple[Program, Program]] = {}

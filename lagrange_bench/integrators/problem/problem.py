@@ -103,8 +103,11 @@ class Problem:
         self.extra_invariants = tuple(
             (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()
         )
-        for word, _ in self.extra_invariants:
-            if word in COLUMNS or word in ("H", *self.space.casimir_names):
+        components = {word: place for place, word in enumerate(self.space.columns, 1)}
+        for word, program in self.extra_invariants:
+            taken = word in COLUMNS or word in ("H", *self.space.casimir_names)
+            # a component may have the name of its column only
+            if not isinstance(word, str) or taken or components.get(word, program.outputs[0]) != program.outputs[0]:
                 raise ValueError(f"problem {name}: invariants[{word!r}]: this name is taken; choose another")
         self.user_parts = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
@@ -274,7 +277,7 @@ class Problem:
                 return np.array(program(self.start + t, *states.tolist(), *self.numbers), dtype=float)
         with np.errstate(all="ignore"):
             components = [states[..., i] for i in range(n)]
-            values = program(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
+            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
         out = np.empty((*states.shape[:-1], len(values)))
         for i, value in enumerate(values):
             out[..., i] = value

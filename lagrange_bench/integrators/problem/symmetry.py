@@ -48,7 +48,7 @@ def random_states(size: int) -> Array:
 def values_at(program: Program, columns: Iterable[Array]) -> Array:
     """The outputs of a program (N, k) at inputs given as columns (N,)."""
     with np.errstate(all="ignore"):
-        outputs = program(*columns)
+        outputs = program.on_arrays(*columns)
     return np.stack([np.broadcast_to(output, STATES) for output in outputs], axis=1)
 
 

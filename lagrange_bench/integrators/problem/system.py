@@ -46,6 +46,15 @@ class Space:
         return 3 * self.vectors
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """The names of the numbers of a state."""
+        if self.affine:
+            return "J1", "J2", "J3", "x1", "x2", "x3"
+        if self.vectors == 1:
+            return "J1", "J2", "J3"
+        return tuple(f"s{j}_{i}" for j in range(1, self.vectors + 1) for i in (1, 2, 3))
+
+    @property
     def momenta(self) -> slice:
         """The places of the momenta in a state; of several spins only the first."""
         return slice(0, 3)
@@ -85,6 +94,10 @@ class BodySpace(Space):
     @property
     def size(self) -> int:
         return 7
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return "q0", "q1", "q2", "q3", "L1", "L2", "L3"
 
     @property
     def momenta(self) -> slice:

@@ -373,17 +373,21 @@ MOST_TABLES = 256  # results in memory
 
 
 def _cached(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) -> Array:
-    """The table with this key, from memory, from disk or computed now; read-only."""
+    """The table with this key, from memory, from disk or computed now; read-only.
+
+    A file begins with a digest of the key and of the table's bytes, which follow. A damaged file is written again.
+    """
     with ONE_AT_A_TIME:  # the engines have a state
         if key not in _memory:
             folder = cache_folder()
             place = None if folder is None else folder / "reference" / key.hex()
-            table = None if place is None else _stored(place, shape)
+            table = None if place is None else _stored(place, key, shape)
             if table is None:
                 table = np.ascontiguousarray(compute(), dtype="<f8")
+                payload = table.tobytes()
                 with suppress(OSError):  # a full or read-only disk: the result is there all the same
                     if place is not None:
-                        write_file(place, table.tobytes())
+                        write_file(place, hashlib.sha256(key + payload).digest() + payload)
             table.flags.writeable = False
             while len(_memory) >= MOST_TABLES:
                 del _memory[next(iter(_memory))]
@@ -391,8 +395,12 @@ def _cached(key: bytes, shape: tuple[int, ...], compute: Callable[[], Array]) ->
         return _memory[key]
 
 
-def _stored(place: Path, shape: tuple[int, ...]) -> Array | None:
+def _stored(place: Path, key: bytes, shape: tuple[int, ...]) -> Array | None:
     try:
-        return np.frombuffer(place.read_bytes(), dtype="<f8").reshape(shape)
-    except (OSError, ValueError):  # there is none, or it was cut off
+        content = place.read_bytes()
+    except OSError:  # there is none
         return None
+    seal, payload = content[:32], content[32:]
+    if seal != hashlib.sha256(key + payload).digest():
+        return None
+    return np.frombuffer(payload, dtype="<f8").reshape(shape)

@@ -2,8 +2,8 @@
 
 A period is cut into cells, at most 1/(4 r) long, with r of the majorant (`truth.curve`). In the middle of each cell the variables
 are computed in balls, and rounded to pairs of doubles. Taylor series in doubles lead from there; what they leave off is below
-1e-17 of the scales. Whole cells are subtracted from a time in integers, without rounding, and so are the turns of whole periods.
-On the separatrix, cells go on until the limit is reached to 1e-18, and from there the motion is steady.
+1e-17 of the scales. Whole cells are subtracted from a time without rounding, and the turns of whole periods are counted mod 1, to
+105 bits. On the separatrix, cells go on until the limit is reached to 1e-18, and from there the motion is steady.
 
 The sums in doubles are tested against balls, to 5e-16 of the scales of a top (seen: 4.2e-16, on a processor without fused
 operations); they are not proven.
@@ -13,11 +13,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from flint import arb, fmpq
-from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import Array
 from lagrange_bench.integrators.truth.curve import (
@@ -36,72 +35,99 @@ from lagrange_bench.support.precision import workprec
 TERMS = 19  # 8^-19 = 7e-18: the half of a cell is 1/8 of the radius of convergence
 PER_RATE = 4  # cells in a time 1/r
 EXACT = fmpq(1, 10**18)  # radii of states, relative to their scales
-PLACES = 200  # of binary fractions: periods, turns and times are multiples of 2^-200
 LATE = 100.0  # units 1/√w after which the separatrix has reached its limit: e^(−50) = 2e-22
 LATEST = 2.0**52  # cells; later, a double does not resolve them
 TOO_LATE = "t is so late that doubles hardly resolve the phase of the motion: pass digits="
 MOST_CELLS = 30_000  # some seconds
 SLOWEST = 2.0**-900  # rate of a turn that is none
 BLOCK = 2048  # times that are computed at once, so that they stay in the processor's cache
+Pieces = tuple[float, float, float]  # a number as a sum of three doubles; the first two have at most 27 bits
 
 
 # ---------------------------------------------------------------- times and turns without rounding
 
 
-def integers(numbers: Array) -> NDArray[Any]:
-    """The whole numbers of an array of doubles, cut off, as integers of any size."""
-    return np.array([int(v) for v in numbers.tolist()], dtype=object)
+class Clock(NamedTuple):
+    """Constants that split a time into n lengths and a rest, with hardly any rounding."""
+
+    length: Pieces
+    t0: Pieces
 
 
-def in_units(value: fmpq) -> int:
-    """A number in units of 2^-PLACES."""
-    return int((value * 2**PLACES).floor())
+def split(value: fmpq, unit: fmpq) -> Pieces:
+    """`value` as a sum of multiples of 2^-26 and of 2^-52 of the binade of `unit`, and a rest; to 105 bits of `unit`."""
+    binade, half = fmpq(2) ** exponent(unit), fmpq(1, 2)
+    first = (value / binade * 2**26 + half).floor() * binade / 2**26
+    second = ((value - first) / binade * 2**52 + half).floor() * binade / 2**52
+    return float(first), float(second), float(value - first - second)
 
 
-def of_units(numbers: NDArray[Any]) -> Array:
-    """Doubles from units of 2^-PLACES, rounded once."""
-    return np.asarray(np.ldexp(numbers.astype(np.float64), -PLACES))
+def clock(length: fmpq, t0: fmpq) -> Clock:
+    return Clock(split(length, length), split(t0, length))
 
 
-def reduced(length: int, t0: int, t: Array) -> tuple[Array, Array]:
-    """n and r with t - t0 = n length + r, |r| <= length/2 to within the rounding of n; length and t0 in units."""
-    n = np.rint((t - math.ldexp(t0, -PLACES)) / math.ldexp(length, -PLACES))
+def reduced(c: Clock, t: Array) -> tuple[Array, Array]:
+    """n and r with t - t0 = n length + r, |r| <= length/2 to within the rounding of n.
+
+    n and the length are split into parts of 26 bits (Dekker, 1971). So their products are exact, and the differences, too, while
+    they cancel. The rest is rounded once or twice.
+    """
+    first, second, third = c.length
+    n = np.rint((t - c.t0[0]) / sum(c.length))
     if not np.all(np.abs(n) <= LATEST):
         raise ValueError(TOO_LATE)
-    return n, of_units(integers(np.ldexp(t, PLACES)) - t0 - integers(n) * length)
+    high, low = halves(n)
+    r = t - high * first - (low * first + c.t0[0])
+    r = r - high * second - (low * second + c.t0[1])
+    return n, r - (n * third + c.t0[2])
 
 
-def turned(turns: int, n: Array) -> Array:
-    """n times these turns, given in units, in [-1/2, 1/2]."""
-    half, (distinct, places) = 2 ** (PLACES - 1), np.unique(n, return_inverse=True)
-    return of_units((integers(distinct) * turns + half) % (2 * half) - half)[places]
+def turned(turns: Pieces, n: Array) -> Array:
+    """n times these turns, in [-1/2, 1/2]. All products but the last are exact."""
+    first, second, third = turns
+    high, low = halves(n)  # high * first is whole
+    parts = part_of_turn(low * first) + part_of_turn(high * second) + low * second
+    return part_of_turn(part_of_turn(parts) + n * third)
+
+
+def halves(n: Array) -> tuple[Array, Array]:
+    high = np.rint(n * 2.0**-26) * 2.0**26
+    return high, n - high
+
+
+def part_of_turn(a: Array) -> Array:
+    return np.asarray(a - np.rint(a))
 
 
 def rounded_off(h: float, n: Array) -> Array:
-    """The exact n·h minus its double."""
+    """The exact n·h minus its double. n and h are split into parts of at most 27 bits, so products are exact (Dekker, 1971)."""
     mantissa, exponent = math.frexp(h)
-    rest = integers(n) * int(mantissa * 2**53) - integers(np.ldexp(n * mantissa, 53))
-    return np.asarray(np.ldexp(rest.astype(np.float64), exponent - 53))
+    first, (high, low) = round(mantissa * 2**26) / 2**26, halves(n)
+    second = mantissa - first
+    product = n * mantissa
+    return np.ldexp(((high * first - product) + low * first + high * second) + low * second, exponent)
 
 
 # ---------------------------------------------------------------- the table
 
 
 class Turning(NamedTuple):
-    """A turn at a constant rate; see `top.Drift`. Numbers are in units."""
+    """A turn at a constant rate; see `top.Drift`."""
 
-    length: int  # the time of a whole turn
-    since: int
-    sign: float  # -1: clockwise
+    clock: Clock  # of whole turns
+    length: float  # of a turn, negative if it is clockwise
     is_left: bool
     side: int  # -1: it turns before the first cell only; 1: after the last cell; 0: always
 
     def turns(self, t: Array, more: Array, side: Array) -> Array:
         """Turns at the times t + more, mod 1. side : -1 before the first cell, 1 after the last one, else 0."""
-        turns, turns_here = np.zeros_like(t), (side == self.side) | (self.side == 0)
-        rest = reduced(self.length, self.since, t[turns_here])[1] + more[turns_here]
-        turns[turns_here] = rest / (self.sign * math.ldexp(self.length, -PLACES))
-        return turns
+        if not self.side:
+            return (reduced(self.clock, t)[1] + more) / self.length
+        turns_here = side == self.side
+        return (
+            np.where(turns_here, reduced(self.clock, np.where(turns_here, t, self.clock.t0[0]))[1] + more, 0.0)
+            / self.length
+        )
 
 
 class Table:
@@ -115,9 +141,9 @@ class Table:
             self.first, self.gap, states = in_cells(motion)
             self.count, self.last = len(states), self.first + self.gap * (len(states) - 1)
             turns = turns_in(motion, self.gap * self.count) if self.periodic else (fmpq(0), fmpq(0))
-            self.turns = [in_units(part) for part in turns]
+            self.clock = clock(self.gap * rate, self.first * rate)
+            self.turns = [split(part, fmpq(1)) for part in turns]
             self.turnings = list(turnings(motion, self.first, self.last))
-        self.begin, self.length = in_units(self.first * rate), in_units(self.gap * rate)
         self.ends = float(self.first * rate), float(self.last * rate)
         heads, self.tails = heads_and_tails(states, self.logs)
         terms = 1 if motion.steady else TERMS
@@ -138,7 +164,7 @@ class Table:
         side, whole = np.zeros_like(t), np.zeros_like(t)
         if not self.periodic:
             side = np.where(t < self.ends[0], -1.0, np.where(t > self.ends[1], 1.0, 0.0))
-        n, r = reduced(self.length, self.begin, np.where(side == 0, t, self.ends[0]))
+        n, r = reduced(self.clock, np.where(side == 0, t, self.ends[0]))
         if self.periodic:
             whole = np.floor(n / self.count)
             n -= whole * self.count
@@ -226,9 +252,10 @@ def turnings(motion: Top, first: fmpq, last: fmpq) -> Iterator[Turning]:
     for drift in motion.drifts():
         for rate, is_left in ((drift.left / motion.rate, True), (drift.right / motion.rate, False)):
             if abs(rate) > SLOWEST:
-                turn, sign = in_units(midpoint(2 * arb.pi() / abs(rate))), math.copysign(1.0, float(rate))
+                turn = midpoint(2 * arb.pi() / abs(rate))
+                length = math.copysign(float(turn), float(rate))
                 for side, since in ((-1, first), (1, last)) if drift.is_beyond else ((0, fmpq(0)),):
-                    yield Turning(turn, in_units(since * motion.rate), sign, is_left, side)
+                    yield Turning(clock(turn, since * motion.rate), length, is_left, side)
 
 
 def scaled_rates(motion: Top, logs: Sequence[int]) -> list[Terms]:
