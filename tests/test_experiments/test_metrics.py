@@ -84,6 +84,7 @@ def test_verdict():
         ((0.0, -0.1, 0.1), np.nan, "failed"),
         ((0.0, -0.1, 0.6), 1e-3, "undecided"),
         ((0.5, 0.3, 1.1), 1e-3, "undecided"),
+        ((0.9, 0.3, 1.5), 1e-3, "undecided"),
         ((0.5, np.nan, np.nan), 1e-3, "undecided"),
     ):
         assert metrics.verdict(*growth, max_error) == said

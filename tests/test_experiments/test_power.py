@@ -210,6 +210,7 @@ BEHAVIOUR = [  # claim that fails, what is overridden
     ("record has the start in row 0", after(lambda self, y, n, rows: np.multiply(rows[0], 2.0, out=rows[0]))),
     ("record ends where advance does", after(lambda self, y, n, rows: np.multiply(rows[1:], 1 + 3e-16, out=rows[1:]))),
     ("work counts steps", after(lambda self, y, n, rows: setattr(self.work, "steps", self.work.steps - n))),
+    ("work counts steps", after(lambda self, y, n, rows: setattr(self.work, "steps", self.work.steps + n))),
     ("finite, or a StepError", at_a_failure(np.nan)),
     ("finite, or a StepError", at_a_failure(ZeroDivisionError())),
     ("StepErrors name the method", at_a_failure(StepError("somebody", "no reason"))),

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
+from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, RigidBody, exact, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble
@@ -157,13 +158,14 @@ def test_an_ensemble_is_its_motions_with_one_more_axis(runs, name, tmp_path):
 
 def test_an_ensemble_records_its_end_by_default():
     tops = LagrangeTop(np.array([1.0, 2.0]))
-    end = integrate_ensemble(tops, [NAMED.state] * 2, 0.1, 4)
-    rows = integrate_ensemble(tops, [NAMED.state] * 2, 0.1, 4, every=2)
+    other = 1.5 * NAMED.state
+    end = integrate_ensemble(tops, [NAMED.state, other], 0.1, 4)
+    rows = integrate_ensemble(tops, [NAMED.state, other], 0.1, 4, every=2)
     assert (end.y.shape, end.t.tolist(), rows.t.tolist()) == ((1, 2, 6), [0.4], [0.0, 0.2, 0.4])
     assert np.array_equal(end.y[0], rows.y[-1])
     assert np.array_equal(rows.invariants()[:, 1], LagrangeTop(2.0).invariants(rows.y[:, 1]))
     sent = pickle.loads(pickle.dumps(end)).motion(1)
-    assert np.array_equal(sent.sol([0.4]), integrate(LagrangeTop(2.0), NAMED.state, t=[0.4]).y)
+    assert np.array_equal(sent.sol([0.4]), integrate(LagrangeTop(2.0), other, t=[0.4]).y)
     assert np.array_equal(sent.sol(0.4), sent.sol([0.4])[0])
 
 
@@ -201,6 +203,10 @@ def test_a_film_has_the_frames_that_were_asked_for(runs, name, tmp_path):
     film = runs[name].animate(tmp_path / "film.gif", frames=4, seconds=1.0)
     assert film.read_bytes()[:4] == b"GIF8"
     assert film.read_bytes().count(b"\x21\xf9\x04") == 4  # a graphic control extension for each frame
+    red, _, blue = plt.imread(film)[..., :3].astype(int).T
+    assert np.nonzero(blue > red + 60)[1].mean() < 0.45 * red.shape[1] or name == "body", (
+        "the axis of the top points up"
+    )
     with pytest.raises(ValueError, match="5 states, fewer than 72 frames: record more"):
         runs[name].animate(tmp_path / "no.gif")
     with pytest.raises(ValueError, match="no axis"):
@@ -217,4 +223,9 @@ def test_directions_are_the_axis_and_the_principal_axes(runs):
     assert np.allclose(np.max(np.abs(np.einsum("nki,ni->nk", body, along)), axis=1), 1.0)
     ax = runs["body"].plot("axis", plt.figure().add_subplot(projection="3d", azim=60.0))
     assert np.allclose(np.transpose(ax.lines[0].get_data_3d()), along)  # nothing of it is behind the sphere
+    plt.close(ax.figure)
+    turn = Rotation.from_rotvec((0.3, 0.5, 0.7)).as_matrix()
+    tilted = RigidBody(1.0, 0.1 * turn[:, 2], turn @ np.diag((0.1, 0.1, 0.2)) @ turn.T)
+    ax = integrate(tilted, tilted.state(rotation=np.eye(3), omega_body=(1, 2, 3)), 0.01, 4, "rk4").plot("axis")
+    assert abs(np.ravel(ax.lines[-1].get_data_3d()) @ turn[:, 2]) == pytest.approx(1.0)
     plt.close(ax.figure)

@@ -288,6 +288,8 @@ def test_summary(run, answer):
     data = answer(*SHORT)
     assert (data["h_scaled"], data["t"], data["work"]["steps"]) == (0.1 / unit, [0.0, 2.0], 20)
     assert all(v["largest_drift"] < 1e-15 for v in data["invariants"].values())
+    energy = answer(*SHORT, "--method", "strang", "--steps", "40", "--every", "1")["invariants"]["H"]
+    assert energy["largest_drift"] > 1.1 * abs(energy["drift"]) > 0
 
 
 def test_a_problem_of_ones_own(answer, run, folder):

@@ -166,6 +166,9 @@ def test_stored_rows_are_frames_in_both_units(folder):
     ax = Comparison(frame).plot()
     assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("kapitza", True), "no top of the bench"
     assert len(ax.lines) == 2, "one for each length"
+    race = {"part": "headline", "state": "generic", "method": "taylor", "h": 0.5}
+    Store(folder).append(make_record("cost", 1, 0, race, rows=ROWS))
+    assert load(folder)["cost"][["h", "h_scaled"]].iloc[0].tolist() == pytest.approx([0.5, 0.5 / UNIT]), "not scaled"
     own = stored["phase"]
     own["h"] = 0
     assert stored["phase"].h.all(), "a frame of one's own"

@@ -96,6 +96,8 @@ def test_two_axes_another_start_and_another_point_are_named():
     (hint,) = sentences(judge(T, box.apply((0, 0, 0.1)), box, case="box"))
     assert "point (0, 0, 0.1) m of the body" in hint, "no unit makes positions right that should be zero"
     flying = CASES["flying_box"].solution(5 * T)
+    above = flying.position + flying.rotation.apply((0, 0, 0.1))
+    assert "point (0, 0, 0.1) m of the body" in sentences(judge(5 * T, above, flying.rotation, case="flying_box"))[0]
     for up, end in ((None, "(x, z, y)."), ("y", "(x, z, y), without --up and --axis.")):
         mirrored = flying.position @ MIRROR, MIRROR @ flying.rotation.as_matrix() @ MIRROR
         (hint,) = sentences(judge(5 * T, *mirrored, case="flying_box", up=up))
@@ -174,6 +176,7 @@ def test_another_body_another_clock_and_another_hand_are_named(name):
         ({"t": t / 60}, "minutes: --units t=min"),
         ({"t": t / 20}, "the times have the factor 0.05"),
         ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
+        ({"omega": case.solution(t - 1 / 240).omega_body}, "one row late"),
         ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
     ):
         rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}

@@ -294,6 +294,8 @@ def test_a_body_without_a_start_is_judged_by_itself(given, hint):
     if not hint:
         assert (judged.kinematics.max < 1e-5, judged.energy.max < 1e-15, judged.momentum.max < 1e-15) == (True,) * 3
         assert judge(BOX.t + 7, **rows, case="box", start="first-row").rotation.max < 1e-13
+        turned = (BOX.rotation[:-1].inv() * BOX.rotation[1:]).magnitude().sum()
+        assert judged.turns == pytest.approx(turned / (2 * np.pi), rel=1e-4)
     else:
         assert judged.kinematics.max > 1e-3
 

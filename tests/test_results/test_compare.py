@@ -72,6 +72,7 @@ def test_tolerances_and_what_none_forgives(old, tmp_path):
     for i, (error, options, same) in enumerate((
         (1e-9 * (1 + 2**-52), {}, False),  # the last bit
         (1e-9 * 1.01, {"rtol": 2e-3}, False),
+        (1e-9 * 2, {"rtol": 0.6}, True),  # of the larger value
         (1e-9 * 1.01, {"rtol": 2e-3, "atol": 1e-10}, True),
         (math.nan, {"rtol": 1.0, "atol": 1e9}, False),
         (None, {"rtol": 1.0, "atol": 1e9}, False),
@@ -156,9 +157,11 @@ def test_nothing_verified_is_no_success(run, toy, monkeypatch):
     path.write_bytes(b"")
     refused("nothing is stored in")
     path.write_bytes(whole)
-    with monkeypatch.context() as newer:
-        newer.setattr(load(TOY), "VERSION", 2)
-        refused(f"{TOY} changed (VERSION) since this was stored: lagrange-bench run {TOY}")
+    with monkeypatch.context() as other:
+        for version in (0, 2):
+            other.setattr(load(TOY), "VERSION", version)
+            refused(f"{TOY} changed (VERSION) since this was stored: lagrange-bench run {TOY}")
+            assert Store(path.parent).open(TOY).source_ages() == {"outdated": 4}
     path.rename(path.with_name("toys.nobody.jsonl"))
     refused("no cell of", "unknown experiment 'toys.nobody'; if it is your own, add --module")
 

@@ -283,6 +283,7 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
     assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
     files = {f"{name}_h-{width}.svg" for name in ("drift", "phase") for width in style.WIDTHS}
     assert files == {path.name for path in drawn.iterdir()}
+    assert len({path.read_bytes() for path in drawn.glob("drift_*")}) == len(style.WIDTHS), "each is drawn as wide"
     other = {**cell, "part": "time", "state": "fast", "method": "rk4"}  # in another part
     Store(tmp_path).append(make_record("phase", phase.VERSION, 1, other, rows=ROWS))
     one = ("phase_h", "--tops", "generic,fast", "--results", tmp_path, "--output", drawn / "one.svg")
