@@ -48,14 +48,14 @@ def test_heyoka_is_used_as_it_is(accurate):
     assert np.all(np.isfinite(stepper.advance(Y0, 1)))  # and is none the worse for it
 
 
-@pytest.mark.parametrize(("power", "size"), [(-31, 0), (300, 0), (0, 100)])
-def test_taylor_in_any_units(power, size):
+@pytest.mark.parametrize("power", [-31, 300])
+def test_taylor_in_any_units_of_time(power):
     """Twentieth powers of |J| are beyond the range of doubles here, or a tolerance relative to J is none of x; in a field too."""
     installed("taylor")
-    rate, length, tide = 2.0**power, 2.0**size, POTENTIALS["tide"]
-    scale, times = np.repeat((rate, length), 3), np.array((20.0, -7.0)) / rate
+    rate, tide = 2.0**power, POTENTIALS["tide"]
+    scale, times = np.repeat((rate, 1.0), 3), np.array((20.0, -7.0)) / rate
     for strength in (0.0, 0.1):
-        top = PerturbedTop(LagrangeTop(rate**2 / length), tide, (strength * (rate / length) ** 2, 1.0, 0.0, 0.0))
+        top = PerturbedTop(LagrangeTop(rate**2), tide, (strength * rate**2, 1.0, 0.0, 0.0))
         usual = PerturbedTop(LagrangeTop(1.0), tide, (strength, 1.0, 0.0, 0.0))
         same = integrate(usual, Y0, t=times * rate, method="taylor").y
         assert np.max(np.abs(integrate(top, Y0 * scale, t=times, method="taylor").y / scale - same)) < 1e-13
