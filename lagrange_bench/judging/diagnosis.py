@@ -58,8 +58,8 @@ READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
 NEARER = 10.0
 # causes beside which ω is right as it is read
 POOR_STEPS = ("omega-half-step", "explicit-step")
-# a law that is off by more of its size does not hold
-HOLDS = 0.05
+# ω and a law that are off by more of their size do not agree with the rows, and so much more is a break of the law
+AGREES, HOLDS = 1e-3, 0.05
 # and rows whose law is off so many times more than in most are named
 APART = 100.0
 # misfits below it are round-off
@@ -481,8 +481,8 @@ class Diagnosis:
         windows = fl.Windows(t, R, omega, self.body)
         misfits = np.linalg.norm(windows.X @ windows.claimed, axis=1) / windows.scale
         law = float(np.median(misfits))
-        holds = f"the law of motion {'holds to' if law < HOLDS else 'is off by'} {law:.0e}"
-        agree = f"ω and the rotations agree to {off:.0e}, {holds}"
+        holds = f"the law of motion {'holds to' if law < AGREES else 'is off by'} {law:.0e}"
+        agree = f"ω and the rotations {'agree to' if off < AGREES else 'differ by'} {off:.0e}, {holds}"
         broken = misfits > max(HOLDS, APART * law)
         if not broken.any():
             return f"No cause is found: {agree}."
@@ -561,7 +561,13 @@ class Diagnosis:
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
-        flight, was = ff.parabola(self.rows.t, x), self.body.gravity
+        flight, was, t = ff.parabola(self.rows.t, x), self.body.gravity, self.rows.t - self.rows.t[0]
+        off, path, scale = x - t[:, None] ** 2 / 2 * was, ff.travelled(t, x), size(x - x.mean(0)) or 1.0
+        slowed = ff.drag(*(ff.without_line(t, v) / scale for v in (off, path)))
+        choice = choose((Model(0.0, flight.misfit, 0.0), slowed), max(self.floor.x / scale, ROUND_OFF))
+        if choice.winner is not None:
+            self.add(say("linear-damping", rate=slowed.value), *choice.misfits)
+            return
         strength, length = float(np.linalg.norm(was)), float(np.linalg.norm(flight.g))
         least = max(NEAR * strength, flight.error(self.floor.x))
         off = float(np.linalg.norm(flight.g - was))

@@ -25,8 +25,8 @@ rotation-angles | the angles are in degrees, or about other axes: {mend} | {opti
 rotation-transposed | the rotations are transposed: they take the world to the body; {mend} | write R transposed, or the conjugate
 rotation-product | ω is right as it is read, but the rotations turn as if it were in the {frame}: multiply on the other side |
     q ← q δq for ω in the body, q ← δq q for ω in the world
-left-handed | the world is left-handed: write {axes} for positions (x, y, z), and for the vector part of quaternions, rotation
-    vectors and ω −{axes} | write {axes} for (x, y, z)
+left-handed | the world is left-handed: {mend} | write {axes} for positions (x, y, z), and for the vector part of quaternions,
+    rotation vectors and ω −{axes}
 left-handed matrix | a row or column of the matrices has the wrong sign: their determinant is negative | change the sign of a
     row or a column
 world-axes | the axes of the world have other names: {mend} | write {axes} for (x, y, z)
@@ -62,6 +62,7 @@ gyroscopic-torque | the program leaves out the gyroscopic torque ω × I ω: an 
     torque on
 damping spin | the spin falls like exp(−{rate:.3g} t): damping | switch the damping off
 damping | L decays like exp(−{rate:.3g} t): damping | switch the damping off
+linear-damping | the body flies by v' = g − {rate:.3g} v: linear damping | switch the damping off
 explicit-step | the gyroscopic torque is that of {late:.3g} s {side}: an explicit step | take smaller steps, or another integrator
 explicit-step grows | L grows like exp({rate:.3g} t): an explicit step | take smaller steps, or another integrator
 gravity none | the program has no gravity | give the program the gravity of the body

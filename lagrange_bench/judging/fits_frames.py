@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import cumulative_trapezoid
 
 from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, numbers, of_axes, of_unit, say, triple
@@ -185,6 +186,25 @@ def places(t: Array, x: Array, R: Array | None, right: Array, start: Array, is_f
         T = (t - t[0])[:, None] ** 2 / 2
         fall = ((x - right) * T).sum(0) / (T**2).sum()
         yield Model(1.0, size(x - right - T * fall) / length, ("gravity", fall))
+        slowed = drag((x - right) / length, travelled(t, x - start) / length)
+        yield slowed._replace(value=("linear-damping", slowed.value))
+
+
+def travelled(t: Array, x: Array) -> Array:
+    """∫ x dt from the first row on."""
+    return cumulative_trapezoid(x, t, axis=0, initial=0)
+
+
+def without_line(t: Array, x: Array) -> Array:
+    """What the straight motion that fits positions best leaves of them."""
+    powers = np.stack([t**0, t], 1)
+    return x - powers @ np.linalg.lstsq(powers, x, rcond=None)[0]
+
+
+def drag(off: Array, path: Array) -> Model:
+    """The model v' = g − c v of a flight: off = x − x₀ − v₀ t − g t²/2 = −c path, path = ∫ (x − x₀) dt; the value is c, 1/s."""
+    c = -float((off * path).sum() / (path**2).sum())
+    return Model(1.0 if c > 0 else 2.0, size(off + c * path), c)
 
 
 def parabola(t: Array, x: Array) -> Flight:
@@ -209,7 +229,9 @@ def of_shift(shift: float, first: float, step: float) -> Finding:
 
 def of_place(word: str, value: Array, body: RigidBody) -> Iterator[Finding]:
     """What is wrong with positions."""
-    if word == "displacement":
+    if word == "linear-damping":
+        yield say("linear-damping", rate=value)
+    elif word == "displacement":
         yield say("displacement")
     elif word == "origin":
         yield say("origin", shift=f"({numbers(-value)}) m")

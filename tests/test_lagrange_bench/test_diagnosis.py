@@ -88,7 +88,7 @@ def test_semi_implicit_euler_is_named_by_its_step():
 
 def test_a_fall_along_y_is_told_without_a_start():
     case = CASES["flying_box"]
-    rows, _ = program(case)
+    rows, exact = program(case)
     up = Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
     (finding,) = found(Rows(rows.t, x=rows.x @ up), case)
     assert (finding.cause, finding.option) == ("world-axes", "--up=y")
@@ -97,6 +97,11 @@ def test_a_fall_along_y_is_told_without_a_start():
     (finding,) = found(Rows(rows.t, x=100 * rows.x), case)
     assert (finding.cause, finding.option) == ("length-unit", "--units position=cm")
     assert found(Rows(rows.t, x=rows.x), case) == []
+    s, g = rows.t[:, None], case.body.gravity
+    slowed = case.position + 5 * g * s + (case.velocity - 5 * g) * 5 * (1 - np.exp(-s / 5))
+    for known in (exact, None):
+        (finding,) = found(Rows(rows.t, x=slowed), case, known)
+        assert finding.text == "the body flies by v' = g − 0.2 v: linear damping."
     rows, _ = program(CASES["slow"])
     (finding,) = found(rows._replace(t=rows.t / 20), CASES["slow"])
     assert finding.text == "the times have the factor 0.05.", "one clock, no unit of ω and no gravity"

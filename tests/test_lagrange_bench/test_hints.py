@@ -100,8 +100,9 @@ def test_two_axes_another_start_and_another_point_are_named():
     assert "point (0, 0, 0.1) m of the body" in sentences(judge(5 * T, above, flying.rotation, case="flying_box"))[0]
     for up, end in ((None, "(x, z, y)."), ("y", "(x, z, y), without --up and --axis.")):
         mirrored = flying.position @ MIRROR, MIRROR @ flying.rotation.as_matrix() @ MIRROR
-        (hint,) = sentences(judge(5 * T, *mirrored, case="flying_box", up=up))
-        assert hint.endswith(end), "half a mirror is no axis that points up"
+        (found,) = judge(5 * T, *mirrored, case="flying_box", up=up).findings
+        assert found.text.endswith(end), "half a mirror is no axis that points up"
+        assert found.option.endswith("ω −(x, z, y)")
     (note,) = judge(T, OMEGA, case="bruels").notes
     assert "are the columns what they are taken for" in note
     single = judge(T, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
@@ -205,3 +206,5 @@ def test_rows_in_which_the_law_breaks_are_told_though_it_holds_in_most():
     right = judge(t[:301], rotation=free.rotation, omega=free.omega_body, body=body)
     assert right.remark.startswith("No cause is found")
     assert "most rows" not in right.remark
+    faster = judge(t[:301], rotation=free.rotation, omega=1.004 * free.omega_body, body=body)
+    assert "the rotations differ by 4e-03" in faster.remark
