@@ -58,8 +58,8 @@ READINGS = ("quaternion-order", "rotation-transposed", "rotation-angles")
 NEARER = 10.0
 # causes beside which ω is right as it is read
 POOR_STEPS = ("omega-half-step", "explicit-step")
-# ω and a law that are off by more of their size do not agree with the rows, and so much more is a break of the law
-AGREES, HOLDS = 1e-3, 0.05
+# a law that is off by more of its size does not hold
+HOLDS = 0.05
 # and rows whose law is off so many times more than in most are named
 APART = 100.0
 # misfits below it are round-off
@@ -481,8 +481,8 @@ class Diagnosis:
         windows = fl.Windows(t, R, omega, self.body)
         misfits = np.linalg.norm(windows.X @ windows.claimed, axis=1) / windows.scale
         law = float(np.median(misfits))
-        holds = f"the law of motion {'holds to' if law < AGREES else 'is off by'} {law:.0e}"
-        agree = f"ω and the rotations {'agree to' if off < AGREES else 'differ by'} {off:.0e}, {holds}"
+        holds = f"the law of motion {'holds to' if law < WORTH else 'is off by'} {law:.0e}"
+        agree = f"ω and the rotations {'agree to' if off < WORTH else 'differ by'} {off:.0e}, {holds}"
         broken = misfits > max(HOLDS, APART * law)
         if not broken.any():
             return f"No cause is found: {agree}."
