@@ -143,7 +143,7 @@ def integrate(
         y, work = _evaluate(record, problem, state, times, options)
     else:
         h = check_step(h)
-        steps, every = check_grid(steps, recorded(steps) if every is None else every, "steps")
+        steps, every = check_grid(steps, default_every(steps) if every is None else every, "steps")
         stepper = _prepare(record, problem, state, h, options)
         if not math.isfinite(h * steps):
             raise StepError(record.name, "the time n h is beyond the largest double", h=h)
@@ -166,7 +166,7 @@ def _check_finite(record: Method, y: Array, h: float | None) -> None:
         raise StepError(record.name, "it returned a state that is not finite", h=h)
 
 
-def recorded(steps: Any) -> int:
+def default_every(steps: Any) -> int:
     """How many steps there are by default from one recorded state to the next. It divides `steps`; a long run gets a warning."""
     steps = check_count(steps, "steps")
     if steps < LONG:

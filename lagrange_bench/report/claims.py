@@ -187,8 +187,8 @@ class Claim:
     group: str
     text: str
     experiment: str
-    first_bounded: date  # when its bounds were first set
-    bounded: datetime  # when the last of them was changed
+    bounds_set: date  # when its bounds were first set
+    bounds_changed: datetime  # when the last of them was changed
     bounds: tuple[Bound, ...]
     answers: tuple[ShortAnswer, ...] = ()  # of the README
 

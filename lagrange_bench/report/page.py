@@ -46,7 +46,7 @@ class Judged:
     claim: claims.Claim
     verdict: claims.ClaimVerdict
     command: str
-    bounded: str = ""  # when its bounds were set, and whether that was before its rows were measured
+    bounds_dates: str = ""  # when its bounds were set, and whether that was before its rows were measured
     beside: claims.ClaimVerdict | None = None  # by the results that these are held against
 
 
@@ -125,7 +125,7 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
     report.claims = judge(rows, source)
     starts = {s.experiment: s.provenance["utc"].min() for s in report.sections if len(s.provenance)}
     for judged in report.claims:
-        judged.bounded = _bounded(judged.claim, starts.get(judged.claim.experiment))
+        judged.bounds_dates = _bounds_dates(judged.claim, starts.get(judged.claim.experiment))
     findings = ((judged.claim, finding) for judged in report.claims for finding in judged.verdict.findings)
     report.errors += [f"claim {claim.id}: {finding.note}" for claim, finding in findings if finding.broken]
     if len(rows.get("paper", ())):
@@ -136,13 +136,13 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
         _make(report, "engines_in_short", lambda: lists.programs_in_short(rows["engines"]))
 
 
-def _bounded(claim: claims.Claim, start: str | None) -> str:
+def _bounds_dates(claim: claims.Claim, start: str | None) -> str:
     """When the bounds of a claim were set; and, if its rows were measured from `start` on (UTC), whether that was before them."""
-    first, last = claim.first_bounded.isoformat(), f"{claim.bounded:%Y-%m-%d}"
+    first, last = claim.bounds_set.isoformat(), f"{claim.bounds_changed:%Y-%m-%d}"
     when = f"bounds set on {first}" + (f", last changed on {last}" if last != first else "")
     if start is None:
         return when
-    known = "before these rows were measured" if claim.bounded.isoformat() < start else "with these rows known"
+    known = "before these rows were measured" if claim.bounds_changed.isoformat() < start else "with these rows known"
     return f"{when}, {known}"
 
 

@@ -214,7 +214,7 @@ def generator_step(alpha: float, h: Series) -> Any:
     return 0.0, h, *lie_group.generator_of(uniform_system()).fixed(h, alpha)
 
 
-# one entry for each method, see `source_digest.NOT_FOLLOWED`
+# one entry for each method
 FORMULAS = {"rk4": RK4, "rk45_fixed": DORMAND_PRINCE, "dop853_fixed": DOP853, "verner9_fixed": VERNER9}
 STEPS: dict[str, Step] = {
     "taylor_fixed": partial(taylor_step, 20),

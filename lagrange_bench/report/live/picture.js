@@ -137,6 +137,14 @@ const Picture = (() => {
 
   const power = (k) => `10${String(k).replace(/./g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)])}`;
 
+  // a number of at least 0 to two digits
+  function show(v) {
+    if (!Number.isFinite(v)) return "–";
+    if (v === 0 || (v >= 1e-3 && v < 1e3)) return String(Number(v.toPrecision(2)));
+    const [digits, exponent] = v.toExponential(1).split("e");
+    return `${digits}×${power(Number(exponent))}`;
+  }
+
   // 1, 2 or 5 times a power of ten, so that at most `most` of them cover `span`
   function tick(span, most) {
     const rough = 10 ** Math.floor(Math.log10(span / most));
@@ -202,5 +210,5 @@ const Picture = (() => {
     }
   }
 
-  return { sphere, chart, handles, power };
+  return { sphere, chart, handles, show };
 })();

@@ -71,11 +71,6 @@ const Tumble = (() => {
   const $ = (name) => section.querySelector(`[name="${name}"]`);
   const canvas = section.querySelector("canvas"), told = section.querySelector(".told");
   const COLOUR = "#D55E00", MOST = 60; // s
-  function show(v) {
-    if (v === 0 || v >= 1e-3) return String(Number(v.toPrecision(2)));
-    const [digits, exponent] = v.toExponential(1).split("e");
-    return `${digits}×${Picture.power(Number(exponent))}`;
-  }
   let timer = 0, key = "", states = [];
 
   function draw() {
@@ -89,7 +84,7 @@ const Tumble = (() => {
     section.querySelector('[for="tumble-time"] output').textContent = `${(n * h).toFixed(1)} s`;
     section.querySelector('[for="tumble-rate"] output').textContent = `1/${$("rate").value} s`;
     $("time").setAttribute("aria-valuetext", `${(n * h).toFixed(1)} seconds`);
-    told.textContent = `The attitude is off by ${show((180 / Math.PI) * off)}°, the energy by ${show(100 * Math.abs(gained))} %.`;
+    told.textContent = `The attitude is off by ${Picture.show((180 / Math.PI) * off)}°, the energy by ${Picture.show(100 * Math.abs(gained))} %.`;
     const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
     const trail = (i) => states.slice(Math.max(0, n - Math.round(4 / h)), n + 1).map((pair) => pair[i]);
     Picture.handles(canvas, [{ colour: css("--ink"), trail: trail(0) }, { colour: COLOUR, trail: trail(1) }], css("--line"));

@@ -118,7 +118,7 @@
     section.querySelector('[for="live-h"] output').textContent = `${h.toPrecision(3)}${share}`;
     const least = steps < number("steps") ? ": so far the truth in a tide is followed" : "";
     section.querySelector('[for="live-steps"] output').textContent = `${steps} (t = ${Number(end.toPrecision(3))})${least}`;
-    const strength = k ? show(10 ** number("eps")) : "0";
+    const strength = k ? Picture.show(10 ** number("eps")) : "0";
     section.querySelector('[for="live-eps"] output').textContent = strength;
     $("eps").setAttribute("aria-valuetext", k ? `ε = ${strength}` : "no tide");
     $("h").setAttribute("aria-valuetext", `h = ${h.toPrecision(3)}${share}`);
@@ -143,13 +143,6 @@
     section.dataset.ready = "yes";
   }
 
-  function show(v) {
-    if (!Number.isFinite(v)) return "–";
-    if (v === 0 || (v >= 1e-3 && v < 1e3)) return String(Number(v.toPrecision(2)));
-    const [digits, exponent] = v.toExponential(1).split("e");
-    return `${digits}×${Picture.power(Number(exponent))}`;
-  }
-
   // of H, J3, C1 and C2
   function sizes(y) {
     const J = Math.hypot(...y.slice(0, 3)), x = Math.hypot(...y.slice(3));
@@ -161,10 +154,10 @@
     const said = [];
     numbers.replaceChildren(...runs.map(({ name, all, last }) => {
       const { label, color } = about(name), now = Top.invariants(alpha, all[last], k);
-      const failed = last < steps ? `failed at step ${last + 1}` : "", off = failed || (name === "free" ? "–" : show(distance(all[last], there)));
-      const lost = k ? `, its energy by ${show(Math.abs(now[0] - start[0]) / scale[0])}` : "";
+      const failed = last < steps ? `failed at step ${last + 1}` : "", off = failed || (name === "free" ? "–" : Picture.show(distance(all[last], there)));
+      const lost = k ? `, its energy by ${Picture.show(Math.abs(now[0] - start[0]) / scale[0])}` : "";
       if (name !== "free") said.push(`${label}: ${off}${lost}`);
-      const cells = [label, off, ...now.map((v, i) => (k && i === 1 ? "–" : show(Math.abs(v - start[i]) / scale[i])))];
+      const cells = [label, off, ...now.map((v, i) => (k && i === 1 ? "–" : Picture.show(Math.abs(v - start[i]) / scale[i])))];
       const row = document.createElement("tr");
       row.append(...cells.map((text, i) => Object.assign(document.createElement(i ? "td" : "th"), { textContent: text, className: i ? "n" : "" })));
       row.firstChild.scope = "row";
@@ -174,7 +167,7 @@
     if (!Number.isFinite(Top.nutationPeriod(alpha, y))) said.push("On a separatrix round-off grows exponentially, of the truth, too.");
     told.replaceChildren(...(said.length ? ["The axis is off by", ...said] : runs.length ? [] : ["Choose a method."]).map((text) => Object.assign(document.createElement("span"), { textContent: text })));
     const { lambda, turns } = Top.exactStep(alpha, y, h), shown = (c) => String(Number(c.toPrecision(6))).replace("-", "−");
-    note.textContent = k ? `Tide: V = k x₁²/2 with k = ${show(k)}. There is no exact step; J3 is not conserved. The truth is a Taylor series.` : `Exact step: λ(h) = ${shown(lambda[0])} + ${shown(lambda[1])} i${turns ? `, after ${turns} whole nutation${turns > 1 ? "s" : ""} as turns about the vertical` : ""}.`;
+    note.textContent = k ? `Tide: V = k x₁²/2 with k = ${Picture.show(k)}. There is no exact step; J3 is not conserved. The truth is a Taylor series.` : `Exact step: λ(h) = ${shown(lambda[0])} + ${shown(lambda[1])} i${turns ? `, after ${turns} whole nutation${turns > 1 ? "s" : ""} as turns about the vertical` : ""}.`;
   }
 
   // ---------------------------------------------------------------- events
