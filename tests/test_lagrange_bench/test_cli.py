@@ -19,11 +19,7 @@ from faults import python
 from lagrange_bench import LagrangeTop, PerturbedTop, integrate, integrators
 from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import integrate as command
-from lagrange_bench.experiments import phase
-from lagrange_bench.experiments.measuring import check
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
-from lagrange_bench.integrators.registry import NAMED_TOPS
-from lagrange_bench.results.store import Store, make_record
 from lagrange_bench.runner import engine
 from tests.mutants import ROOT
 from tests.reference import free_body
@@ -79,47 +75,31 @@ def test_every_help_has_examples_that_are_understood(run, command, monkeypatch):
     assert command or (out == run()[1] and re.fullmatch(r"lagrange-bench \d+\.\d+\S*\n", run("--version")[1]))
 
 
-I = "integrate --h 0.1 --steps 3"
-T = "integrate --times 0,1"
-JUDGE = "judge run.csv --case bruels"
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "integrate --method heyoka --h 1 --steps 1": "unknown method 'heyoka'; did you mean 'taylor'?",
+    "integrate --h 1 --steps 1 --output x.txt": "--output x.txt: the name must end in .csv",
+    "integrate --times 0,1 --physical mass=1,distance=1,A=2,C=1,theta=30,dpsi=3": "theta = 30 is in rad, not in degrees",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
-    "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
-    "figure": "one of the arguments NAME --all --list is required",
-    "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
-    f"{T} --physical mass=1,distance=1,A=2,C=1,theta=30,dpsi=3": "theta = 30 is in rad, not in degrees",
-    f"{I} --output folder.csv": "folder.csv: this is not a file",
-    f"{T} --potential json:loads": "json:loads is a function, not a lagrange_bench.Potential",
-    f"{I} --potential tide --parameters 0.1,1,0,0 --method backlund": "(these take it: backlund_splitting, taylor, ",
-    f"{JUDGE} --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07; got '1/0'",
-    "paper --top generic": "--top belongs to a SECTION: ",
-    "case kovalevskaya --code c": "no closed form",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
-    "run drift --methods mine.py": "method mine.py: write mine:METHOD",
-    "figure phase_h --xlim 0,1": "the axis is logarithmic, so limits must be positive; got 0, 1",
-    "figure phase_h --x h --y of --results small": "y must be a column of numbers; got 'of'; did you mean 'off'?",
-    "figure phase_h --output x.eps --results small": "--output x.eps: the name must end in",
+    "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
+    "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
+    "judge run.csv --case bruels --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07",
+    "case kovalevskaya --code c": "no closed form",
 }
 
 
 @pytest.mark.parametrize("words", BAD)
-def test_bad_input(run, words, folder, monkeypatch):
-    (folder / "mine.toml").touch()
+def test_bad_input(run, words, folder):
     (folder / "run.csv").write_text("t,x,y,z\n0,0,1,0\n")
-    for name in ("folder.csv", "mine", "small"):
-        (folder / name).mkdir()
-    cell = {"part": "h", "state": "generic", "method": "backlund", "h": 0.5}
-    Store(folder / "small").append(make_record("phase", phase.VERSION, 0, cell, rows=[{"off": 1.0}], sources=None))
+    (folder / "mine").mkdir()
     (folder / "mine" / "broken.py").write_text("import nonexistent_thing")
     before = sorted(folder.iterdir())
-    monkeypatch.setattr("lagrange_bench.report.page.assemble", lambda *_: pytest.fail("drawn"))
     code, out, err = run(*shlex.split(words))
     assert (code, out) == (2, "")
     assert re.fullmatch(r"lagrange-bench: error: .*\n", err), err  # one line
     assert BAD[words] in err
-    assert sorted(path for path in folder.iterdir() if path.name != "__pycache__") == before
+    assert sorted(folder.iterdir()) == before
 
 
 @pytest.mark.parametrize(
@@ -153,18 +133,12 @@ def test_json_is_alone_on_stdout(run, folder):
     assert (code, json.loads(out)["method"], err) == (0, "backlund", "chatter\n")
 
 
-def test_stdout_that_cannot_be_written_to():
-    """A reader that went away, and a full disk."""
-    program = ("-m", "lagrange_bench")
+def test_a_reader_of_stdout_that_went_away():
     reading, writing = os.pipe()
     os.close(reading)
     with open(writing, "w") as stdout:
-        done = python(*program, "--version", stdout=stdout)
+        done = python("-m", "lagrange_bench", "--version", stdout=stdout)
     assert (done.returncode, done.stderr) == (141, "")
-    if Path("/dev/full").exists():
-        with open("/dev/full", "w") as stdout:
-            done = python(*program, "--version", stdout=stdout)
-        assert (done.returncode, done.stderr.count("\n"), "No space left" in done.stderr) == (2, 1, True)
 
 
 # an experiment of somebody's own, in which other tests define some functions anew
@@ -188,15 +162,11 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, fo
     assert (code, err, "drawn: my out/page/figures/my_study.energy_squares.svg" in out) == (0, "", True)
     after = shlex.split(re.search("^next: lagrange-bench (.*)", out, re.MULTILINE)[1])
     page = Path(run(*after, "--output", "page")[1].strip()).read_text(encoding="utf-8")
-    assert "my_study.energy_squares" in page
     assert "cannot be loaded" not in page
     again = unescape(re.sub("<[^>]*>", "", re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]))
     assert again == "lagrange-bench figure my_study.energy_squares --results 'my out' --module my_study.energy"
-    words, replaced = shlex.split(again)[1:], "replaced: my_study.energy_squares.svg"
-    code, out, err = run(*words)
-    assert (code, out, replaced in err) == (0, "my_study.energy_squares.svg\n", False)
-    assert replaced in run(*words)[2].splitlines()
-    assert run(*words, "--quiet")[2] == ""
+    code, out, _ = run(*shlex.split(again)[1:])
+    assert (code, out) == (0, "my_study.energy_squares.svg\n")
 
 
 @pytest.mark.parametrize(
@@ -204,7 +174,7 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, fo
     [("methods", METHODS), ("tops", TOPS), ("tops", PERTURBED_TOPS), ("potentials", POTENTIALS), ("case", CASES)],
 )
 def test_all_there_is_is_listed(run, answer, command, known):
-    code, out, err = run(command, *["--archive"] * (command == "methods"))
+    code, out, err = run(command, "--archive") if command == "methods" else run(command)
     assert (code, err) == (0, "")
     tables = [[line.split()[0] for line in table.splitlines()[1:]] for table in out.split("\n\nin a potential:\n")]
     assert any(table[: len(known)] == list(known) for table in tables)
@@ -214,23 +184,11 @@ def test_all_there_is_is_listed(run, answer, command, known):
 def test_the_archive_is_left_out_of_lists_and_quick_runs_of_many_methods(run):
     last = run("methods")[1].splitlines()[-1]
     assert last.startswith(f"{len(registry.ARCHIVE)} more are in the archive")
-    few = [*registry.ARCHIVE][: registry.MANY]
-    assert registry.without_archive(few) == few
     cells = [{"part": part, "method": name} for part in ("order", "time") for name in METHODS]
     left = engine._without_archive([*cells, {"part": "tolerance"}])
     assert {cell["method"] for cell in left if cell["part"] == "time"} == set(METHODS) - registry.ARCHIVE
     assert {cell["method"] for cell in left if cell["part"] == "order"} == set(METHODS)
     assert left[-1] == {"part": "tolerance"}
-
-
-@pytest.mark.parametrize("known", [METHODS, POTENTIALS, NAMED_TOPS], ids=lambda known: known.word)
-def test_a_plug_in_that_cannot_be_loaded_is_listed(run, answer, folder, monkeypatch, known):
-    (folder / "leaves.py").write_text("raise SystemExit('no')\n")
-    broken = registry.EntryPoint("broken", "leaves:IT", known.group)
-    monkeypatch.setitem(vars(known), "_entries", {**known._entries, "broken": broken})
-    assert "broken: cannot be loaded: ImportError: it calls sys.exit('no')" in run(f"{known.word}s")[1]
-    listed = answer(f"{known.word}s")
-    assert (len(listed), listed[-1]["error"]) == (len(known), "ImportError: it calls sys.exit('no')")
 
 
 def test_methods_of_a_top(run, answer):
@@ -240,8 +198,6 @@ def test_methods_of_a_top(run, answer):
     assert (data["theta_functions"]["refuses"], data["strang"]["refuses"]) == (refused, None)
     assert refused.replace(" ", ": ", 1) in left_out
     assert data["strang"]["conserves"] == ["C1", "C2"]
-    words = ("methods", "--potential", "tide", "--parameters", "0.1,0,0,1")  # of the height: J3 stays
-    assert {m["name"]: m for m in answer(*words)}["strang"]["conserves"] == ["J3", "C1", "C2"]
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -255,11 +211,14 @@ def test_the_reference_files(name, run):
     assert len(lines) == 27
 
 
-def test_check_a_method_that_does_not(run, monkeypatch):
-    monkeypatch.setattr(check, "CHECKS", (check.symmetric,))
-    code, out, err = run("check", "toys.lies:METHOD", "--quick", "--json")
+def test_check_a_method_that_promises_too_much(run, folder):
+    (folder / "liar.py").write_text(
+        "from dataclasses import replace\nfrom lagrange_bench import METHODS\nRK4 = METHODS['rk4']\n"
+        "METHOD = replace(RK4, name='liar', claims=replace(RK4.claims, symmetric=True))\n"
+    )
+    code, out, err = run("check", "liar:METHOD", "--quick", "--json")
     data = json.loads(out)
-    assert (code, err, data["method"], data["passed"]) == (1, "", "lies", False)
+    assert (code, err, data["method"], data["passed"]) == (1, "", "liar", False)
     assert ("symmetric", False) in {(verdict["claim"], verdict["passed"]) for verdict in data["verdicts"]}
 
 
@@ -299,13 +258,8 @@ def test_a_problem_of_ones_own(answer, run, folder):
     words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--h", "0.01", "--steps", "10")
     data = answer(*words, "--method", "rk4")
     assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
-    for more, said in (
-        ("--method rk4 --draw x.svg", "no axis on a sphere"),
-        ("--method backlund", "(these take it: taylor, "),
-        ("--problem posed:Q", "problem posed:Q cannot be loaded"),
-    ):
-        code, _, err = run(*words, *more.split())
-        assert (code, said in err) == (2, True)
+    code, _, err = run(*words, "--method", "backlund")
+    assert (code, "(these take it: taylor, " in err) == (2, True)
 
 
 def test_where_and_when_a_trajectory_is(answer):
@@ -316,26 +270,18 @@ def test_where_and_when_a_trajectory_is(answer):
     words = "mass=0.5,distance=0.04,gravity=1.62,A=1.2e-3,C=4e-4,theta=0.5,phi=0.1,psi=0.2,dtheta=0.3,dphi=0.4,dpsi=200"
     data = answer("integrate", "--physical", words, "--times", "0,1e-3")
     assert data["alpha"] == pytest.approx(0.5 * 1.62 * 0.04 / 1.2e-3)
-    axis = np.array(data["y0"][3:])
-    assert axis @ data["y0"][:3] == pytest.approx((200.0 + 0.4 * math.cos(0.5)) / 3)  # C/A of the spin
+    J, axis = np.array(data["y0"]).reshape(2, 3)
+    assert J @ axis == pytest.approx((200.0 + 0.4 * math.cos(0.5)) / 3)  # C/A of the spin
     data = answer("integrate", "--times", "-1:0.1:12")
     assert np.allclose(data["t"], np.linspace(-1, 0.1, 12), rtol=1e-14)
-    assert data["y"] == integrate(GENERIC.top, GENERIC.state, t=data["t"]).y.tolist()
     expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)
     assert answer(*SHORT, "--option", "lam=0.1+0.5j", "--option", "pin=0")["y_final"] == expected.y[-1].tolist()
 
 
-NOT_JUDGED = {  # and why
-    "--h 1 --steps 1000 --option lam=0.02j": "lam given: one step is the flow over another time than h, and a turn",
-    "--top weightless --method backlund_paper --h 1e13 --steps 10000": "hardly resolve",  # 1e16 and more: beyond doubles
-    "--h 1 --steps 3000 --top axisymmetric --method strang": "longer than 2000 time scales",
-}
-
-
-@pytest.mark.parametrize("words", NOT_JUDGED)
-def test_a_run_without_a_truth_is_not_judged(answer, words):
-    error = answer("integrate", *words.split())["error"]
-    assert (error["final"], error["largest"], NOT_JUDGED[words] in error["note"]) == (None, None, True)
+def test_a_run_longer_than_the_reference_solution_is_not_judged(answer):
+    error = answer("integrate", "--h", "1", "--steps", "3000", "--top", "axisymmetric", "--method", "strang")["error"]
+    assert (error["final"], error["largest"]) == (None, None)
+    assert "longer than 2000 time scales" in error["note"]
 
 
 def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch):

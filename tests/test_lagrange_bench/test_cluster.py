@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from types import SimpleNamespace
 
 import pytest
@@ -20,57 +19,52 @@ pytestmark = [linux, pytest.mark.processes]
 
 
 @pytest.fixture
-def scheduler(tmp_path):
-    """A scheduler on a port of its own: its address in `address`, workers by `worker()`."""
-    file, processes = tmp_path / "scheduler.json", []
+def dask():
+    """dask(*words) starts a scheduler or a worker, which is gone after the test."""
+    processes = []
 
-    def dask(*words, **variables):
-        environment = {**os.environ, "PYTHONPATH": str(HERE), **variables}
+    def begin(*words):
+        command = [sys.executable, "-m", "dask", *map(str, words)]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "start_new_session": True}
-        command = [sys.executable, "-m", "dask", *map(str, words), "--scheduler-file", str(file)]
+        environment = {**os.environ, "PYTHONPATH": str(HERE)}
         processes.append(subprocess.Popen(command, env=environment, cwd=HERE.parent, **quiet))
         return processes[-1]
 
-    def worker(**variables):
-        words = ("--nthreads", 1, "--no-nanny", "--no-dashboard", "--local-directory", tmp_path / "scratch")
-        return dask("worker", *words, **variables)
-
-    first = dask("scheduler", "--port", 0, "--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0")
-    for _ in range(1500):
-        if file.exists() and file.read_text().strip().endswith("}"):
-            break
-        time.sleep(0.02)
-    yield SimpleNamespace(process=first, address=json.loads(file.read_text())["address"], worker=worker)
+    yield begin
     for process in reversed(processes):
         end(process)
     assert all(nobody_left(process.pid) for process in processes)
 
 
 @pytest.mark.slow
-def test_workers_and_a_scheduler_that_are_killed(scheduler, toy, tmp_path):
+def test_workers_and_a_scheduler_that_are_killed(dask, toy, tmp_path):
     """The other worker and a new one take over; without a scheduler the run stops, and goes on here. No cell is stored twice."""
-    doomed = scheduler.worker()
-    scheduler.worker()
-    cells, path = squares(*range(60), seconds=0.1), tmp_path / "there" / f"{TOY}.jsonl"
+    there, at = tmp_path / "there", ("--scheduler-file", tmp_path / "scheduler.json")
+    scheduler = dask("scheduler", "--port", 0, "--host", "127.0.0.1", "--dashboard-address", "127.0.0.1:0", *at)
+    worker = ("worker", "--nthreads", 1, "--no-nanny", "--no-dashboard", "--local-directory", tmp_path / "scratch", *at)
+    doomed = dask(*worker)
+    dask(*worker)
+    wait_for_lines(at[1], 1, scheduler)
+    cells, path = squares(*range(60), seconds=0.1), there / f"{TOY}.jsonl"
     cells[3]["do"] = "die"
-    run = start(cells, tmp_path / "there", "--scheduler", scheduler.address)
+    run = start(cells, there, "--scheduler", json.loads(at[1].read_text())["address"])
     wait_for_lines(path, 5, run)
     doomed.kill()
     assert nobody_left(doomed.pid)  # also the process that computed for it
-    scheduler.worker()
+    dask(*worker)
     wait_for_lines(path, 30, run)
-    scheduler.process.kill()
-    out, err = run.communicate(timeout=120)
+    scheduler.kill()
+    _, err = run.communicate(timeout=120)
     assert run.returncode == 2, err
     assert "went away; what was finished is stored: run the same command again" in err
-    assert start(cells, tmp_path / "there").communicate(timeout=60)
-    done = [record["key"] for record in Store(tmp_path / "there").read(TOY)[0] if record["status"] == "done"]
+    assert start(cells, there).communicate(timeout=60)
+    done = [record["key"] for record in Store(there).read(TOY)[0] if record["status"] == "done"]
     assert len(set(done)) == len(done) == 59
     toy(cells)
-    assert comparable(tmp_path / "there") == comparable(toy.store.folder)
+    assert comparable(there) == comparable(toy.store.folder)
 
 
-def test_workers_with_other_versions_or_code_are_refused(monkeypatch):
+def test_workers_with_other_versions_or_code_are_refused():
     """What a worker sends with its rows is compared, whenever it joined."""
     here, task = cluster.versions(), Task("phase", 1, 0, {"part": "h", "method": "rk4"})
     for name in ("mpmath", "the code of lagrange-bench"):

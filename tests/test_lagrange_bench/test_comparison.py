@@ -43,9 +43,8 @@ def test_drift_is_that_of_a_run_in_both_units_of_time():
 
 
 def test_a_method_that_fails_is_a_row_with_the_reason():
-    frame = drift(["rk4", "backlund"], "generic", h_scaled=1e17, steps=3).to_frame()
-    failed = frame[frame.method == "backlund"]
-    assert (set(failed.status), "|h| is over" in failed.failure.iloc[0]) == ({"failed"}, True)
+    (failed,) = drift(["backlund"], "generic", h_scaled=1e17, steps=3).to_frame().itertuples()
+    assert (failed.status, "|h| is over" in failed.failure) == ("failed", True)
 
 
 def test_phase_splits_the_error_where_there_is_a_torus():
@@ -54,16 +53,14 @@ def test_phase_splits_the_error_where_there_is_a_torus():
     assert on_torus[["time", "angle", "off", "error"]].notna().all(axis=None)
     assert own.error.between(1e-12, 1e-3).all()
     assert own.time.isna().all()
-    assert phase(["rk4"], ["generic"], steps=2).y == "time"
 
 
 def test_order_of_a_method_on_a_top_and_on_a_problem():
     frame = order([NAMED, "rk4"], ["fast", OWN]).to_frame()
     measured = frame.groupby(["method", "top"]).order.first().round(0)
     assert measured.to_dict() == {(m, top): p for m, p in (("named", 2), ("rk4", 4)) for top in ("fast", "mine")}
-    answer = order(["rk4", "backlund", "rk45"])
-    assert answer.to_frame().groupby("method").order.last()[["backlund", "rk45"]].tolist() == ["exact", "own steps"]
-    assert len(answer.plot().get_lines()) == 1
+    answer = order(["backlund", "rk45"]).to_frame()
+    assert answer.groupby("method").order.last().to_dict() == {"backlund": "exact", "rk45": "own steps"}
 
 
 @pytest.mark.parametrize("tops", ["moderate_tide", BODY])
@@ -91,7 +88,6 @@ def made(methods=("rk4", "strang"), tops=("generic", "fast")):
 
 BAD = {
     "^methods must be names": lambda: drift(4),
-    "does not take the potential charge": lambda: drift(["backlund"], "magnet"),
     "no reference solution beyond": lambda: phase(["rk4"], "weak_tide", steps=10**6),
     "every run failed: rk4: every step is exact up to round-off on rest": lambda: order(["rk4"], RESTING).plot(),
     "^y must be a column of numbers": lambda: made().plot(y="method"),
@@ -122,14 +118,12 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     assert (ax.get_xscale(), ax.get_yscale(), ax.get_title()) == ("log", "linear", "fast top")
     assert (ax.get_xlim(), ax.get_ylim(), ax.get_ylabel()) == ((0.1, 1), (-2, 2), "height")
     axes = made().plot("h_scaled", "H", tops=["fast", "generic"])
-    assert [(ax.get_title(), ax.get_ylabel()) for ax in axes] == [
-        (title, "relative error of H") for title in ("fast top", "generic unit top")
-    ]
-    with plt.rc_context({"font.size": 15}):
-        _, ax = plt.subplots()
+    assert [ax.get_title() for ax in axes] == ["fast top", "generic unit top"]
+    assert axes[0].get_ylabel() == "relative error of H"
+    _, ax = plt.subplots()
     made().plot(ax=ax)
-    assert (len(ax.get_lines()), ax.get_title(), ax.xaxis.label.get_fontsize()) == (4, "generic unit top, fast top", 15)
-    (legend,) = made().plot(tops=["generic"], names=True).figure.legends
+    assert (len(ax.get_lines()), ax.get_title()) == (4, "generic unit top, fast top")
+    (legend,) = made().plot(tops=["generic"]).figure.legends
     assert [text.get_text() for text in legend.get_texts()] == ["RK4", "Strang"]
 
 
@@ -166,12 +160,12 @@ def test_stored_rows_are_frames_in_both_units(folder):
     ax = Comparison(frame).plot()
     assert (ax.get_title(), "own unit" in ax.get_xlabel()) == ("kapitza", True), "no top of the bench"
     assert len(ax.lines) == 2, "one for each length"
+
+
+def test_rows_that_are_stored_in_own_units_are_in_both_units(folder):
     race = {"part": "headline", "state": "generic", "method": "taylor", "h": 0.5}
     Store(folder).append(make_record("cost", 1, 0, race, rows=ROWS))
-    assert load(folder)["cost"][["h", "h_scaled"]].iloc[0].tolist() == pytest.approx([0.5, 0.5 / UNIT]), "not scaled"
-    own = stored["phase"]
-    own["h"] = 0
-    assert stored["phase"].h.all(), "a frame of one's own"
+    assert load(folder)["cost"][["h", "h_scaled"]].iloc[0].tolist() == pytest.approx([0.5, 0.5 / UNIT])
 
 
 def test_names_of_experiments_and_damaged_lines(folder):

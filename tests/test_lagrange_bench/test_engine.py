@@ -13,7 +13,7 @@ from faults import TOY, nobody_left, squares, start
 from lagrange_bench.integrators import registry
 from lagrange_bench.integrators.interface import Method
 from lagrange_bench.results.store import Store
-from lagrange_bench.runner import engine, progress, workers
+from lagrange_bench.runner import engine, progress
 
 pytestmark = [pytest.mark.processes, pytest.mark.xdist_group("engine")]
 
@@ -129,14 +129,14 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, i
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, monkeypatch):
-    monkeypatch.setattr(workers, "compute_all", lambda *_: pytest.fail("computed"))
-    for cells, message in ((squares(1, 1), "twice"), (squares(1, status=0), "'status'")):
-        with pytest.raises(ValueError, match=message):
-            toy(cells)
+@pytest.mark.parametrize(("cells", "message"), [(squares(1, 1), "twice"), (squares(1, status=0), "'status'")])
+def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, cells, message):
+    with pytest.raises(ValueError, match=message):
+        toy(cells)
+    assert not toy.store.path(TOY).exists()
 
 
-def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_path):
+def test_progress_is_sparse(monkeypatch, capsys, tmp_path):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
 
@@ -146,18 +146,14 @@ def test_progress_is_sparse_but_for_bars_in_a_terminal(monkeypatch, capsys, tmp_
                 bar.begin("drift")
                 now[0] += 0.5
                 bar.advance("drift", failed=i == 100)
-        with progress.drawing(tmp_path, show=show) as drawn:
-            drawn(1, 2)
         return capsys.readouterr().err
 
-    begin, *lines, drawing, last = shown().splitlines()
+    begin, *lines = shown().splitlines()
     assert begin.startswith("drift: 300 cells; the first ones")
     assert 10 <= len(lines) <= 17  # 150 s, one in 10 s
     assert (lines[2], lines[-1]) == ("drift: 60/300 cells", "drift: 300/300 cells, 1 failed")
-    assert (drawing, last) == ("drawing 2 parts", f"drawn from {tmp_path}")
     assert shown(False) == ""
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     monkeypatch.setenv("TERM", "xterm-256color")
-    bars = re.sub(r"\x1b\[[\d;?]*\w", "", shown())
-    assert re.search("drift .* 300/300 .*1 failed.*drawing .* 1/2", bars, re.DOTALL)
+    assert re.search("drift .* 300/300 .*1 failed", re.sub(r"\x1b\[[\d;?]*\w", "", shown()), re.DOTALL)
     assert "drift" not in shown(False)

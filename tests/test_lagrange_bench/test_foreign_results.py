@@ -23,7 +23,7 @@ WELL = Potential("well", lambda x1, x2, x3, p: -p[0] / (2 + x1 * x1), parameters
 MINE = NamedTop("mine", "my top", 2.0, (0.5, 0.0, 1.25, 0.5, 0.0, 1.0), "a test")
 """
 GROUPS = {
-    "methods": {"rk4": "suzuki_top:METHOD"},
+    "methods": {"rk4": "suzuki_top:METHOD", "broken": "leaves:METHOD"},
     "potentials": {"well": "my_own:WELL", "tide": "my_own:WELL"},
     "tops": {"mine": "my_own:MINE", "fast": "my_own:MINE"},
 }
@@ -40,10 +40,11 @@ def install(site: Path, name: str, groups: dict[str, dict[str, str]]) -> None:
 
 @pytest.mark.processes
 def test_packages_join(tmp_path):
-    """Their names are known, but for those that are taken; a name means the object that it stands for."""
+    """Their names are known, but for those that are taken. What cannot be loaded is listed with the reason."""
     about = tomllib.loads((EXAMPLE / "pyproject.toml").read_text(encoding="utf-8"))
     shutil.copy(EXAMPLE / "suzuki_top.py", tmp_path)
     (tmp_path / "my_own.py").write_text(OWN)
+    (tmp_path / "leaves.py").write_text("raise SystemExit('no')\n")
     install(tmp_path, about["project"]["name"], about["project"]["entry-points"])
     environment = {**os.environ, "PYTHONPATH": f"{tmp_path}{os.pathsep}{EXAMPLE.parents[1]}"}
 
@@ -54,11 +55,14 @@ def test_packages_join(tmp_path):
 
     assert answer("check", "suzuki4", "--quick")[0]["passed"]
     install(tmp_path, "well-top", {f"lagrange_bench.{group}": entries for group, entries in GROUPS.items()})
+    errors = {}
     for word, joined in (("method", "suzuki4"), ("potential", "well"), ("top", "mine")):
         listed, said = answer(f"{word}s")
         assert f"give the {word} another name, or pip uninstall well-top" in said
         names = [each["name"] for each in listed]
         assert (names.count(joined), len(names)) == (1, len(set(names)))
+        errors |= {each["name"]: each["error"] for each in listed if "error" in each}
+    assert errors == {"broken": "ImportError: it calls sys.exit('no')"}
     words = ("integrate", "--h", "0.1", "--steps", "5", "--method", "rk4", "--potential", "well")
     assert answer(*words, "--parameters", "0.1")[0]["potential"] == "well"
 
@@ -80,10 +84,8 @@ def test_rows_never_choose_code(run, folder, monkeypatch):
     (folder / "evilpkg").mkdir()
     for name in ("exp", "method"):
         (folder / "evilpkg" / f"{name}.py").write_text(MODULE)
-    cell, row = (
-        {"part": "time", "state": "generic", "h": 0.1, "steps": 10},
-        dict.fromkeys(INVARIANTS, 1e-9),
-    )
+    cell = {"part": "time", "state": "generic", "h": 0.1, "steps": 10}
+    row = dict.fromkeys(INVARIANTS, 1e-9)
     start = {"alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "parameters": "0.1"}
     in_field = {**cell, **start, "potential": "evilpkg.method:POTENTIAL", "method": "strang"}
     for results, experiment, fields, measured in (

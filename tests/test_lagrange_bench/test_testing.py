@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lagrange_bench import assert_drift, assert_order
+from lagrange_bench import assert_drift, assert_order, integrate
 from lagrange_bench.ask import testing
 from lagrange_bench.experiments.measuring import states
 from lagrange_bench.integrators import METHODS, LagrangeTop
@@ -36,10 +36,9 @@ def test_drift_is_in_ulps_of_the_scale():
     (run,) = testing.drifts(MINE, testing.starts_of("generic"), None, 0.1, 64)
     (same,) = testing.drifts(MINE, testing.starts_of("generic"), h, None, 64)
     assert (run.ulps == same.ulps).all(), "h is in the top's own unit"
-    y = METHODS["strang"].prepare_for(top)(top, y0, h).record(y0, 64, 1)
-    scale = top.invariant_scales(y0)[0]
-    expected = (top.invariants(y)[:, 0] - top.invariants(y0)[0]) / np.spacing(scale)
-    assert run.ulps[:, 0] == pytest.approx(expected[run.counts], abs=4)  # H itself is rounded
+    H = integrate(top, y0, h, 64, "strang", every=1).invariants()[:, 0]
+    expected = (H - H[0]) / np.spacing(top.invariant_scales(y0)[0])
+    assert run.drift("H") == pytest.approx(expected[run.counts], abs=4)  # H itself is rounded
     at = int(np.argmax(abs(expected[run.counts])))
     assert run.largest("H") == (pytest.approx(abs(expected[run.counts[at]]), abs=4), run.counts[at])
 
@@ -79,22 +78,19 @@ def test_a_run_that_ends_early_or_is_not_finite():
 NO_TEST = [
     ({}, "give a bound"),
     ({"C3": 16}, "unknown invariant 'C3'"),
-    *(({"H": bound}, "^H must be ") for bound in (-1, float("nan"))),
+    ({"H": float("nan")}, "^H must be "),
     ({"H": 16, "tops": []}, "^tops"),
-    ({"H": 16, "tops": ((LagrangeTop(1.0), (1.0, 2.0)),)}, "^tops: y0 must have shape"),
-    ({"H": 16, "h": 1.0, "h_scaled": 1.0}, "^give h or h_scaled, not both"),
     ({"H": 16, "h": []}, "give at least one step"),
     ({"growth": "H"}, "go together"),
     ({"growth": "H", "below": float("nan")}, "^below must be "),
-    ({"H": 16, "tops": ["generi"]}, "unknown top 'generi'; did you mean 'generic'"),
     ({"J3": 0, "tops": ["magnet"], "steps": 1}, "magnet does not conserve it"),
 ]
 
 
-@pytest.mark.parametrize(("more", "message"), NO_TEST)
-def test_what_would_test_nothing(more, message):
+@pytest.mark.parametrize(("asked", "message"), NO_TEST)
+def test_what_would_test_nothing(asked, message):
     with pytest.raises(ValueError, match=message):
-        assert_drift(MINE, **more)
+        assert_drift(MINE, **asked)
 
 
 def test_order():
@@ -104,11 +100,8 @@ def test_order():
     for method, claimed, tops in (("rk4", 7, "hanging"), ("strang", 9, "weightless")):  # nothing moves, or all is exact
         with pytest.raises(AssertionError, match=f"{method}, order {claimed}:.* exact up to round-off.*not judged"):
             assert_order(method, claimed, tops=[tops])
-    for method, tops, message in (
-        ("backlund", ["generic"], "exact in time"),
-        ("rk45", ["generic"], "chooses its own steps"),
-        ("backlund_paper", ["magnet"], "does not take the potential charge"),
-        *((MINE, tops, r"^tops") for tops in (("generic", "weak_tide"), 5, ())),
-    ):
+    for method, message in (("backlund", "exact in time"), ("rk45", "chooses its own steps")):
         with pytest.raises(ValueError, match=message):
-            assert_order(method, tops=tops)
+            assert_order(method, tops=["generic"])
+    with pytest.raises(ValueError, match=r"^tops"):
+        assert_order(MINE, tops=())
