@@ -24,7 +24,7 @@ from lagrange_bench.experiments.measuring.orders import RUN, hides_leading_term,
 from lagrange_bench.experiments.measuring.orders import SPANS as ORDER_SPANS
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS
-from lagrange_bench.integrators.backward_error.prediction import predicted_phase
+from lagrange_bench.integrators.backward_error.prediction import NoPrediction, predicted_phase
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS
@@ -125,9 +125,10 @@ def theory_steps(order: int | None) -> tuple[float, ...]:
 def _against_theory(cell: dict, top, y0) -> list[dict]:
     """Phase errors of a run, measured and predicted, and the distance of its states from the predicted ones (`left`)."""
     rate, _, unit = top.scales(y0)
-    predicted = predicted_phase(top, y0, cell["h"] * unit, METHODS[cell["method"]])
-    if predicted.clock is None:
-        return [{"reason": predicted.reason}]
+    try:
+        predicted = predicted_phase(top, y0, cell["h"] * unit, METHODS[cell["method"]])
+    except NoPrediction as reason:
+        return [{"reason": str(reason)}]
     times, y, errors = _followed(cell, top, y0, states.log_counts(round(THEORY_SPAN / cell["h"]), per_octave=1))
     time, angle = predicted.shifts(times)
     columns = {"t": times * rate, **errors, "predicted_time": time * rate, "predicted_angle": angle}

@@ -22,7 +22,7 @@ For a symmetric method the mean of Gδ vanishes; a mean that is left at first or
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,7 @@ from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.registry import find_method
-from lagrange_bench.integrators.torus.any_parameter import check_parameter, papers_parameter
+from lagrange_bench.integrators.torus.any_parameter import papers_parameter
 from lagrange_bench.integrators.torus.clock import time_and_turn
 from lagrange_bench.integrators.truth import exact
 from lagrange_bench.support.precision import workdps
@@ -57,75 +57,25 @@ class NoPrediction(ValueError):
     """There is no theory for a method on a top. The message is the reason."""
 
 
-@dataclass(frozen=True)
-class PredictedPhase:
-    """The prediction for the runs of one method, from one state, with one step.
-
-    Parameters
-    ----------
-    clock, turn : float or None
-        The relative error of the method's clock (positive: fast), and the rate by which it turns too far about e3, in rad per
-        unit of time. None without a prediction.
-    clock_growth, turn_growth : float
-        Their growth per unit of time. It is 0 if the method conserves the invariants in the mean.
-    amplitude : float
-        The amplitude of the nutation: how far it takes J and x from a steady precession, relative to their scales. `states` is
-        wrong by about error²/amplitude. If the error is as large as the amplitude, the prediction may be worse than none.
-        Infinite if the prediction is exact.
-    reason : str
-        Why there is no prediction; "" if there is one.
-    _theory : Theory, optional
-        The series that `states` and `shifts` evaluate.
-    """
-
-    clock: float | None
-    turn: float | None
-    clock_growth: float = 0.0
-    turn_growth: float = 0.0
-    amplitude: float = math.inf
-    reason: str = ""
-    _theory: Theory | None = field(default=None, repr=False, compare=False)
-
-    def states(self, t: ArrayLike) -> Array:
-        """The states (N, 6) of the method at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
-
-        They include oscillations and the drift of the invariants. For the two-point map they are exact. For any other method they
-        are of first order in the local error, and of little worth if its error exceeds `amplitude`.
-        NoPrediction, a ValueError, if there is no prediction.
-        """
-        return self._known().states(t)
-
-    def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
-        """The time by which the method is ahead, and the angle by which it has turned too far, (N,) each; t as in `states`."""
-        return self._known().shifts(t)
-
-    def _known(self) -> Theory:
-        if self._theory is None:
-            raise NoPrediction(f"there is no prediction: {self.reason}")
-        return self._theory
-
-
-def predicted_phase(
-    top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund", lam: complex | None = None
-) -> PredictedPhase:
+def predicted_phase(top: LagrangeTop, y0: ArrayLike, h: float, method: str | Method = "backlund") -> PredictedPhase:
     """Predict the phase errors of a method, and where it will be, by backward error analysis, without taking a step.
 
     Parameters
     ----------
     top, y0, h, method : LagrangeTop, (6,), float, str or Method
         As in `integrate`; `top` is in a uniform field.
-    lam : complex, optional
-        Parameter of the two-point map, Im λ > 0, for a method with this option. Its step is then meant to take the time h.
 
     Returns
     -------
     PredictedPhase
         `states(t)` are the states of the method after a time t. The rates say the same in a few numbers. Apart from oscillations,
         the method is at the exact solution of the time t + clock t + ½ clock_growth t², turned about e3 by turn t + ½ turn_growth
-        t². Without a prediction clock and turn are None, and `reason` says why.
+        t².
 
     Raises
     ------
+    NoPrediction
+        A ValueError: there is no theory for this method on this top, with this step. The message is the reason.
     ValueError
         An argument is not valid; the message names it.
     """
@@ -133,12 +83,18 @@ def predicted_phase(
         raise ValueError(f"top must be a LagrangeTop; got {type(top).__name__}")
     top.require_single()
     record, state, h = find_method(method), check_state(y0), check_step(h)
-    if lam is not None and "lam" not in record.options:
-        raise ValueError(f"lam: {record.name} has no such option")
-    try:
-        return theory(top, state, h, record, None if lam is None else check_parameter(lam)).phase
-    except NoPrediction as reason:
-        return PredictedPhase(None, None, reason=str(reason))
+    span = abs(h) / top.scales(state)[2]
+    if not SPANS[0] <= span <= SPANS[1]:
+        raise NoPrediction(f"h is {span:g} time scales of the top, and must be between {SPANS[0]:g} and {SPANS[1]:g}")
+    if record.name in PAPERS:
+        return of_two_point(top, state, h, papers_parameter(record.name, state, h))
+    if record.control != "step":
+        raise NoPrediction(f"{record.name} chooses its own steps")
+    if record.order is None:
+        return exact_in_time(top, state, h)
+    if record.name not in STEPS:
+        raise NoPrediction(f"no power series of a step of {record.name} is known")
+    return of_first_order(top, state, h, record)
 
 
 @dataclass(frozen=True)
@@ -172,12 +128,28 @@ class Sum:
         return np.outer(n, self.mean) + self.wave(n) - self.wave(np.zeros(1))
 
 
-class Theory:
-    """The error of a method, to first order in its local error. All of it is in units of the top.
+class PredictedPhase:
+    """The prediction for the runs of one method, from one state, with one step, to first order in its local error.
 
-    step : (points, 6), the increments of p and o in a step, at equal distances over a nutation. S : (points, 2, 4).
-    angle : (points,), by which a step turns each Fourier mode. drifts : whether the invariants drift in the mean.
-    amplitude : see `PredictedPhase`.
+    Parameters
+    ----------
+    top, y0, h : as in `predicted_phase`.
+    step : (points, 6)
+        The increments of p and o in a step, at equal distances over a nutation, in units of the top.
+    S : (points, 2, 4)
+        The shear, at the same places.
+    angle : (points,)
+        The angle by which a step turns each Fourier mode.
+    drifts : bool
+        Whether the invariants drift in the mean.
+
+    Attributes
+    ----------
+    clock, turn : float
+        The relative error of the method's clock (positive: fast), and the rate by which it turns too far about e3, in rad per
+        unit of time.
+    clock_growth, turn_growth : float
+        Their growth per unit of time. It is 0 if the method conserves the invariants in the mean.
     """
 
     def __init__(
@@ -189,9 +161,7 @@ class Theory:
         S: NDArray[Any],
         angle: NDArray[Any],
         drifts: bool = False,
-        amplitude: float = math.inf,
     ):
-        self.amplitude = amplitude
         self.units, self.user_h = Units(top, y0, h), h
         self.top, self.y0, self.h = LagrangeTop(self.units.alpha), self.units.enter(y0), self.units.time(h)
         # o after k steps is k mean + Q(s_k) − Q(0), so S o is a periodic part and k times another, the ramp
@@ -201,14 +171,11 @@ class Theory:
         self.along = Sum.of(step[:, :2] + times(S, Q - Q[0]), angle)
         self.ramp = Sum.of(times(S, np.broadcast_to(self.off.mean, Q.shape)), angle)
         self.ramps = Sum.of(self.ramp.values(), angle)
-
-    @property
-    def phase(self) -> PredictedPhase:
         # p = n along + n (n − 1)/2 ramp on average, with n = t/h
         second = self.units.time(1.0)
-        clock, turn = (float(v) for v in (self.along.mean - self.ramp.mean / 2) / self.h)
-        clock_growth, turn_growth = (float(v) * second for v in self.ramp.mean / self.h**2)
-        return PredictedPhase(clock, turn * second, clock_growth, turn_growth * second, self.amplitude, _theory=self)
+        self.clock, turn = (float(v) for v in (self.along.mean - self.ramp.mean / 2) / self.h)
+        self.clock_growth, turn_growth = (float(v) * second for v in self.ramp.mean / self.h**2)
+        self.turn, self.turn_growth = turn * second, turn_growth * second
 
     def steps(self, t: ArrayLike) -> Array:
         """The numbers of steps for the times t (N,): whole numbers if t is a multiple of h up to rounding."""
@@ -217,12 +184,17 @@ class Theory:
         return np.where(np.abs(n - whole) <= 4.0 * np.finfo(float).eps * np.abs(n), whole, n)
 
     def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
-        """The time by which the method is ahead, and the angle by which it has turned too far, at times t (N,)."""
+        """The time by which the method is ahead, and the angle by which it has turned too far, (N,) each; t as in `states`."""
         p = self._along(self.steps(t))
         return p[:, 0] / self.units.time(1.0), p[:, 1]
 
     def states(self, t: ArrayLike) -> Array:
-        """The states (N, 6) of the method at times t (N,)."""
+        """The states (N, 6) of the method at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
+
+        They include oscillations and the drift of the invariants. For the two-point map they are exact. For any other method they
+        are wrong by about error²/amplitude, with the amplitude of the nutation relative to the scales of J and x. If the error is
+        as large as the amplitude, the prediction may be worse than none.
+        """
         n = self.steps(t)
         p = self._along(n)
         y = exact.solution(self.top, self.y0, self.h * n + p[:, 0])
@@ -237,31 +209,13 @@ class Theory:
         return self.along(n) + ramped + self.ramp.wave(np.zeros(1)) - self.ramps(n)
 
 
-def theory(top: LagrangeTop, y0: Array, h: float, method: Method, lam: complex | None = None) -> Theory:
-    """The theory of a method, from checked arguments; NoPrediction if there is none."""
-    span = abs(h) / top.scales(y0)[2]
-    if not SPANS[0] <= span <= SPANS[1]:
-        raise NoPrediction(f"h is {span:g} time scales of the top, and must be between {SPANS[0]:g} and {SPANS[1]:g}")
-    if lam is None and method.name in PAPERS:
-        lam = papers_parameter(method.name, y0, h)
-    if lam is not None:
-        return of_two_point(top, y0, h, lam)
-    if method.control != "step":
-        raise NoPrediction(f"{method.name} chooses its own steps")
-    if method.order is None:
-        return exact_in_time(top, y0, h)
-    if method.name not in STEPS:
-        raise NoPrediction(f"no power series of a step of {method.name} is known")
-    return of_first_order(top, y0, h, method)
+def exact_in_time(top: LagrangeTop, y0: Array, h: float) -> PredictedPhase:
+    """The prediction for a method without error."""
+    return PredictedPhase(top, y0, h, np.zeros((1, 6)), np.zeros((1, 2, 4)), np.zeros(1))
 
 
-def exact_in_time(top: LagrangeTop, y0: Array, h: float) -> Theory:
-    """The theory of a method without error."""
-    return Theory(top, y0, h, np.zeros((1, 6)), np.zeros((1, 2, 4)), np.zeros(1))
-
-
-def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
-    """The theory of the two-point map: the time T(λ) and the turn Θ(λ), both exact. A step with h < 0 is the inverse map."""
+def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> PredictedPhase:
+    """The prediction for the two-point map: the time T(λ) and the turn Θ(λ), both exact. A step with h < 0 is the inverse map."""
     try:
         with workdps(DIGITS):
             T, turn = time_and_turn(top.alpha, y0, lam)
@@ -270,10 +224,10 @@ def of_two_point(top: LagrangeTop, y0: Array, h: float, lam: complex) -> Theory:
         raise NoPrediction(f"T(λ) and Θ(λ) are not known: {error}") from None
     sign, units = math.copysign(1.0, h), Units(top, y0, h)
     step = sign * np.array([[units.time(ahead), float(turn), 0.0, 0.0, 0.0, 0.0]])
-    return Theory(top, y0, h, step, np.zeros((1, 2, 4)), np.zeros(1))
+    return PredictedPhase(top, y0, h, step, np.zeros((1, 2, 4)), np.zeros(1))
 
 
-def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method: Method) -> Theory:
+def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method: Method) -> PredictedPhase:
     units = Units(user_top, user_y0, user_h)
     top, y0, h = LagrangeTop(units.alpha), units.enter(user_y0), units.time(user_h)
     period = exact.nutation_period(top, y0)
@@ -297,8 +251,7 @@ def of_first_order(user_top: LagrangeTop, user_y0: Array, user_h: float, method:
     modes = np.fft.fft(shear, axis=0)
     modes[1:] *= (np.expm1(1j * angle[1:]) / (1j * angle[1:]))[:, None, None]
     S = h * np.fft.ifft(modes, axis=0).real
-    drifts, nods = not method.claims.symmetric, nutation_amplitude(top, y0, flows(top, states), period)
-    return Theory(user_top, user_y0, user_h, step, S, angle, drifts, nods)
+    return PredictedPhase(user_top, user_y0, user_h, step, S, angle, drifts=not method.claims.symmetric)
 
 
 def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Array:
@@ -316,14 +269,6 @@ def local_error(top: LagrangeTop, states: Array, h: float, method: Method) -> Ar
     if not np.abs(terms[:, -2:]).max() <= CONVERGED * np.abs(total).max():
         raise NoPrediction("the power series of the local error does not converge: take a smaller |h|")
     return total.T
-
-
-def nutation_amplitude(top: LagrangeTop, y0: Array, X: Array, period: float) -> float:
-    """The amplitude of the nutation: the largest part of X_H across X_J3, over the frequency. X : both, (N, 6, 2)."""
-    rate, size, _ = top.scales(y0)
-    motion, turn = np.moveaxis(X / np.repeat((rate, size), 3)[:, None], -1, 0)
-    across = motion - (np.sum(motion * turn, axis=1) / np.sum(turn * turn, axis=1))[:, None] * turn
-    return float(np.max(np.linalg.norm(across, axis=1)) * period / (2 * np.pi))
 
 
 def times(matrices: NDArray[Any], vectors: Array) -> Array:
