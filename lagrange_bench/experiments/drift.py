@@ -1,101 +1,50 @@
-"""Drift: which invariants does a method keep, how should the exact step be coded, and what is left after 10⁹ steps?
+"""Drift: which invariants does a method keep, and what is left after 10⁹ steps?
 
-Every method follows sixteen random tops and the named ones. The relative error of each invariant is recorded at log-spaced
-times. Its root mean square over the sixteen tops grows like t^p. The verdict is bounded (p near 0), a random walk of round-off
-(p near 1/2, Brouwer's law) or biased (p near 1). A quantity that a method itself claims to conserve, such as a modified energy,
-is followed, too.
+Every method follows sixteen random tops, and the Bäcklund step the named ones, too. The relative error of each invariant is
+recorded at log-spaced times. Its root mean square over the sixteen tops grows like t^p. The verdict is bounded (p near 0), a
+random walk of round-off (p near 1/2, Brouwer's law) or biased (p near 1). A quantity that a method itself claims to conserve,
+such as a modified energy, is followed, too.
 
-The part `h` varies h at a fixed length of run. The part `long` takes exact Bäcklund steps of about half a nutation period and
-more, on tops of every kind. The part `form` compares ways to write the exact Bäcklund step, which are the same map but for
-rounding: how the errors grow, and how far the phase is off. The part `longest` takes a thousand million exact steps, and gives
-heyoka the same wall time. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
+The part `long` takes exact Bäcklund steps of about half a nutation period and more, on tops of every kind. The part `phase`
+says how far the phase of the exact step is off. The part `longest` takes a thousand million exact steps, and gives heyoka the
+same wall time. Times and steps are in units of 1/(|J| + √(|alpha||x|)).
 """
 
-import math
-from collections.abc import Callable, Iterator
-from itertools import product
+from collections.abc import Iterator
 from time import perf_counter
-from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
-from lagrange_bench.experiments.drawing.tables import show
+from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest, mean_square, worst
 from lagrange_bench.integrators import prepare
-from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
 from lagrange_bench.integrators.interface import INVARIANTS, Array
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
-from lagrange_bench.integrators.problem.units import Units
-from lagrange_bench.integrators.torus import real_map
-from lagrange_bench.integrators.torus.real_map import ETA, R
 from lagrange_bench.integrators.truth import exact
 
 OWN = "kept: "  # before the name of a quantity that a method itself conserves: its column
-FORM_INVARIANTS = ("H", "C1", "C2")  # whose errors are measured for each form
-
-
-class FormStepper(real_map.TorusStepper):
-    """A stepper that also takes states off its torus, because some forms drift away from it."""
-
-    def enter(self, y: Array) -> Array:
-        return self.units.enter(y)
-
-
-def exact_map(kernel: Callable[..., Any], pin: int = 0) -> Callable[..., FixedStepper]:
-    """A builder of steppers with exact λ(h) and this kernel. pin : steps between two corrections of the invariants; 0: none."""
-
-    def build(top, y0, h):
-        units = Units(top, y0, h)
-        state = units.enter(y0)
-        c, turn = real_map.exact_constants(units.alpha, tuple(state), units.time(h))
-        step = Kernel(kernel, real_map.restore_invariants, pin) if pin else Kernel(kernel)
-        return FormStepper("form", h, step, c, units, turn)
-
-    return build
-
-
-def program(top, y0, h):
-    """A stepper of the paper's program, with the exact λ(h)."""
-    units = Units(top, y0, h)
-    c, _ = real_map.exact_constants(units.alpha, tuple(units.enter(y0)), units.time(h))
-    shift = units.length - units.rate
-    return prepare(top, y0, h, "backlund_textbook", lam=complex(math.ldexp(c[R], shift), math.ldexp(c[ETA], shift)))
-
-
-FORMS: dict[str, Callable[..., Any]] = {
-    "paper's program": program,
-    "increments": exact_map(real_map.step),
-    "x turned": exact_map(real_map.turning_step),
-    "compensated": exact_map(real_map.compensated_step),
-    "pinned, every 8": exact_map(real_map.step, 8),
-}
+ON_NAMED_TOPS = ("backlund", "backlund_unpinned")  # methods that take the named tops, too
+BESIDE_PHASE = ("H", "C1", "C2")  # invariants whose errors are measured beside the phase
 
 
 VERSION = 3
 SCALED_TIMES = True
-FORM_ERRORS = ("t", *FORM_INVARIANTS, "time", "angle", "error")
+PHASE_ERRORS = ("t", *BESIDE_PHASE, "time", "angle", "error")
 MEASURED = {  # part → the numbers that each of its rows must have, see `reductions`
     "time": ("t", *INVARIANTS),
-    "h": INVARIANTS,
     "long": ("fraction", *INVARIANTS),
-    "form": FORM_ERRORS,
-    "longest": FORM_ERRORS,
+    "phase": PHASE_ERRORS,
+    "longest": PHASE_ERRORS,
 }
 
 STEP = 0.125  # of the runs against time
 STEPS = (10**5, 10**7)  # how many steps, in the quick and in the full profile
-NAMED = ("generic", "figure1", "through_pole", "near_separatrix")  # named tops of the quick profile
-SIZES = {"quick": (1 / 4, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
-SPAN = 10**4  # length of the runs against h
-H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
 LONG_TOPS = {"quick": 16, "full": len(states.WIDE)}  # how many tops take long steps
 LONG_STEPS = {"quick": 10**4, "full": 10**6}  # how many long steps each takes
-FORM_STEPS = {"quick": 2 * 10**4, "full": 10**7}  # how many steps each form takes
 LONGEST = {"quick": 10**6, "full": 10**9}  # steps of the longest run
 
 
@@ -103,22 +52,15 @@ def cells(profile: str) -> list[dict]:
     methods, full = states.methods_on(), profile == "full"
     listed = []
     # state by state, so that two workers do not compile the same method at the same time
-    for state in (*states.RANDOM, *(TOPS if full else NAMED)):
-        for name, method in methods.items():
-            steps = states.affordable(method, STEPS[full], full)
-            # only methods exact in time take all steps on each named top
-            if state in TOPS and method.order is not None:
-                steps //= 10
+    for state in (*states.RANDOM, *TOPS):
+        for name in ON_NAMED_TOPS if state in TOPS else methods:
+            steps = states.affordable(methods[name], STEPS[full], full)
             listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
-    for state in H_STATES[profile]:
-        for name in (name for name, method in methods.items() if method.control == "step"):
-            for h in SIZES[profile]:
-                listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
     # pins hide what long steps do
     for state in states.WIDE[: LONG_TOPS[profile]]:
         listed.append({"part": "long", "method": "backlund_unpinned", "state": state, "steps": LONG_STEPS[profile]})
-    for form, state in product(FORMS, states.RANDOM):
-        listed.append({"part": "form", "form": form, "state": state, "h": STEP, "steps": FORM_STEPS[profile]})
+    for state in states.RANDOM:
+        listed.append({"part": "phase", "method": "backlund", "state": state, "h": STEP, "steps": STEPS[full]})
     longest = {"part": "longest", "timing": True, "state": "generic", "h": STEP, "steps": LONGEST[profile]}
     return [*listed, longest]
 
@@ -132,11 +74,10 @@ def measure(cell: dict) -> list[dict]:
     h = cell["h"] * top.scales(y0)[2]
     if part == "longest":
         return _longest(top, y0, h, states.log_counts(cell["steps"], per_octave=1))
-    steps = round(cell["span"] / cell["h"]) if part == "h" else cell["steps"]
-    counts = states.log_counts(steps, per_octave=4)
-    if part == "form":
-        return _stepped(top, y0, FORMS[cell["form"]](top, y0, h), h, counts)
-    return [_largest(cell, top, y0, h, counts)] if part == "h" else against_steps(cell, top, y0, h, counts)
+    counts = states.log_counts(cell["steps"], per_octave=4)
+    if part == "phase":
+        return _stepped(top, y0, prepare(top, y0, h, cell["method"]), h, counts)
+    return against_steps(cell, top, y0, h, counts)
 
 
 def against_steps(cell: dict, top, y0: np.ndarray, h: float, counts: list[int]) -> list[dict]:
@@ -186,7 +127,7 @@ def _errors(top, y0: Array, times: Array, after: Array, truth: Array) -> list[di
     rate = top.scales(y0)[0]
     split = metrics.phase_split(top, truth, after - truth)
     drift = _of_invariants(top, times, np.vstack((y0, after)))
-    columns = {"t": times * rate, **{name: drift[name] for name in FORM_INVARIANTS}}
+    columns = {"t": times * rate, **{name: drift[name] for name in BESIDE_PHASE}}
     columns |= {"time": split["time"] * rate, "angle": split["angle"]}
     columns["error"] = metrics.scaled_error(top, y0, after, truth)
     return states.as_rows(columns)
@@ -229,7 +170,7 @@ FLOOR = 16 * 2.0**-52  # sixteen ulps: an error that stays below is round-off, w
 
 
 def indexed(rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows with the position of each sample in its run, which is the same for all states of a method or a form."""
+    """The rows with the position of each sample in its run, which is the same for all states of a method."""
     return rows.assign(t_index=rows.groupby("key", sort=False).cumcount())
 
 
@@ -244,17 +185,6 @@ def _growth(runs: pd.DataFrame, columns: list[str]) -> Iterator[tuple[str, float
     for name in columns:
         errors = runs.pivot(index="state", columns="t_index", values=name).to_numpy(dtype=float)
         yield name, largest(errors), metrics.growth_exponent(t, errors)
-
-
-def largest_of(rows: pd.DataFrame, column: str) -> pd.Series:
-    """The largest size of a column, by method."""
-    return rows[column].abs().groupby(rows.method).max()
-
-
-def _rms(rows: pd.DataFrame, column: str, runs: list[pd.Series]) -> pd.DataFrame:
-    """The root mean square of a column over the tops, and the time, for each of the groups `runs`; NaN where it is 0."""
-    squares = mean_square(rows[column], runs)
-    return pd.DataFrame({"t": rows.groupby(runs).t.median(), "error": np.sqrt(squares.where(squares > 0))})
 
 
 @of_part(
@@ -292,22 +222,15 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(table)
 
 
-@of_part(
-    "form",
-    "Ways to write a step: largest relative error of each invariant, exponent of its growth, phase error. Exponent 0: bounded, "
-    "½: a random walk, 1: drift",
+@by_group(
+    ("method", "h"),
+    "phase",
+    "The phase after so many steps: root mean square of its error over the tops, in units of the time",
 )
-def forms(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each form and each step."""
-    table = []
-    for (h, form), group in indexed(rows).groupby(["h", "form"], sort=False):
-        row: dict[str, Any] = {"form": form, "h": h, "steps": group.steps.max()}
-        for name, most, growth in _growth(group, list(FORM_INVARIANTS)):
-            row |= {f"largest error of {name}": most, f"exponent of {name}": growth.p}
-        last = group[group.t_index == group.t_index.max()]
-        row["phase error / t"] = float(np.sqrt(np.mean(np.square((last.time / last.t).to_numpy()))))
-        table.append(row)
-    return pd.DataFrame(table)
+def phases(method: str, h: float, group: pd.DataFrame) -> dict:
+    last = group.groupby("state").tail(1)
+    error = float(np.sqrt(np.mean(np.square((last.time / last.t).to_numpy()))))
+    return {"steps": group.steps.max(), "phase error / t": error}
 
 
 @of_part("time", failed=True)
@@ -315,12 +238,17 @@ def _draw_time(rows: pd.DataFrame, style):
     random = rows[rows.state.isin(states.RANDOM)]
     rows = indexed(rows if random.empty else random)
     done = rows[rows.status == "done"]
-    lines = _rms(done, "H", [done.method, done.t_index]).reset_index().assign(status="done")
+    samples = [done.method, done.t_index]
+    squares = mean_square(done.H, samples)  # over the tops
+    lines = pd.DataFrame({"t": done.groupby(samples).t.median(), "error": np.sqrt(squares.where(squares > 0))})
+    lines = lines.reset_index().assign(status="done")
     lines = pd.concat([lines, rows[~rows.method.isin(done.method)][["method", "status"]]])
     label = f"RMS error of H, {rows.state.nunique()} tops"
     fig, ax = style.figure("page", 3.8)
     last = done[done.t_index == done.groupby("method").t_index.transform("max")]
-    style.draw_methods(ax, lines, "t", "error", [*KNOWN, *style.best_of_families(largest_of(last, "H"))])
+    style.draw_methods(
+        ax, lines, "t", "error", [*KNOWN, *style.best_of_families(last.H.abs().groupby(last.method).max())]
+    )
     style.ulp_line(ax)
     style.slope_guide(ax, 0.5, (1e3, 1e-8), 1e3, "√t")
     style.slope_guide(ax, 1.0, (1e3, 1e-8), 1e3, "t")
@@ -335,53 +263,12 @@ def _draw_time(rows: pd.DataFrame, style):
     return fig
 
 
-@of_part("h", failed=True)
-def _draw_h(rows: pd.DataFrame, style):
-    """Draw all methods thin and the best of each family bold."""
-    state = rows.state.iloc[0]
-    here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
-    fig, ax = style.figure("page", 3.6)
-    near = style.nearest(here[here.status == "done"], "h", 1 / 8).set_index("method")
-    style.draw_methods(ax, here, "h", "worst", [*KNOWN, *style.best_of_families(near.worst)])
-    style.legend_below(fig)
-    style.ulp_line(ax)
-    ax.set(xlabel=style.STEP, ylabel="largest error of H, J3, C1, C2", ylim=(1e-17, 1e2))
-    fig.caption = (
-        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step. "
-        f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at a step of 1/8')}. Crosses, in its "
-        "colour: a method declined the step or failed. Errors above 100 are cut off."
-    )
-    return fig
-
-
-@of_part("form")
-def _draw_forms(rows: pd.DataFrame, style):
-    runs = indexed(rows[rows.h == rows.h.min()]).assign(worst=worst(rows, FORM_INVARIANTS))
-    fig, axes = style.figure("page", 2.9, ncols=2)
-    panels = {"worst": "largest error of H, C1, C2", "time": "phase (time) error"}
-    for ax, (name, text) in zip(axes, panels.items(), strict=True):
-        for form, run in runs.groupby("form", sort=False):
-            line = _rms(run, name, [run.t_index])
-            ax.loglog(line.t, line.error, label=form)
-        ax.set(xlabel=style.TIME, ylabel=text)
-        style.ulp_line(ax)
-    style.legend_below(fig)
-    fig.caption = (
-        f"The exact Bäcklund step in different forms, root mean square over {runs.state.nunique()} tops, h = "
-        f"{show(runs.h.iloc[0])}: the worst relative error of its invariants, and the phase error, in units of "
-        "1/(|J| + √(|α||x|)). Increments: the change of x is added; turned: x is turned about a vector made exactly long. "
-        "Compensated: what an addition rounds off goes into the next. Pinned: moved back onto the invariants every eighth "
-        "step. The grey line is one ulp."
-    )
-    return fig
-
-
 @of_part("longest")
 def _draw_longest(rows: pd.DataFrame, style):
     fig, (left, right) = style.figure("page", 2.9, ncols=2)
     for name in style.ordered(rows.method):
         run = rows[rows.method == name].sort_values("t")
-        most = worst(run, FORM_INVARIANTS)
+        most = worst(run, BESIDE_PHASE)
         left.loglog(run.t, run.error, **style.of(name))
         right.loglog(run.t, most.where(most > 0), **style.of(name))
     for ax, text in ((left, "error against the exact solution"), (right, "worst error of H, C1, C2")):
@@ -399,5 +286,5 @@ def _draw_longest(rows: pd.DataFrame, style):
     return fig
 
 
-tables = tabulated(verdicts, forms)
-draw = drawn(time=_draw_time, h=_draw_h, form=_draw_forms, longest=_draw_longest)
+tables = tabulated(verdicts, phases)
+draw = drawn(time=_draw_time, longest=_draw_longest)

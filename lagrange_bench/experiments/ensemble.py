@@ -31,7 +31,6 @@ TRIED: dict[str, dict[str, tuple[float, ...]]] = {
     "full": {
         "backlund": (0.1, 0.25, 1.0, 4.0),
         "taylor": (1e-3, 1e-6, 1e-9, 1e-12, 2.3e-16),
-        "strang": (0.01, 0.05),
         "force_gradient4": (0.05, 0.1, 0.2),
         "force_gradient6": (0.05, 0.1, 0.2),
         "blanes_moan6": (0.05, 0.1, 0.2, 0.5),

@@ -5,9 +5,7 @@ Every method with a fixed step that takes a `RigidBody` follows four motions. `b
 
 Rows hold the errors at the end: of the centre of mass (m), of the rotation (rad), and of the spin of a symmetric body (rad).
 Beside them are the largest errors of the energy and of the momentum about the vertical, relative to their terms. The truth is the
-closed form. For Kovalevskaya's body it is a Taylor series in integers, and her integral K is one more test.
-
-Source of K: Kowalevski, Acta Math. 12 (1889) 177.
+closed form. For Kovalevskaya's body it is a Taylor series in integers.
 """
 
 from functools import cache
@@ -59,17 +57,6 @@ def end(case: str) -> Array:
     return CASES[case].solution([CASES[case].until]).rotation.as_matrix()[0]
 
 
-def kovalevskaya(y: Array) -> Array:
-    """Kovalevskaya's integral K (N,) at states (N, 7) of her body.
-
-    K = |(ω1 + iω2)² − (w/C)(Γ1 + iΓ2)|² is constant if A = B = 2C and the centre of mass is on the first axis.
-    """
-    body = CASES["kovalevskaya"].body
-    omega, up = body.angular_velocity(y), body.rotations(y).apply((0.0, 0.0, 1.0), inverse=True)
-    z = (omega[:, 0] + 1j * omega[:, 1]) ** 2 - body.weight[0] / body.inertia[2] * (up[:, 0] + 1j * up[:, 1])
-    return np.abs(z) ** 2
-
-
 def measure(cell: dict) -> list[dict]:
     case, h = cell["case"], cell["h"]
     body, y0 = CASES[case].body, CASES[case].state
@@ -82,9 +69,6 @@ def measure(cell: dict) -> list[dict]:
     n = min(steps, TIMED)
     row["ns_per_step"] = rounded(timing.time_call(lambda: stepper.advance(y0, n), repeats=5).min / n * 1e9)
     row |= {"energy": rounded(np.max(np.abs(drift["H"]))), "momentum": rounded(np.max(np.abs(drift["J3"])))}
-    if case == "kovalevskaya":
-        K = kovalevskaya(run.y)
-        row["K"] = rounded(np.max(np.abs(K / K[0] - 1.0)))
     return [row]
 
 
@@ -99,10 +83,10 @@ FLOOR = 1e-13  # smaller errors do not show the order
     ("case", "method"),
     "",
     "Whole bodies: the order that a method claims and those of its errors of position and rotation. Then errors with the "
-    "smallest step: position (m), rotation (rad), energy, momentum about the vertical, Kovalevskaya's K",
+    "smallest step: position (m), rotation (rad), energy, momentum about the vertical",
 )
 def orders(case: str, method: str, group: pd.DataFrame) -> dict:
-    record, columns = METHODS.get(method), ("h", "position", "rotation", "energy", "momentum", "K")
+    record, columns = METHODS.get(method), ("h", "position", "rotation", "energy", "momentum")
     line = {"order": record.order if record else None, **measured_orders(group)}
     return {**line, **group.loc[group.h.idxmin(), [name for name in columns if name in group]]}
 

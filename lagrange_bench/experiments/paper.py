@@ -151,20 +151,5 @@ def _draw_drift(rows: pd.DataFrame, style):
     return fig
 
 
-@of_part("magnet")
-def _draw_magnets(rows: pd.DataFrame, style):
-    fig, ax = style.figure("column", 2.8)
-    for (units, runs), marker, beside in zip(rows.groupby("units"), "osD", (-0.15, 0.0, 0.15), strict=False):
-        look = {"linestyle": "none", "marker": marker, "label": f"a step of {units:g} units"}
-        ax.semilogy(runs.spins + beside, runs.error.clip(lower=1e-17), **look)
-    ax.set(xlabel="number of spins", ylabel="error of the exact step")
-    style.legend_below(fig)
-    fig.caption = (
-        "The exact step of random Gaudin magnets: the largest error of a component of a spin after one step, against the "
-        "reference solution. It is that of the rounded couplings there."
-    )
-    return fig
-
-
 tables = tabulated(invariants)
-draw = drawn(figures=_draw_orbits, invariants=_draw_drift, magnet=_draw_magnets)
+draw = drawn(figures=_draw_orbits, invariants=_draw_drift)

@@ -5,10 +5,10 @@ tide, a magnet, an uneven field. The full profile has ten tops in such fields, t
 nearly integrable: a weak field of size ε bends the tori a little. One is close to a separatrix. One is chaotic: an ulp grows to
 1e-6 in about 600 units. The best method depends on ε, on the length of the run and on the error that is allowed. A splitting with
 the exact step inside makes an error in proportion to ε. So it can take long steps in weak fields, but each costs more than a step
-of rotations. The map of winners shows where the border is.
+of rotations. The table of winners shows where the border is.
 
 Part “drift” measures the drift of H, J3, C1 and C2 for each method that takes a potential. Part “work” measures what an error
-costs: all compiled methods run over 10³ and 10⁴ units of time, and the best of them also over 10⁵ on one top. Part “tolerance”
+costs: all compiled methods run over 10³ and 10⁴ units of time. Part “tolerance”
 gives the splitting with the exact step a tolerance in place of a step. It compares the tolerance with the true error, on random
 tops in tides and near charges.
 
@@ -30,7 +30,7 @@ from lagrange_bench.experiments.measuring import metrics, states
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.experiments.work_precision import APART, TARGETS, champions, draw_panels, races, useful
 from lagrange_bench.integrators import METHODS, LagrangeTop, PerturbedTop, StepError, integrate
-from lagrange_bench.integrators.interface import INVARIANTS, Method, StepWarning
+from lagrange_bench.integrators.interface import INVARIANTS, StepWarning
 from lagrange_bench.integrators.problem.potentials import CHARGE, PERTURBED_TOPS, TIDE
 
 VERSION = 3
@@ -50,9 +50,8 @@ DRIFT_STEPS = {"quick": 10**4, "full": 10**6}
 SLOW = ("gauss6",)  # slow to compile: in the quick profile gauss4 and gauss8 stand for it
 # part “work”
 RACES = ("tide_1e-6", "weak_tide", "moderate_tide", "strong_tide", "fast_tide", "magnet")  # full profile
-LONGEST_RUNS = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4, 1e5: 1.5}}  # span: s
+LONGEST_RUNS = {"quick": {1e3: 0.02}, "full": {1e3: 0.1, 1e4: 0.4}}  # span: s
 GRID = {"quick": (1, 3), "full": (2, 1)}  # steps in an octave, decades of tolerance between two runs
-LONGEST, LONGEST_ON = 1e5, "weak_tide"  # for the best methods alone: the reference takes minutes
 # the options with which a method races
 VARIANTS: dict[str, tuple[dict, ...]] = {
     OURS: ({"scheme": "strang"}, {"scheme": "strang", "modified_kick": False}, {"scheme": "processed6"}),
@@ -66,8 +65,6 @@ LENGTHS = {"quick": (300.0,), "full": (300.0, 3000.0, 10000.0)}  # in time scale
 DRAWS = {"quick": 8, "full": 60}  # tops in each field, for each length and tolerance
 SENSITIVE = 0.01  # an orbit is chaotic, and left out, if an ulp grows to this part of tol
 ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour at the distance NEAR shows how an ulp grows
-# in the longest runs, beside OURS
-RIVALS = ("blanes_moan4", "blanes_moan6", "force_gradient6", "verner9_projected", "taylor")
 
 
 def cells(profile: str) -> list[dict]:
@@ -82,7 +79,7 @@ def cells(profile: str) -> list[dict]:
         for span, longest in LONGEST_RUNS[profile].items() if state in RACES else ():
             sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
             for name, method in methods.items():
-                if not racing(method, state, span):
+                if states.interpreted(method):  # a thousand times as slow
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
                 listed += [{**race, **options} for options in VARIANTS.get(name, ({},)) if full or len(options) < 2]
@@ -95,12 +92,6 @@ def cells(profile: str) -> list[dict]:
         if full or (field, tol) == QUICK_TOLERANCE
     ]
     return listed
-
-
-def racing(method: Method, state: str, span: float) -> bool:
-    """Whether a method takes part. Interpreted methods do not: they are a thousand times as slow."""
-    chosen = span < LONGEST or (state == LONGEST_ON and method.name in (OURS, *RIVALS))
-    return chosen and not states.interpreted(method)
 
 
 def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
@@ -154,10 +145,6 @@ def measure(cell: dict) -> list[dict]:
 
 
 # ---------------------------------------------------------------- tables and figures
-
-
-SPANS = (1e3, 1e4, 1e5)  # of the part “work”: each has a figure
-EPSILON = {"tide_1e-6": 1e-6, "weak_tide": 1e-4, "moderate_tide": 1e-2, "strong_tide": 1e-1}  # strengths of one tide
 
 
 @by_group(
@@ -223,42 +210,10 @@ def _draw_work(rows: pd.DataFrame, style, span: float):
     return fig
 
 
-@of_part("work")
-def _draw_winner(rows: pd.DataFrame, style):
-    """Draw a map over (ε, error) of the best other method's time, in units of the time of the exact step inside."""
-    from matplotlib import colors
-
-    table = winners(rows[rows.state.isin(EPSILON)])
-    if table is None or table.empty:
-        return None
-    spans, tops = sorted(set(table.span)), [state for state in EPSILON if state in set(table.state)]
-    targets = sorted(set(table["error at most"]), reverse=True)
-    titles, labels = [f"t = {show(span)}" for span in spans], ("size of the tide, ε", "error at most")
-    fig, axes = style.panels(titles, len(spans), (0.0, 2.6), *labels)
-    for ax, span in zip(axes, spans, strict=True):
-        here = table[table.span == span]
-        wide = here.pivot(index="error at most", columns="state", values="times as long as the exact step inside")
-        ratios = wide.reindex(index=targets, columns=tops).to_numpy(dtype=float)
-        norm = colors.LogNorm(vmin=0.1, vmax=10.0)
-        ax.pcolormesh(np.ma.masked_invalid(ratios), cmap="RdBu", norm=norm, edgecolors="white", linewidth=1.0)
-        for (i, j), ratio in np.ndenumerate(ratios):
-            unknown = "–" if tops[j] in set(here.state) else ""
-            word = f"{ratio:.2g}" if np.isfinite(ratio) else unknown
-            dark = np.isfinite(ratio) and not 0.3 < ratio < 3.3
-            ax.text(j + 0.5, i + 0.5, word, ha="center", va="center", fontsize=7, color="white" if dark else "black")
-        ax.set_xticks(np.arange(len(tops)) + 0.5, [show(EPSILON[state]) for state in tops])
-        ax.set_yticks(np.arange(len(targets)) + 0.5, [show(target) for target in targets])
-        ax.grid(visible=False)
-    fig.caption = (
-        "Who wins on the generic top in a tide of size ε: the wall time of the best other method, set-up included, in units "
-        "of the splitting's time. Above 1, blue: the splitting with the exact step is quicker. Below, red: another method is. "
-        "A dash: one of the two does not get there. Empty: not run over this time."
-    )
-    return fig
-
-
 tables = tabulated(kept, winners, tolerances)
-draw = drawn(
-    **{f"work_t{span:.0f}": partial(_draw_work, span=span) for span in SPANS},
-    winner=_draw_winner,
-)
+
+
+def draw(rows: pd.DataFrame) -> dict:
+    """A figure for each length of run of the part “work”."""
+    spans = sorted(set(rows["span"].dropna())) if "span" in rows else ()
+    return drawn(**{f"work_t{span:.0f}": partial(_draw_work, span=span) for span in spans})(rows)

@@ -260,15 +260,9 @@ def _draw_h(rows: pd.DataFrame, style):
     return fig
 
 
-def first_top(rows: pd.DataFrame) -> tuple[pd.DataFrame, str]:
-    """The rows of the first top, and its label."""
-    state = rows.state.iloc[0] if len(rows) else ""
-    return rows[rows.state == state], states.label(state)
-
-
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style):
-    here, top = first_top(rows)
+    here = rows[rows.state == rows.state.iloc[0]]
     done = here[here.status == "done"]
     runs = done.groupby("method")
     far = runs.time.agg(largest)
@@ -285,35 +279,10 @@ def _draw_time(rows: pd.DataFrame, style):
         "in units of 1/(|J| + √(|α||x|)), the largest so far. "
         f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at the end')}. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The top is "
-        f"“{top}”."
-    )
-    return fig
-
-
-@of_part("theory")
-def _draw_theory(rows: pd.DataFrame, style):
-    if "left" not in rows:
-        return None
-    here, top = first_top(rows[rows.error > 0])
-    here = here[here.h == here.groupby("method").h.transform("max")]
-    fig, ax = style.figure("page", 3.8)
-    for method in style.best_of_families(here.groupby("method").error.last()):
-        run, look = here[here.method == method], style.of(method)
-        predicted, measured = np.hypot(run.predicted_time, run.predicted_angle), np.hypot(run.time, run.angle)
-        ax.loglog(run.t, predicted, **{**look, "linestyle": "-", "marker": "none"})
-        ax.loglog(run.t, measured, **{**look, "linestyle": "none", "markersize": 3.5, "label": "_measured"})
-        dotted = {"linewidth": 0.9, "linestyle": (0, (1, 2)), "marker": "none", "label": "_left"}
-        ax.loglog(run.t, run.left.cummax(), **{**look, **dotted})
-    ax.set(xlabel=style.TIME, ylabel="phase error", ylim=(1e-17, 1e0))
-    style.legend_below(fig)
-    fig.caption = (
-        f"Phase errors against time, measured (marks) and predicted by backward error analysis (lines under them), on “{top}”, "
-        "of each family the method with the least error, at the larger of its two steps: √(τ² + θ²), where τ is the "
-        "nutation's error in units of time and θ the precession's in radians. Dotted: what the prediction misses, the largest so "
-        "far of the whole state."
+        f"“{states.label(here.state.iloc[0])}”."
     )
     return fig
 
 
 tables = tabulated(orders, theory)
-draw = drawn(h=_draw_h, time=_draw_time, theory=_draw_theory)
+draw = drawn(h=_draw_h, time=_draw_time)

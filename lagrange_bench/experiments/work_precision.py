@@ -211,7 +211,7 @@ def _draw_frontier(rows: pd.DataFrame, style):
         "Largest error in the last fifth of the run against the wall time of the run on "
         f"“{states.label(good.state.iloc[0])}”; down and to the left is better. Each curve shows a method's Pareto-optimal runs. "
         f"{words}. Runs of up to t = {SHORT:g} take hardly longer than the call from Python. Set-up and compilation are not "
-        "included; the profile counts set-up, too."
+        "included."
     )
     return fig
 
@@ -242,38 +242,5 @@ def draw_panels(
     return fig
 
 
-def profiles(good: pd.DataFrame) -> tuple[dict[str, np.ndarray], int]:
-    """Performance profiles: for each method its times in the races that it finishes, in units of the cheapest, rising.
-
-    Each run and target error is a race; set-up is counted. The second value is the number of races.
-    Source: Dolan and Moré, Math. Program. 91 (2002) 201.
-    """
-    run = [race.set_index("method").total / race.total.min() for _, race in races(good, APART, TARGETS, "total")]
-    return {str(name): np.sort(taken) for name, taken in pd.concat(run).groupby(level=0, sort=False)}, len(run)
-
-
-@of_part()
-def _draw_profile(rows: pd.DataFrame, style):
-    good = useful(rows)
-    if not (good.error <= TARGETS[0]).any():
-        return None
-    fig, ax = style.figure("page", 3.4)
-    factors, count = profiles(good)
-    longest = max(1.5 * max(taken[-1] for taken in factors.values()), 10.0)
-    for method, look in style.looks(factors, champions(good)).items():
-        taken = factors[method]
-        share = np.arange(len(taken) + 1) / count
-        ax.step([1.0, *taken, longest], [*share, share[-1]], where="post", **{**look, "marker": "none"})
-    ax.set(xscale="log", xlim=(1.0, longest), ylim=(0, 1.02))
-    ax.set(xlabel="τ, times as long as the cheapest", ylabel="share of the races")
-    style.legend_below(fig)
-    fig.caption = (
-        "How often is a method within a factor τ of the fastest? Left end: how often it wins. Right end: how often it finishes. "
-        f"There are {count} races, each for a top, a length of run and an error from 1e-4 to 1e-12, set-up counted. "
-        f"{style.naming(factors, 'named: of each family the cheapest at most errors')}. Point at a line to see its name."
-    )
-    return fig
-
-
 tables = tabulated()
-draw = drawn(time=_draw_frontier, profile=_draw_profile)
+draw = drawn(time=_draw_frontier)
