@@ -105,7 +105,6 @@ TIMES = {"t": [0.3, 0.0, -2.0]}
         ("backlund", 40, 0.2, {"lam": 0.3 + 0.4j}),
         ("backlund", SIZE, {"t": [0.3, 0.0, -2.0, 1e4]}, {}),
         *((name, 20, 0.02, {}) for name in ("rk4", "dop853", "rk45")),
-        ("strang", 20, 0.02, {"compensated": True}),
         ("dop853", "all numbers", 0.02, {}),
         *(("dop853", "some numbers", grid, {}) for grid in (0.02, TIMES)),
         *(("rk4", tops, 0.05, {}) for tops in ("alpha only", "J3 kept by some")),

@@ -1,25 +1,15 @@
-"""Explicit Runge-Kutta: compensation, projection, step control, and SciPy's solvers."""
+"""Explicit Runge-Kutta: projection, step control, and SciPy's solvers."""
 
 import numpy as np
 import pytest
 
 from lagrange_bench import TOPS, LagrangeTop, PerturbedTop, Potential, StepError, integrate, prepare
 from lagrange_bench.integrators.methods import dop853, runge_kutta
-from lagrange_bench.integrators.methods.tableaux import VERNER9
 from lagrange_bench.integrators.problem.potentials import CHARGE
 from tests.reference import drift
 
-GENERIC = TOPS["generic"]
 EPS = np.finfo(float).eps
 U = EPS / 2
-
-
-def test_compensated_sums_keep_the_digits_of_the_increments():
-    """10⁵ small steps: what is left is the rounding inside the increments, h times smaller."""
-    grid = GENERIC.top, GENERIC.state, 2.0**-6, 100_000, "verner9_fixed"
-    plain, carried = (integrate(*grid, every=100_000, compensated=compensated) for compensated in (False, True))
-    assert carried.error()[-1] < plain.error()[-1] / 3
-    assert carried.work.rhs_evals == 100_000 * len(VERNER9.b)
 
 
 @pytest.mark.parametrize("name", ["generic", "fast", "regular", "sleeping_unstable", "hanging", "homoclinic"])

@@ -11,7 +11,6 @@ import json
 import sys
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import METHODS, prepare
@@ -26,42 +25,40 @@ LONGEST = STATES[0]  # only this run goes on to the last count
 LIBRARY = ("theta_functions",)  # it computes each state with the C library's sines
 STEP = 0.125  # in units of the top's time scale
 
-Hashes = dict[str, dict[str, str]]  # "method" or "method compensated" → "state constants" or "state steps" → digest
+Hashes = dict[str, dict[str, str]]  # method → "state constants" or "state steps" → digest
 
 
-def kernels(only: Iterable[str] | None = None) -> list[tuple[str, str, dict[str, Any]]]:
-    """(name, method, options) of this package's compiled kernels, plain and compensated. only : names of kernels or methods."""
+def kernels(only: Iterable[str] | None = None) -> list[str]:
+    """The methods with a compiled kernel of this package. only : names of methods."""
     chosen = set(METHODS) if only is None else set(only)
-    listed: list[tuple[str, str, dict[str, Any]]] = []
+    listed: list[str] = []
     top, y0 = find(STATES[0])
     for name, method, _ in METHODS.each():
-        if not method or name in LIBRARY or chosen.isdisjoint((name, f"{name} compensated")) or method.takes(top):
+        if not method or name in LIBRARY or name not in chosen or method.takes(top):
             continue
         builder = getattr(method.prepare, "func", method.prepare)  # a partial has `func`
         if method.engine != "numba" or not builder.__module__.startswith("lagrange_bench.integrators."):
             continue
         if isinstance(prepare(top, y0, STEP, method), FixedStepper):
-            listed.append((name, name, {}))
-            if "compensated" in method.options:
-                listed.append((f"{name} compensated", name, {"compensated": True}))
-    return [kernel for kernel in listed if not chosen.isdisjoint(kernel[:2])]
+            listed.append(name)
+    return listed
 
 
 def measured(last: int = COUNTS[-1], only: Iterable[str] | None = None) -> Hashes:
     """The hashes that this process computes, up to `last` steps."""
     hashes: Hashes = {}
-    for kernel, method, options in kernels(only):
-        hashes[kernel] = {}
+    for method in kernels(only):
+        hashes[method] = {}
         for state in STATES:
             top, y = find(state)
-            stepper = prepare(top, y, STEP * top.scales(y)[2], method, **options)
+            stepper = prepare(top, y, STEP * top.scales(y)[2], method)
             assert isinstance(stepper, FixedStepper)
-            hashes[kernel][f"{state} constants"] = digest(stepper.constants)
+            hashes[method][f"{state} constants"] = digest(stepper.constants)
             done = 0
             for count in (c for c in COUNTS if c <= last and (state == LONGEST or c < COUNTS[-1])):
                 y = stepper.advance(y, count - done)
                 done = count
-                hashes[kernel][f"{state} {count}"] = digest(y)
+                hashes[method][f"{state} {count}"] = digest(y)
     return hashes
 
 
@@ -74,9 +71,9 @@ def golden() -> Hashes:
 
 
 def write(hashes: Hashes) -> None:
-    """Write hashes into the golden file, in the order of the registry. Hashes of other kernels stay."""
+    """Write hashes into the golden file, in the order of the registry. Hashes of other methods stay."""
     known = {**golden(), **hashes}
-    order = [name for method in METHODS for name in (method, f"{method} compensated") if name in known]
+    order = [name for name in METHODS if name in known]
     write_file(GOLDEN, json.dumps({name: known[name] for name in order}, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -33,20 +33,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.tape import Tape
-from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
-from lagrange_bench.integrators.methods.runge_kutta import two_sums
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import BODY, System
 
-# below this contraction some 10⁷ steps show no bias of the fixed point, with compensated sums or without
+# below this contraction some 10⁷ steps show no bias of the fixed point
 WEAK = 1 / 16
 # a residual that no longer falls is round-off if it is this small, relative to its terms
 SMALL = 2.0**-45
@@ -68,7 +65,6 @@ FAILURES = {
 class Places(NamedTuple):
     """Where the constants of a kernel begin."""
 
-    compensated: int
     start: int
     step: int
     weights: int  # h b
@@ -81,7 +77,7 @@ class Places(NamedTuple):
 
 def places(stages: int) -> Places:
     """The places for so many stages."""
-    sizes = (1, 1, 1, stages, stages, stages**2, stages**2, stages**2)
+    sizes = (1, 1, stages, stages, stages**2, stages**2, stages**2)
     return Places(*accumulate(sizes, initial=0))
 
 
@@ -146,12 +142,9 @@ def kernel(stages: int, system: System) -> Any:
     """The step of any system; the last constants are the parameters."""
     S, n, timed = stages, system.size, system.timed
     m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n  # `stack` wants constants
-    COMPENSATED, START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
-    LOW = loops.MEMORY + m
+    START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
     rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
     numbers, whole, keep, keep_matrix = (*map(tuple_loader, (system.parameters, n)), *map(tuple_storer, (n, n * n)))
-
-    sums = unrolled(two_sums)
 
     @jit(inline=True)
     def time(c, counters, ahead):
@@ -167,12 +160,12 @@ def kernel(stages: int, system: System) -> Any:
                     product[n * i + a] += c[place + S * j + i] * vector[first + n * j + a]
 
     @jit
-    def residual(s, c, counters, low, K, Y, R, per_size):
-        """Put Y = s + (low + μ K) and R = h b f(Y) − K into arrays. Returns Σ|R|, each relative to the size of its vector."""
+    def residual(s, c, counters, K, Y, R, per_size):
+        """Put Y = s + μ K and R = h b f(Y) − K into arrays. Returns Σ|R|, each relative to the size of its vector."""
         size = 0.0
         for i in range(S):
             for a in range(n):
-                total = low[a]
+                total = 0.0
                 for j in range(S):
                     total += c[MU + S * j + i] * K[n * j + a]  # small terms first
                 Y[n * i + a] = total + s[a]
@@ -211,7 +204,7 @@ def kernel(stages: int, system: System) -> Any:
         return sign
 
     @jit
-    def solve(s, c, low, K, counters):
+    def solve(s, c, K, counters):
         """Compute K of the step. Returns the number of iterations, or 0 if there were too many."""
         Y, R, D, r, pivots = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m)
         per_size, weights = stack(n), stack(n)
@@ -227,7 +220,7 @@ def kernel(stages: int, system: System) -> Any:
                 per_size[a], weights[a] = 1.0 / total, math.ldexp(1.0, -math.frexp(total)[1])
         last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
-            size = residual(s, c, counters, low, K, Y, R, per_size)
+            size = residual(s, c, counters, K, Y, R, per_size)
             if not size < math.inf:
                 break
             if size == 0.0 or (size >= last and size <= SMALL):
@@ -251,11 +244,11 @@ def kernel(stages: int, system: System) -> Any:
 
     @jit
     def step(s, c, counters):
-        K, low = stack(m), stack(n)
-        for i in range(n):
-            low[i] = counters[LOW + i]
+        K, change = stack(m), stack(n)
+        for a in range(n):
+            change[a] = 0.0
         times_stages(c, AHEAD, counters, loops.MEMORY, K)
-        iterations = solve(s, c, low, K, counters)
+        iterations = solve(s, c, K, counters)
         if iterations == 0:
             counters[loops.FAILURE] = NOT_CONVERGED
         counters[loops.ITERATIONS] += iterations
@@ -263,11 +256,10 @@ def kernel(stages: int, system: System) -> Any:
         for i in range(S):
             for a in range(n):
                 counters[loops.MEMORY + n * i + a] = K[n * i + a]
-                low[a] += K[n * i + a]
-        new, lost = sums(s, whole(low, 0))
-        if c[COMPENSATED] != 0.0:
-            keep(counters, LOW, lost)
-        return new
+                change[a] += K[n * i + a]
+        for a in range(n):
+            change[a] += s[a]
+        return whole(change, 0)
 
     return step
 
@@ -278,9 +270,8 @@ def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> No
         raise StepError(name, f"|h| is over {longest:g} times the time scale of the top or problem", h=h)
 
 
-def stepper(name: str, stages: int, problem: Any, y0: Array, h: float, compensated: bool = False) -> loops.FixedStepper:
-    """Collocation in so many Gauss nodes. compensated : see `method`."""
-    check_flag(compensated, "compensated")
+def stepper(name: str, stages: int, problem: Any, y0: Array, h: float) -> loops.FixedStepper:
+    """Collocation in so many Gauss nodes."""
     system = problem.system
     if kinds.top(problem):
         slope = float(np.linalg.svd(problem.jacobian(y0)[:3, 3:], compute_uv=False)[0])  # half the time of `norm`
@@ -290,8 +281,8 @@ def stepper(name: str, stages: int, problem: Any, y0: Array, h: float, compensat
     check_span(name, span, h)
     nodes, b, mu, nu, ahead = matrices(stages)
     parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), problem.numbers)
-    c = np.concatenate(((bool(compensated), problem.start, h), *parts))
-    memory = (stages + 1) * system.size
+    c = np.concatenate(((problem.start, h), *parts))
+    memory = stages * system.size
     step = loops.Kernel(kernel(stages, system), failures=FAILURES, timed=system.timed, memory=memory)
     return loops.FixedStepper(name, h, step, c, size=system.size)
 
@@ -299,15 +290,12 @@ def stepper(name: str, stages: int, problem: Any, y0: Array, h: float, compensat
 def method(stages: int) -> Method:
     name = f"gauss{2 * stages}"
 
-    def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> loops.FixedStepper:
-        """Every step is iterated until it stagnates.
-
-        compensated : carry the rounding errors of the sums of a step into the next one.
-        """
+    def prepare(problem: Any, y0: Array, h: float) -> loops.FixedStepper:
+        """Every step is iterated until it stagnates."""
         if kinds.uniform(problem) and not h * h * abs(problem.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
-        return stepper(name, stages, problem, y0, h, compensated)
+        return stepper(name, stages, problem, y0, h)
 
     return Method(
         name=name,

@@ -13,11 +13,8 @@ The gradients depend on each other in a regular precession and for a vertical or
 corrected. So the Schur complement of |x|² in G Gᵀ is damped by DAMPING; |x|² itself never vanishes. Then the round-off u of an
 invariant moves the state by u/(2√DAMPING) at most, and the rest that is not corrected is no larger than DAMPING.
 
-`compensated` adds the rounding error of the last sum of state and increment to the next increment.
-
 Sources: the tableaux's; projection: Hairer, Lubich & Wanner, Geometric Numerical Integration (2006), section IV.4; damping:
-Levenberg, Q. Appl. Math. 2 (1944) 164; compensated summation with the exact error of a sum: Knuth, The Art of Computer
-Programming 2, section 4.2.2, theorem B.
+Levenberg, Q. Appl. Math. 2 (1944) 164.
 """
 
 from __future__ import annotations
@@ -30,10 +27,9 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel, StateUnits
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -91,62 +87,30 @@ def increment_of(tableau: Tableau, system: System) -> Split:
     return system.split(increment)
 
 
-def two_sums(a: Any, b: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-    """The sums of pairs of numbers and their rounding errors, as by `two_sum`."""
-    totals = tuple(x + y for x, y in zip(a, b, strict=True))
-    rows = [(x, y, total, total - x) for x, y, total in zip(a, b, totals, strict=True)]
-    return totals, tuple((x - (total - share)) + (y - share) for x, y, total, share in rows)
-
-
-@unrolled
-def carrying_sums(a, change, lost):
-    """The sums a + (change + lost), and their rounding errors."""
-    return two_sums(a, [d + low for d, low in zip(change, lost, strict=True)])
-
-
 @cache
-def adding(size: int, moving: tuple[int, ...], compensated: bool) -> Any:
-    """(s, d, counters) → the state s with the increment d of its moving components.
-
-    compensated : the rounding error of the last sum is added to d, and the error of this sum is stored.
-    """
-    count = len(moving)
-    get, keep, chosen = (
-        tuple_loader(count),
-        tuple_storer(max(count, 1)),
-        unrolled(lambda s: tuple(s[i] for i in moving)),
-    )
+def adding(size: int, moving: tuple[int, ...]) -> Any:
+    """(s, d) → the state s with the increment d of its moving components."""
 
     @unrolled
-    def replaced(s, new):
-        return tuple(new[moving.index(i)] if i in moving else s[i] for i in range(size))
+    def added(s, d):
+        return tuple(s[i] + d[moving.index(i)] if i in moving else s[i] for i in range(size))
 
-    @unrolled
-    def plain(s, d, counters):
-        return replaced(s, [s[i] + d[k] for k, i in enumerate(moving)])
-
-    @jit
-    def carrying(s, d, counters):
-        new, lost = carrying_sums(chosen(s), d, get(counters, loops.MEMORY))
-        keep(counters, loops.MEMORY, lost)
-        return replaced(s, new)
-
-    return carrying if compensated and count else plain
+    return added
 
 
 START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
 
 
 @cache
-def stepping(split: Split, system: System, compensated: bool = False) -> Callable[..., Any]:
+def stepping(split: Split, system: System) -> Callable[..., Any]:
     """The step of an explicit method for any system, from what it adds to the state."""
     increment, constants, timed = machine_code(split.moving), tuple_loader(len(split.fixed.outputs)), system.timed
-    finish = adding(system.size, system.moving, compensated)
+    finish = adding(system.size, system.moving)
 
     @jit
     def step(s, c, counters):
         t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
-        return finish(s, increment((t,) + s, constants(c, FIRST)), counters)  # noqa: RUF005 - compiled code does not unpack
+        return finish(s, increment((t,) + s, constants(c, FIRST)))  # noqa: RUF005 - compiled code does not unpack
 
     return step
 
@@ -156,11 +120,10 @@ def constants_of(split: Split, problem: Any, h: float) -> Array:
     return np.array((problem.start, h, *split.constants(h, *problem.numbers)))
 
 
-def stepper(name: str, problem: Any, h: float, split: Split, calls: int, compensated: bool = False) -> FixedStepper:
+def stepper(name: str, problem: Any, h: float, split: Split, calls: int) -> FixedStepper:
     """A stepper of an explicit method, from what it adds to the state. calls : right-hand sides a step."""
     system = problem.system
-    step = stepping(split, system, compensated)
-    kernel = Kernel(step, rhs_per_step=calls, timed=system.timed, memory=system.size)
+    kernel = Kernel(stepping(split, system), rhs_per_step=calls, timed=system.timed)
     return FixedStepper(name, h, kernel, constants_of(split, problem, h), size=system.size)
 
 
@@ -229,7 +192,7 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
     """
     numbers, conserves_J3 = tuple_loader(1 + system.parameters), 2 in system.constant
     rest = (0.0, 0.0, 0.0)
-    moved = adding(6, tuple(range(6)), False)
+    moved = adding(6, tuple(range(6)))
 
     @unrolled
     def scaled(s, q, per_rate, per_length):
@@ -269,7 +232,7 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
             J, x, g, (g1, g2, g3) = lacking(s, c)
             a11, a12, a13, a22, a23, a33 = products(J, x, g)
             l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]), counters)
+            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]))
             square = l1 * g1 + l2 * g2 + l3 * g3
             if square <= TINY:
                 break
@@ -295,10 +258,8 @@ def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) ->
 
 
 def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
-    def prepare(problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-        """`compensated`: carry the rounding error of the state to the next step, for a few per cent of time at most."""
-        split = increment_of(tableau, problem.system)
-        return stepper(name, problem, h, split, tableau.stages, check_flag(compensated, "compensated"))
+    def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
+        return stepper(name, problem, h, increment_of(tableau, problem.system), tableau.stages)
 
     return Method(
         name=name,

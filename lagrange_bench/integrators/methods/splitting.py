@@ -36,14 +36,12 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, ConjugateStepper, FixedStepper, Kernel, finite
+from lagrange_bench.integrators.compiling.loops import FAILURE, ConjugateStepper, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.part_splitting import prepare_parts
-from lagrange_bench.integrators.methods.runge_kutta import carrying_sums
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
@@ -86,39 +84,27 @@ def turn(x, v, a, b, z):
     return tuple((2.0 * (u + p) + r) + (a * (z * u) + b * (z * p)) for u, p, r in parts)
 
 
-@cache
-def adding(compensated: bool) -> Any:
-    """(x, change, lost) → x + change, and what the sums lose. Compensated sums add to each change what the last one lost."""
-
-    @unrolled
-    def plain(x, change, lost):
-        return tuple(a + d for a, d in zip(x, change, strict=True)), lost
-
-    return carrying_sums if compensated else plain
+@unrolled
+def add(x, change):
+    return tuple(a + d for a, d in zip(x, change, strict=True))
 
 
-@cache
-def rotation(compensated: bool) -> Any:
-    """(part, J, x, lost) → whether it is done (False: too far), x turned about v = part·J, |v| half the angle, and `lost`."""
-    add = adding(compensated)
-
-    @jit(inline=True)
-    def rotate(part, J, x, lost):
-        v = part * J[0], part * J[1], part * J[2]
-        z = (v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]
-        parts = 1
-        if z > PART:
-            if not z <= MOST:
-                return False, x, lost
-            while z > PART:
-                v, z, parts = (0.5 * v[0], 0.5 * v[1], 0.5 * v[2]), 0.25 * z, 2 * parts
-        a, b = small_coefficients(z)
-        x, lost = add(x, turn(x, v, a, b, z), lost)
-        for _ in range(1, parts):
-            x, lost = add(x, turn(x, v, a, b, z), lost)
-        return True, x, lost
-
-    return rotate
+@jit(inline=True)
+def rotate(part, J, x):
+    """Whether it is done (False: too far), and x turned about v = part·J, |v| half the angle."""
+    v = part * J[0], part * J[1], part * J[2]
+    z = (v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]
+    parts = 1
+    if z > PART:
+        if not z <= MOST:
+            return False, x
+        while z > PART:
+            v, z, parts = (0.5 * v[0], 0.5 * v[1], 0.5 * v[2]), 0.25 * z, 2 * parts
+    a, b = small_coefficients(z)
+    x = add(x, turn(x, v, a, b, z))
+    for _ in range(1, parts):
+        x = add(x, turn(x, v, a, b, z))
+    return True, x
 
 
 # ------------------------------------------------------------------------------------ the step
@@ -140,28 +126,23 @@ def torques(system: System, gradients: int) -> Any:
 
 
 @cache
-def kernel(system: System, gradients: int, compensated: bool) -> Any:
+def kernel(system: System, gradients: int) -> Any:
     """One step of |J|²/2 + U(x): rotation and kick for each group of constants, four and then t and the parameters."""
     kick, numbers, conserves_J3 = torques(system, gradients), tuple_loader(1 + system.parameters), 2 in system.constant
     stride = STRIDE + 1 + system.parameters
-    rotate, add = rotation(compensated), adding(compensated)
-    load, store = tuple_loader(6), tuple_storer(6)
 
     @jit(inline=True)
     def step(s, c, counters):
         J1, J2, J3, x1, x2, x3 = s  # a tuple that a loop changes would cost twice the time
-        k1, k2, k3, l1, l2, l3 = load(counters, MEMORY) if compensated else (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         for i in range(0, len(c), stride):
-            done, (x1, x2, x3), (l1, l2, l3) = rotate(c[i + A], (J1, J2, J3), (x1, x2, x3), (l1, l2, l3))
+            done, (x1, x2, x3) = rotate(c[i + A], (J1, J2, J3), (x1, x2, x3))
             if not done:
                 counters[FAILURE] = TOO_FAR
                 return s
             change = kick((x1, x2, x3), numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
-            (J1, J2, J3), (k1, k2, k3) = add((J1, J2, J3), change, (k1, k2, k3))
+            J1, J2, J3 = add((J1, J2, J3), change)
             if conserves_J3:
                 J3 = s[2]
-        if compensated:
-            store(counters, MEMORY, (k1, k2, k3, l1, l2, l3))
         return J1, J2, J3, x1, x2, x3
 
     return step
@@ -207,15 +188,9 @@ def scaled(groups: Array, scales: Array, numbers: Array) -> Array:
     return parts.ravel()
 
 
-def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool = False) -> FixedStepper:
-    """A stepper for |J|²/2 + U(x), or for the parts of any other problem.
-
-    compensated : the rounding error of each sum is added to the next, from step to step within a call.
-    """
-    carried = check_flag(compensated, "compensated")
+def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
+    """A stepper for |J|²/2 + U(x), or for the parts of any other problem."""
     if not kinds.top(problem):
-        if compensated:
-            raise ValueError(f"compensated: {name} carries no sums for a Problem that is no top in a fixed potential")
         return prepare_parts(name, problem, h)
     scheme, system, numbers = SCHEMES[name], problem.system, np.array((problem.start, *problem.numbers))
     gradients = bool(scheme.c) + bool(scheme.d)
@@ -224,12 +199,13 @@ def prepare(name: str, problem: Any, y0: Array, h: float, *, compensated: bool =
     constants, begin, end = (scaled(*part, numbers) for part in ((steps, scales), (first, scales), (first, -scales)))
     if not (finite(constants) and finite(begin)):
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
+    step = kernel(system, gradients)
     return ConjugateStepper(
         name,
         h,
-        Kernel(kernel(system, gradients, carried), failures=FAILURES, rhs_per_step=len(steps)),
+        Kernel(step, failures=FAILURES, rhs_per_step=len(steps)),
         constants,
-        map_rows=map_over(kernel(system, gradients, False)),
+        map_rows=map_over(step),
         preprocess=(begin,),
         postprocess=(end,),
     )
