@@ -31,11 +31,11 @@ bench full: SHELL = bash
 
 bench: .venv/bench
 	set -o pipefail; $(BIN)/lagrange-bench run --profile quick | sed '/^next: /d'; status=$$?; \
-	$(BIN)/lagrange-bench report --results quick --beside reference && exit $$status
+	$(BIN)/lagrange-bench report --results quick && exit $$status
 
 full: .venv/bench
 	set -o pipefail; $(BIN)/lagrange-bench run --profile full | sed '/^next: /d'; status=$$?; \
-	$(BIN)/lagrange-bench report --results full --beside reference && exit $$status
+	$(BIN)/lagrange-bench report --results full && exit $$status
 
 report: .venv/bench
 	$(BIN)/lagrange-bench report

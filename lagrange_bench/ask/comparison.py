@@ -3,7 +3,7 @@
 from __future__ import annotations  # signatures show names of types, not what they stand for
 
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -109,7 +109,7 @@ class Comparison:
         y: str | None = None,
         methods: Names = None,
         tops: Names = None,
-        ax: Axes | Sequence[Axes] | Callable[[list[str]], Any] | None = None,
+        ax: Axes | Sequence[Axes] | None = None,
         xlim: tuple[float, float] | None = None,
         ylim: tuple[float, float] | None = None,
         names: bool = True,
@@ -126,9 +126,8 @@ class Comparison:
             Names of columns of numbers.
         methods, tops : list of str, optional
             Draw these only.
-        ax : Axes, a list of them, or a function, optional
-            Your own: as many as tops, or one for all; or what makes them from the names of the tops. By default those of a new
-            figure of pyplot.
+        ax : Axes or a list of them, optional
+            Your own: as many as tops, or one for all. By default those of a new figure of pyplot.
         xlim, ylim : (float, float), optional
             Limits, as for `set_xlim`.
         names : bool
@@ -165,8 +164,7 @@ class Comparison:
                 twins = [each for each in panel.figure.axes if each.bbox.bounds == panel.bbox.bounds]
                 if any(twin.get_title() == title for twin in twins if twin is not panel):
                     title = ""  # twice in one place it would look bold
-                panel.set(title=title, xlabel=self._label(x), ylabel=self._label(y))
-                style.set_limits(panel, limits)
+                panel.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
             if names and ax is None:
                 style.legend_below(axes[0].figure)
         return axes[0] if len(axes) == 1 else np.array(axes)
@@ -177,6 +175,8 @@ class Comparison:
         if "failure" in rows and len(rows) and (rows["status"] == "failed").all():
             raise ValueError(f"every run failed: {rows['failure'].iloc[0]}")
         numbers = [str(name) for name in rows.select_dtypes("number")]
+        if not numbers:
+            raise ValueError("there is nothing to draw: no row has a number")
         for word, name in (("x", x), ("y", y)):
             if name not in numbers:
                 hint = f"{suggestion(str(name), numbers)} There are {', '.join(numbers)}"
@@ -193,7 +193,7 @@ class Comparison:
             raise ValueError(f"no row has both {x} and {y}")
         if "part" in rows:
             if len(parts := list(dict.fromkeys(rows["part"][both]))) > 1:
-                choose = f"choose one, as frame[frame.part == {parts[0]!r}], or NAME_{parts[0]} on the command line"
+                choose = f"choose one, as frame[frame.part == {parts[0]!r}]"
                 hint = "; time is an error here, the time of a run is t_scaled" if x == "time" else ""
                 raise ValueError(f"rows of several parts have {x} and {y}: {', '.join(parts)}; {choose}{hint}")
             rows = rows[rows["part"] == parts[0]]
@@ -271,15 +271,13 @@ def _methods(rows: pd.DataFrame) -> pd.Series:
 def _axes(ax: Any, tops: list[str]) -> list[Any]:
     from matplotlib import pyplot as plt
 
-    if ax is not None and not callable(ax):
+    if ax is not None:
         axes = list(np.ravel(np.array(ax, dtype=object)))
         if len(axes) not in (1, len(tops)):
             raise ValueError(f"ax: give one, or one for each of {len(tops)} tops; got {len(axes)}")
         return axes
     if len(tops) > MOST:
         raise ValueError(f"tops: there are {len(tops)}; choose at most {MOST}, such as {','.join(tops[:2])}")
-    if ax is not None:
-        return list(np.ravel(ax(tops)))
     columns = min(len(tops), 2)
     rows = -(-len(tops) // columns)
     width, height = plt.rcParams["figure.figsize"]

@@ -96,19 +96,10 @@ def results_folder(text: str) -> Path:
     return folder_of(text)
 
 
-def limits(text: str) -> tuple[float, float]:
-    ends = numbers(text)
-    if len(ends) != 2 or ends[0] == ends[1]:
-        raise ValueError(f"must be two numbers, as 1e-3,10; got {text!r}")
-    return float(ends[0]), float(ends[1])
-
-
 def add_choice(command: argparse.ArgumentParser) -> None:
     for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
-    text = "draw these methods in black dashes and name them in every figure, as plug-ins always are"
-    command.add_argument("--highlight", type=names, metavar="a,b,…", default=(), help=text)
     text = "also the methods of the archive (see methods --archive), which quick runs and figures of many methods leave out"
     command.add_argument("--archive", action="store_true", help=text)
 
@@ -121,7 +112,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     from lagrange_bench.results.choice import Choice
     from lagrange_bench.results.store import Store
 
-    choice = Choice(options.methods, options.tops, options.highlight, options.archive)
+    choice = Choice(options.methods, options.tops, options.archive)
     choice.include()
     if results is not None:
         store = Store(results)

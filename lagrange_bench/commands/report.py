@@ -6,7 +6,6 @@ Turn the results that lagrange-bench run stored into one page that needs no netw
 examples:
   lagrange-bench report                                        the published results
   lagrange-bench report --results quick --open   your own run, in the browser; from any folder
-  lagrange-bench report --results quick --beside reference
   lagrange-bench report --results quick --methods mine:METHOD,rk4,backlund --output my_page
 
 exit codes: 0 the page is complete · 1 a part could not be drawn; the page says so in its place · 2 no such results, or files
@@ -28,8 +27,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--output", type=location, metavar="DIR", help=text)
     command.add_argument("--open", action="store_true", help="open the page in the browser")
     add_choice(command)
-    text = "other results, such as reference; their verdict on each claim is shown beside yours"
-    command.add_argument("--beside", type=results_folder, metavar="DIR", help=text)
     add_module(command)
 
 
@@ -40,20 +37,15 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.runner import progress
 
     results = find_results(options.results)
-    beside = options.beside and find_results(options.beside)
     installed = results == REFERENCE and provenance.checkout() is None  # nothing is written into a package
     output = options.output or (Path("page") if installed else results / "page")
     choice = choice_of(options, results)
     page.refuse_foreign(output)  # before the drawing
     with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
-        report = page.assemble(results, choice, beside, drawn)
+        report = page.assemble(results, choice, drawn)
         path = page.write(report, output).resolve()
     notes = [f"{s.experiment}: no rows of {', '.join(s.without_rows)}" for s in report.sections if s.without_rows]
     notes += [report.old] if report.old else []
-    if report.unloaded:
-        notes += [
-            f"not loaded: {', '.join(report.unloaded)}; with --methods and their names the page says what they claim"
-        ]
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{path.stat().st_size / 1e6:.1f} MB" + (f", claims: {page.fare(report.claims)}" if report.claims else "")
     remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]

@@ -17,8 +17,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike
 
-from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import declared, load_stored
+from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.experiments.measuring.reductions import with_failures
 
@@ -191,13 +190,6 @@ class Claim:
     bounds_changed: datetime  # when the last of them was changed
     bounds: tuple[Bound, ...]
     answers: tuple[ShortAnswer, ...] = ()  # of the README
-
-    @property
-    def profile(self) -> str:
-        """The smallest profile that has the runs it is about."""
-        cells = load_stored(self.experiment).cells
-        planned = ((profile, pd.DataFrame(cells(profile))) for profile in PROFILES)
-        return next((p for p, rows in planned if not any(b.missing(rows) for b in self.bounds)), PROFILES[-1])
 
 
 def judge(claim: Claim, rows: pd.DataFrame) -> ClaimVerdict:

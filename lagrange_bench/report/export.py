@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style
 from lagrange_bench.report import origin, sections
@@ -72,8 +71,8 @@ def export_all(
 
 def _stored(results: Path) -> tuple[list[str], list[str]]:
     """The experiments in the order of the page, and why others are left out."""
-    names, known, unknown = Store(results).experiments(), [], []
-    for name in [*(own for own in names if own not in EXPERIMENTS), *(name for name in EXPERIMENTS if name in names)]:
+    known, unknown = [], []
+    for name in Store(results).experiments():
         try:
             load_stored(name)
             known.append(name)
@@ -84,9 +83,8 @@ def _stored(results: Path) -> tuple[list[str], list[str]]:
 
 def _section(experiment: str, results: Path, choice: Choice) -> sections.Section:
     """What is stored of an experiment, not drawn yet."""
-    section = sections.Section(experiment)
+    section = sections.Section(experiment, origin=origin.find(results, choice))
     sections.read(section, Store(results, choice), load_stored(experiment))
-    section.origin = replace(origin.find(results, [section.profiles]), choice=choice)
     return section
 
 
@@ -96,7 +94,7 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
         return
     try:
         choice = section.origin.choice
-        with style.apply(width, choice.highlight, choice.archive):
+        with style.apply(width, choice.archive):
             drawn = load_stored(section.experiment).draw(section.rows)
     except Exception as error:  # perhaps because of the rows
         reason = " ".join(sections.described(error).split())
@@ -105,7 +103,7 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
 
 
 def _remarks(section: sections.Section) -> list[str]:
-    old = f"{section.experiment}: {section.old}. Compute them again: {section.command} --again"
+    old = f"{section.experiment}: {section.old}: the same run with --again computes them again"
     return [*section.notes, *([old] if section.old else [])]
 
 

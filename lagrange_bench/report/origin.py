@@ -4,58 +4,43 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from types import ModuleType
 
 import pandas as pd
 
-from lagrange_bench.experiments import PROFILES
-from lagrange_bench.experiments.catalogue import load_stored
 from lagrange_bench.results import provenance
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import REFERENCE, Record, _canonical, clean, default_results, name_of
+from lagrange_bench.results.store import REFERENCE, name_of
 
 
 @dataclass(frozen=True)
 class Origin:
-    """A folder of results, and the profile it was computed with, if that is known."""
+    """A folder of results, and the profile it was computed with, if the name of the folder says it."""
 
     folder: str  # as commands name it: reference, quick or full, or a path
     profile: str | None = None
-    default: bool = False  # the one that is drawn if nobody says which
     choice: Choice = ALL  # of what is stored there
 
     @property
     def option(self) -> str:
         """What `report` and `figure` need to draw it."""
-        return self._results_option + self.choice.words
-
-    @property
-    def _results_option(self) -> str:
-        return "" if self.default else f" --results {shlex.quote(self.folder)}"
+        results = "" if self.folder == REFERENCE.name else f" --results {shlex.quote(self.folder)}"
+        return results + self.choice.words
 
     def run(self, experiment: str) -> str:
         """The command that computes an experiment like this."""
-        profile = "" if self.profile is None else f" --profile {self.profile}"
-        usual = self.folder == named(default_results(self.profile or PROFILES[0]))
-        folder = "" if self.default or usual else self._results_option
-        return f"lagrange-bench run {shlex.quote(experiment)}{profile}{folder}{self.choice.words}"
+        results = f"--profile {self.profile}" if self.profile else f"--results {shlex.quote(self.folder)}"
+        return f"lagrange-bench run {shlex.quote(experiment)} {results}{self.choice.words}"
 
     @property
     def report(self) -> str:
         """The command that draws what `run` computed. The published results are never written to."""
-        if self.default and self.profile is not None:
-            return f"lagrange-bench report --results {shlex.quote(named(default_results(self.profile)))}{self.choice.words}"
-        return f"lagrange-bench report{self.option}"
-
-    def reaching(self, profile: str) -> Origin:
-        """This origin, or the folder of a larger profile: two profiles in one folder would be drawn into one figure."""
-        return self if profile in (PROFILES[0], self.profile) else Origin(named(default_results(profile)), profile)
+        return f"lagrange-bench report --results {shlex.quote(self.profile or self.folder)}{self.choice.words}"
 
 
-PUBLISHED = Origin(REFERENCE.name, "full", default=True)
+PUBLISHED = Origin(REFERENCE.name, "full")
 
 
 def named(folder: Path) -> str:
@@ -69,29 +54,12 @@ def named(folder: Path) -> str:
     return place.name
 
 
-def find(folder: Path, profiles: Sequence[Collection[str] | None]) -> Origin:
-    """The origin of what is stored in a folder. profiles : of each experiment there; see `profiles_of`."""
-    name, default = named(folder), os.path.abspath(folder) == os.path.abspath(default_results())
-    if default and name == PUBLISHED.folder:
-        return PUBLISHED
-    known, word = [set(some) for some in profiles if some is not None], Path(name).name
-    possible = set.intersection(*known) if known else {word}
-    likely = [profile for profile in (word, *PROFILES) if profile in PROFILES and profile in possible]
-    return Origin(name, likely[0] if likely else None, default)
-
-
-def profiles_of(module: ModuleType, records: Sequence[Record]) -> tuple[str, ...] | None:
-    """The profiles that have all stored cells; None if the experiment cannot list its cells."""
-    stored = {_canonical(record["cell"]) for record in records}
-    try:
-        return tuple(p for p in PROFILES if stored <= {_canonical(clean(cell)) for cell in module.cells(p)})
-    except Exception:  # somebody's own, perhaps of another version: no reason to lose the page
-        return None
-
-
-def again(folder: Path, experiment: str, records: Sequence[Record]) -> str:
-    """The command that computes again the stored cells of an experiment in a folder."""
-    return f"{find(folder, [profiles_of(load_stored(experiment), records)]).run(experiment)} --again"
+def find(folder: Path, choice: Choice = ALL) -> Origin:
+    """The origin of what is stored in a folder."""
+    name = name_of(folder)
+    if name == PUBLISHED.folder:
+        return replace(PUBLISHED, choice=choice)
+    return Origin(named(folder), name, choice)
 
 
 def described(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:

@@ -10,7 +10,7 @@ import re
 import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +21,6 @@ from markupsafe import Markup, escape
 from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
-from lagrange_bench.integrators import METHODS
 from lagrange_bench.report import chooser, claims, lists, live, origin, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
 from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, described, draw, packed
@@ -47,7 +46,6 @@ class Judged:
     verdict: claims.ClaimVerdict
     command: str
     bounds_dates: str = ""  # when its bounds were set, and whether that was before its rows were measured
-    beside: claims.ClaimVerdict | None = None  # by the results that these are held against
 
 
 @dataclass
@@ -60,8 +58,6 @@ class Report:
     errors: list[str]  # what could not be drawn or checked; the page shows each in its place
     old: str = ""  # how many cells are, and what to do about it
     claims: list[Judged] = field(default_factory=list)
-    beside: str = ""  # what its claims are held against
-    unloaded: tuple[str, ...] = ()  # methods of the user's own that have rows, and whose records are not loaded
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
     engines: pd.DataFrame = field(default_factory=pd.DataFrame)  # of physics, and multibody programs
@@ -78,29 +74,24 @@ def in_brief(judged: list[Judged]) -> list[tuple[str, str, Judged]]:
     return [(a.question, text, each) for a, each in pairs if (text := a.filled(each.verdict))]
 
 
-def assemble(
-    results: Path, choice: Choice = ALL, beside: Path | None = None, drawn: Drawn = lambda done, total: None
-) -> Report:
+def assemble(results: Path, choice: Choice = ALL, drawn: Drawn = lambda done, total: None) -> Report:
     """Everything the page shows, from the stored lines in `results`; never raises for a part that cannot be drawn.
 
-    choice : of methods and tops. The user's own experiments come first. Where there is nothing else, or a choice was made,
-    the page has no claims, and what has no rows is left out.
-    beside : other results; their verdict on each claim is shown, too. drawn : called with how many parts are drawn, of how many.
+    choice : of methods and tops. Where there are only experiments of the user's own, or a choice was made, the page has no
+    claims, and what has no rows is left out. drawn : called with how many parts are drawn, of how many.
     """
     stored = Store(results, choice)
-    user_experiments = [name for name in stored.experiments() if name not in EXPERIMENTS]
-    names = [*user_experiments, *EXPERIMENTS]
-    published, beside_words = _published(None if choice else beside)
+    names = list(dict.fromkeys((*stored.experiments(), *EXPERIMENTS)))
     sections = []
     for done, name in enumerate(names):
         drawn(done, len(names))
         sections.append(draw(name, stored))
     drawn(len(names), len(names))
-    whole = not choice and (any(len(s.rows) for s in sections if s.experiment in EXPERIMENTS) or not user_experiments)
+    only_own = stored.experiments() and not set(stored.experiments()) & set(EXPERIMENTS)
+    whole = not choice and not only_own
     if not whole:
-        sections = [s for s in sections if len(s.rows) or s.experiment in user_experiments or s.errors]
-    source = origin.find(results, [section.profiles for section in sections if len(section.rows)])
-    source = replace(source, choice=choice)
+        sections = [section for section in sections if not section.absent]
+    source = origin.find(results, choice)
     for section in sections:
         section.origin = source
     old = _old(sections)
@@ -108,15 +99,10 @@ def assemble(
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old=old)
     rows = {section.experiment: section.rows for section in sections}
-    methods = dict.fromkeys(name for frame in rows.values() for name in frame.get("method", pd.Series()).dropna())
-    report.unloaded = tuple(name for name in methods if ":" in name and name not in METHODS)
     for section in sections:
         promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
     if whole:
         _judge(report, rows, source)
-        report.beside = beside_words
-        for judged, verdict in zip(report.claims, published, strict=False):
-            judged.beside = verdict
     return report
 
 
@@ -157,11 +143,11 @@ def _make(report: Report, name: str, make: Callable[[], Any]) -> None:
 def _old(sections: Sequence[Section]) -> str:
     """How many cells of all sections are old, and what to do about it."""
     old = sources.summary(sum((section.source_ages for section in sections), Counter[str]()))
-    old += f": {', '.join(section.experiment for section in sections if section.old)}" if old else ""
-    if again := [f"{section.command} --again" for section in sections if section.source_ages[sources.OUTDATED]]:
-        return f"{old} ({' && '.join(again)} computes them again)"
-    folder = shlex.quote(sections[0].origin.folder) if old else ""
-    return old and f"{old} (lagrange-bench verify {folder} computes a sample again and compares)"
+    if not old:
+        return ""
+    names = ", ".join(section.experiment for section in sections if section.old)
+    folder = shlex.quote(sections[0].origin.folder)
+    return f"{old}: {names} (lagrange-bench verify {folder} compares a sample; the same run with --again computes all)"
 
 
 def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Judged]:
@@ -169,21 +155,9 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Jud
     judged = []
     for claim in promises.CLAIMS:
         verdict = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
-        wanted = source.reaching(claim.profile) if verdict.word in (claims.UNTESTED, claims.CONSISTENT) else source
+        wanted = PUBLISHED if verdict.word in (claims.UNTESTED, claims.CONSISTENT) else source
         judged.append(Judged(claim, verdict, Section(claim.experiment, origin=wanted).again))
     return judged
-
-
-def _published(folder: Path | None) -> tuple[list[claims.ClaimVerdict], str]:
-    """The verdict of other results on each claim; then, in words, which results these are and how the claims fare by them."""
-    if folder is None:
-        return [], ""
-    store = Store(folder)
-    journals = {name: store.open(name) for name in dict.fromkeys(claim.experiment for claim in promises.CLAIMS)}
-    judged = judge({name: journal.rows() for name, journal in journals.items()})
-    old = sources.summary(sum((journal.source_ages() for journal in journals.values()), Counter[str]()))
-    words = f"{origin.named(folder)}: {'; '.join(filter(None, (fare(judged), old)))}"
-    return [each.verdict for each in judged], words
 
 
 def fare(judged: list[Judged]) -> str:

@@ -20,11 +20,10 @@ from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
-from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import NAMES, Store, StoreError
+from lagrange_bench.results.store import Store, StoreError
 from lagrange_bench.support.files import write_file
 
 DECLINED = "StepError"  # what a method raises that declines a step
@@ -60,7 +59,6 @@ class Section:
     tables: list[DrawnTable] = field(default_factory=list)
     failures: pd.DataFrame = field(default_factory=pd.DataFrame)
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
-    profiles: tuple[str, ...] | None = None  # that all its cells belong to
     origin: Origin = PUBLISHED
     source_ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.source_ages`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
@@ -71,11 +69,6 @@ class Section:
     def absent(self) -> bool:
         """Whether nothing of the experiment is stored, and there is no error and no note to show."""
         return self.rows.empty and not self.errors and not self.notes
-
-    @property
-    def of_a_profile(self) -> bool:
-        """Whether `command` computes these rows: a sweep has cells that are in no profile."""
-        return self.profiles != () or self.origin.folder in NAMES
 
     @property
     def command(self) -> str:
@@ -99,7 +92,7 @@ class Section:
         modules = [name for name in modules if name in sys.modules]
         if "." in self.experiment:
             modules.insert(0, self.experiment)
-        chosen = {name.partition(":")[0] for name in (*self.origin.choice.methods, *self.origin.choice.highlight)}
+        chosen = {name.partition(":")[0] for name in self.origin.choice.methods}
         return "".join(f" --module {shlex.quote(name)}" for name in dict.fromkeys(modules) if name not in chosen)
 
     @property
@@ -172,7 +165,6 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
     if module is not None:
         section.rows = with_failures(section.rows, getattr(module, "MEASURED", {}))
         section.failures = _with_incomplete(section.failures, section.rows)
-        section.profiles = origin.profiles_of(module, journal.latest)
         section.without_rows = without_rows(module, section.rows, store.choice)
 
 
@@ -196,13 +188,13 @@ def without_rows(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list
 
 def draw_figures(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
-    with style.apply(None, choice.highlight, choice.archive):
+    with style.apply(None, choice.archive):
         drawn = module.draw(rows.copy())
         words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
         made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
     seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]
     if any(figures.wide(drawn[figure.name]) for figure in seen):
-        with style.apply("column", choice.highlight, choice.archive):
+        with style.apply("column", choice.archive):
             narrow = module.draw(rows.copy())
             for figure in seen:
                 figure.phone = figures.svg(narrow[figure.name])

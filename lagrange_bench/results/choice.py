@@ -14,7 +14,6 @@ class Choice:
 
     methods: tuple[str, ...] = ()
     tops: tuple[str, ...] = ()
-    highlight: tuple[str, ...] = ()  # methods that are drawn with the reserved look, as plug-ins are
     archive: bool = False  # whether figures of many methods show those of the archive, too
 
     def __bool__(self) -> bool:
@@ -24,7 +23,7 @@ class Choice:
     @property
     def words(self) -> str:
         """The choice as options of a command."""
-        options = {"--methods": self.methods, "--tops": self.tops, "--highlight": self.highlight}
+        options = {"--methods": self.methods, "--tops": self.tops}
         words = "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
         return words + " --archive" * self.archive
 
@@ -37,18 +36,17 @@ class Choice:
         """Load the methods from the user's own files, `module:NAME`. ValueError if one cannot be loaded."""
         from lagrange_bench.integrators.registry import METHODS
 
-        for name in (*self.methods, *self.highlight):
+        for name in self.methods:
             if ":" in name or name.endswith(".py"):
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
         """ValueError if no cell has one of the names, or if the choice leaves no cell: otherwise nobody would notice."""
-        if not (self or self.highlight):
+        if not self:
             return
         cells = list(cells)
-        asked = ("--methods", self.methods), ("--highlight", self.highlight), ("--tops", self.tops)
-        for flag, names in asked:
-            word, field = ("top", "state") if flag == "--tops" else ("method", "method")
+        asked = ("--methods", self.methods, "method", "method"), ("--tops", self.tops, "top", "state")
+        for flag, names, word, field in asked:
             known = {str(cell[field]) for cell in cells if cell.get(field) is not None}
             for name in names:
                 if name not in known:

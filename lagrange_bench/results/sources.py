@@ -105,5 +105,11 @@ def compared(one: str | None, other: str | None) -> str:
 
 def summary(ages: Mapping[str, int]) -> str:
     """How many stored cells do not come from the present sources, as a sentence; "" if all do. ages : see `judge`."""
-    counts = {words: ages[age] for age, words in WORDS.items() if ages.get(age)}
-    return "; ".join(f"{n} stored cell{' was' if n == 1 else 's were'} computed {words}" for words, n in counts.items())
+    total = sum(ages.values())
+    return "; ".join(f"{_stored(ages[age], total)} computed {words}" for age, words in WORDS.items() if ages.get(age))
+
+
+def _stored(count: int, total: int) -> str:
+    if count == 1:
+        return "1 stored cell was"
+    return f"all {count} stored cells were" if count == total else f"{count} stored cells were"

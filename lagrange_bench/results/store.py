@@ -21,6 +21,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from lagrange_bench.experiments import EXPERIMENTS
 from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.results import provenance, sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -293,8 +294,12 @@ class Store:
             raise StoreError(f"{what} To go on: {advice}") from error
 
     def experiments(self) -> list[str]:
-        """Names of the experiments that have a journal here."""
-        return sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
+        """Names of the experiments that have a journal here, in the order of the page: the user's own come first."""
+        stored = sorted(path.stem for path in self.folder.glob("*.jsonl") if path.is_file())
+        return [
+            *(name for name in stored if name not in EXPERIMENTS),
+            *(name for name in EXPERIMENTS if name in stored),
+        ]
 
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
         """Every record of an experiment, oldest first, and what is wrong with damaged lines.

@@ -67,7 +67,9 @@ class Summary:
             lines.append(f"{_word(each['error'])}: {each['experiment']} {cell}: {each['error']}")
         if len(self.failures) > SHOWN:
             lines.append(f"… and {len(self.failures) - SHOWN} more")
-        lines += [f"old: {name}: {sources.summary(t.old)}" for name, t in self.experiments.items() if t.old]
+        for name, t in self.experiments.items():
+            ages = {**t.old, sources.SAME: t.stored - sum(t.old.values())}
+            lines += [f"old: {name}: {sources.summary(ages)}"] if t.old else []
         return "\n".join([*lines, *self.notes, f"results: {self.results}"])
 
     @property

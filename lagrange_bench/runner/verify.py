@@ -109,7 +109,7 @@ def _sample(
         journal = store.open(experiment)
         result.notes += journal.problems
         if journal.latest and journal.latest[0]["version"] != module.VERSION:
-            again = origin.again(store.folder, experiment, journal.latest)
+            again = f"{origin.find(store.folder).run(experiment)} --again"
             raise StoreError(f"{store.folder}: {experiment} changed (VERSION) since this was stored: {again}")
         for record in journal.latest:
             cell, age = record["cell"], sources.judge(record, here)

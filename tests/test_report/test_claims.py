@@ -15,7 +15,6 @@ from lagrange_bench.experiments.work_precision import TARGETS
 from lagrange_bench.integrators import METHODS, integrate
 from lagrange_bench.report import chooser, claims, lists, origin, page, promises, readme
 from lagrange_bench.report.claims import Bound, Claim
-from lagrange_bench.report.origin import Origin
 from lagrange_bench.results.store import default_results
 
 pytestmark = pytest.mark.xdist_group("claims")  # all are judged once
@@ -127,13 +126,13 @@ def test_other_runs_can_agree_with_a_claim_but_not_decide_it():
 
 
 def test_no_data_for_want_of_long_runs_names_the_profile_that_has_them():
-    quick = origin.find(default_results("quick"), [("quick",)])
+    quick = origin.find(default_results("quick"))
     rows = {"drift": pd.DataFrame({"status": ["done"], "part": "h", "method": "backlund", "steps": 10**5})}
     found = {each.claim.id: each for each in page.judge(rows, quick)}
-    for name, profile, experiment in (("unpinned", "full", "drift"), ("orders", "quick", "phase")):
-        assert found[name].verdict.word == "not tested"
-        report = f"lagrange-bench report --results {profile}"
-        assert found[name].command == f"lagrange-bench run {experiment} --profile {profile} && {report}"
+    assert found["unpinned"].verdict.word == "not tested"
+    assert (
+        found["unpinned"].command == "lagrange-bench run drift --profile full && lagrange-bench report --results full"
+    )
 
 
 CHANGES = [  # of the lines of one method in a table of stored rows, and what becomes of the claim about all
@@ -260,17 +259,11 @@ def test_a_body_is_priced_by_all_its_steps_and_nan_never_wins():
     assert found.name["10⁻⁸"] == "rkmk4"
 
 
-def test_the_profile_of_a_folder(tmp_path, monkeypatch):
+def test_commands_name_a_folder_or_the_profile_that_its_name_says(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    both, full, quick = ("quick", "full"), ("full",), ("quick",)
-    for folder, profiles, profile in (
-        ("out", [both, full, None], "full"),
-        ("out", [both], "quick"),  # the same cells
-        ("full", [both], "full"),
-        ("quick", [None], "quick"),
-        ("out", [quick, full], None),
-    ):
-        assert origin.find(tmp_path / folder, profiles) == Origin(folder, profile)
+    for folder, run in ((tmp_path / "out", "--results out"), (default_results("quick"), "--profile quick")):
+        assert origin.find(folder).run("drift") == f"lagrange-bench run drift {run}"
+    assert origin.find(default_results()).report == "lagrange-bench report --results full"
 
 
 def test_the_equations_that_are_misprinted_are_counted_and_listed(run, monkeypatch):

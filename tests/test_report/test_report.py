@@ -93,7 +93,8 @@ def results(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for name in TOYS:
             patch.setitem(sys.modules, name, toy(name))
-        patch.setattr(page, "EXPERIMENTS", TOYS)
+        for module in (page, store):
+            patch.setattr(module, "EXPERIMENTS", TOYS)
         patch.setattr(promises, "CLAIMS", CLAIMS)
         known = sources.CellSources(SourceDigest("1" * 24, ()), None)
         patch.setattr(sources, "of_cell", lambda *cell: known)  # toys have no file
@@ -220,7 +221,8 @@ def test_no_results_and_a_broken_plug_in_stop_neither_page_nor_run(tmp_path, mon
 
 
 def test_the_page_of_an_experiment_of_ones_own_shows_nothing_else(results, monkeypatch, undrawn):
-    monkeypatch.setattr(page, "EXPERIMENTS", ("drift", "phase"))
+    for module in (page, store):
+        monkeypatch.setattr(module, "EXPERIMENTS", ("drift", "phase"))
     monkeypatch.setattr(page.errata, "measure", lambda: pytest.fail("evaluated for nothing"))
     ids = re.findall('<(?:section|details) id="([^"]+)"', markup(page.html(page.assemble(results))))
     assert ids == [
@@ -237,11 +239,11 @@ def test_the_page_of_an_experiment_of_ones_own_shows_nothing_else(results, monke
 
 
 def test_a_page_of_some_methods(results, undrawn):
-    some = page.assemble(results, choice=Choice(methods=("rk45",), highlight=("rk45",)))
+    some = page.assemble(results, choice=Choice(methods=("rk45",)))
     assert {method for section in some.sections for method in section.rows.method} == {"rk45"}
     assert [section.experiment for section in some.sections] == ["toy.good", "toy.broken"]
     assert some.claims == [], "they are about all methods"
-    assert " --methods rk45 --highlight rk45" in some.sections[0].redraw("first")
+    assert " --methods rk45" in some.sections[0].redraw("first")
 
 
 def test_a_page_of_somebody_elses_stays(results, tmp_path, run):
@@ -292,16 +294,9 @@ def test_command_line(results, tmp_path, run, undrawn, monkeypatch):
     assert run(*words, tmp_path / "out" / "index.html")[0] == 2
 
 
-def test_other_results_stand_beside(results, tmp_path, undrawn):
-    folder = tmp_path / "published"
-    folder.mkdir()
-    for i, (method, drift) in enumerate({"backlund": 1.0, "rk45": 1e-12}.items()):
-        put(folder, "toy.good", i, method, 0.1, drift, sources=None)
-    held = page.assemble(results, beside=folder)
-    assert [judged.verdict.word for judged in held.claims][:3] == ["confirmed", "refuted", "refuted"]
-    assert [judged.beside.word for judged in held.claims][:3] == ["refuted", "refuted", "confirmed"]
-    assert "published: 1 confirmed, 2 refuted, 2 not tested; 2 stored cells" in words(held)
-    pages = (held, replace(held, claims=held.claims[3:]))  # with answers, and without
+def test_the_page_has_verdicts_and_answers_in_short(report):
+    assert [judged.verdict.word for judged in report.claims][:3] == ["confirmed", "refuted", "refuted"]
+    pages = (report, replace(report, claims=report.claims[3:]))  # with answers, and without
     assert ["<h2>In short</h2>" in page.html(each) for each in pages] == [True, False]
 
 
@@ -313,10 +308,12 @@ def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, m
     path.write_bytes(path.read_bytes().replace(b'"message":"Newton', b'"message":"Euler'))
     damaged = "toy.good.jsonl, line 6: damaged; skipped, its cell counts as not computed"
     old = "2 stored cells were computed with other source code than this"
-    again = "Compute them again: lagrange-bench run toy.good --profile quick --results out --again"
     figure = ("figure", "toy.good_first", "--results", "out")
     code, _, err = run(*figure)
-    assert (code, err.endswith(f"{damaged}\ntoy.good: {old}. {again}\n")) == (0, True), err
+    assert (code, err.endswith(f"{damaged}\ntoy.good: {old}: the same run with --again computes them again\n")) == (
+        0,
+        True,
+    ), err
     assert run(*figure, "--quiet")[2] == ""
     shown = words(page.assemble(tmp_path / "out"))
     assert damaged in shown

@@ -258,7 +258,7 @@ def test_what_is_chosen_is_shown(tmp_path):
     for names, taken in (
         ({"methods": ("strang",)}, [1, 2]),
         ({"methods": ("rk4", "strang"), "tops": ("generic",)}, [0, 1]),
-        ({"highlight": ("rk4",)}, [0, 1, 2, 3]),
+        ({}, [0, 1, 2, 3]),
     ):
         choice = Choice(**names)
         assert [record["position"] for record in Store(tmp_path, choice).open("toy").latest] == taken
@@ -291,9 +291,7 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
 
 
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
-    for highlight in (["rk4", "kahan"], []):
-        with style.apply(highlight=highlight):
-            assert [name for name in METHODS if style.of(name)["color"] == style.OWN] == highlight
+    assert not [name for name in METHODS if style.of(name)["color"] == style.OWN]
     assert style.of("somebody:METHOD")["color"] == style.OWN
     many = ["backlund", "rk4", "strang", "kahan", "gauss4", "taylor_fixed", "rkmk4", "theta_functions", "gauss6"]
     assert style.looks(many, named=["backlund"])["rk4"]["label"] == "_thin"

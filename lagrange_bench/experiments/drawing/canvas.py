@@ -6,7 +6,7 @@ widths. PDF and PNG files contain the font.
 
 import math
 import unicodedata
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Any, NamedTuple
@@ -63,13 +63,11 @@ class Settings(NamedTuple):
     """Of the figures drawn inside `apply`."""
 
     width: str | None = None
-    highlight: tuple[str, ...] = ()
     archive: bool = False
 
 
 USUAL = Settings()
 SETTINGS: ContextVar[Settings] = ContextVar("settings of figures", default=USUAL)
-_LIMITS: ContextVar[Mapping[str, tuple[float, float] | None] | None] = ContextVar("limits of panels", default=None)
 
 
 class Figure(matplotlib.figure.Figure):
@@ -80,15 +78,15 @@ class Figure(matplotlib.figure.Figure):
 
 
 @contextmanager
-def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool = False) -> Iterator[None]:
+def apply(width: str | None = None, archive: bool = False) -> Iterator[None]:
     """Use this style inside the block, to draw and to save, whatever the user's matplotlibrc says.
 
-    width : "column" or "page", for every figure drawn inside; None: each has its own. highlight : methods that stand out, as
-    methods of plug-ins do. archive : whether figures of many methods show the archive, too. ValueError : another width.
+    width : "column" or "page", for every figure drawn inside; None: each has its own. archive : whether figures of many methods
+    show the archive, too. ValueError : another width.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before = SETTINGS.set(Settings(width, tuple(highlight), archive))
+    before = SETTINGS.set(Settings(width, archive))
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
@@ -96,16 +94,6 @@ def apply(width: str | None = None, highlight: Sequence[str] = (), archive: bool
             yield
     finally:
         SETTINGS.reset(before)
-
-
-@contextmanager
-def limits(**ends: tuple[float, float] | None) -> Iterator[None]:
-    """Give every panel of the figures that are printed inside the block these limits: xlim, ylim, as of `set_xlim`."""
-    before = _LIMITS.set(ends)
-    try:
-        yield
-    finally:
-        _LIMITS.reset(before)
 
 
 def figure(
@@ -163,17 +151,6 @@ def printable(text: str) -> str:
     return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
 
 
-def set_limits(ax: Any, limits: Mapping[str, tuple[float | None, float | None] | None]) -> None:
-    """Set xlim and ylim. ValueError: limits of a logarithmic axis are not positive; matplotlib would ignore them."""
-    for name, ends in limits.items():
-        if ends is None:
-            continue
-        if getattr(ax, f"get_{name[0]}scale")() == "log" and any(end is not None and end <= 0 for end in ends):
-            given = ", ".join("None" if end is None else f"{end:g}" for end in ends)
-            raise ValueError(f"{name}: the axis is logarithmic, so limits must be positive; got {given}")
-        ax.set(**{name: ends})
-
-
 def label_decades(ax: Any) -> None:
     """Label a logarithmic x axis at whole decades, and at 3 if it shows fewer than two: more would cover each other."""
     if ax.get_xscale() != "log":
@@ -183,11 +160,6 @@ def label_decades(ax: Any) -> None:
         ax.xaxis.set_minor_formatter(NullFormatter())
     else:
         ax.xaxis.set_minor_locator(LogLocator(subs=(3.0,)))
-
-
-def apply_limits(ax: Any) -> None:
-    """Give a panel the limits of the block `limits`."""
-    set_limits(ax, _LIMITS.get() or {})
 
 
 def title(text: str) -> str:

@@ -64,7 +64,6 @@ def write(path: Path, figure: Figure) -> str:
 def _printed(figure: Figure, kind: str) -> bytes:
     """The bytes of a file. figure.savefig would lay everything out twice."""
     for ax in figure.axes:
-        style.apply_limits(ax)
         for line in ax.lines:
             if line.get_gid() is None and not str(line.get_label()).startswith("_"):
                 line.set_gid(style.title(str(line.get_label())))

@@ -2,7 +2,7 @@
 
 Each family has a colour. The colours are the hues of Okabe and Ito, safe for colour-blind readers. The place of a method in its
 family gives shade, marker and dashes, so a figure also reads in grey. A method that is not registered is grey. Methods of
-plug-ins and highlighted methods have black dashes, which no method of the bench has, and are named in every figure.
+plug-ins have black dashes, which no method of the bench has, and are named in every figure.
 """
 
 from collections import Counter
@@ -58,8 +58,8 @@ def _look(method: str) -> dict[str, Any]:
 
 
 def _standing_out() -> list[str]:
-    """The methods with the reserved look: of plug-ins, and highlighted ones."""
-    return list(dict.fromkeys((*(name for name in METHODS if name not in BUILT_IN), *SETTINGS.get().highlight)))
+    """The methods with the reserved look: those of plug-ins."""
+    return [name for name in METHODS if name not in BUILT_IN]
 
 
 def label(method: str) -> str:
