@@ -16,7 +16,7 @@ words, components and units. A name may begin with another one, such as the name
   rx ry rz | mrp1 … | axis_x …   rotation vector, modified Rodrigues parameters, axis and angle
   roll pitch yaw                 about the fixed axes x, y, z in this order; all other angles need --angles
   wx | angvel.x | gyro_x …       rad/s, in the frame of --omega; Lx Ly Lz in its place: angular momentum
-  x1 y1 z1 x2 …                  m, points of the body whose places the TOML file gives
+  x1 y1 z1 x2 …                  m, points of the body whose places the TOML file gives; XYZ files
   qpos, qvel                     of a free or a ball joint of MuJoCo
 Units are converted if they are in brackets, at the end of a name (x_mm, wx_deg_s) or in a row below the names. In a text file
 the names are in the last line above the numbers that has as many words as a row has numbers. Commas, semicolons, tabs, bars or

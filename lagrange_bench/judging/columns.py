@@ -38,9 +38,8 @@ OF_UNITS = {name: [name] for name in ("time", "position", "displacement", "omega
 OF_UNITS |= {"t": ["time"], "position": ["position", "points"], "length": ["position", "displacement", "points"]}
 OF_UNITS |= {word: ["angles", "axis and angle", "rotation vector"] for word in ("angle", "angles")}
 JUDGED = ["time", "position", "displacement", "quaternion", "matrix", "rotation vector", "angles", "axis and angle"]
-JUDGED += ["mrp", "omega", "momentum"]
+JUDGED += ["mrp", "omega", "momentum", "momentum of quaternion"]
 BODIES = {"body", "bodies", "name", "link", "object", "node", "id", "entity", "model", "actor", "marker", "label"}
-TURNS = {"quaternion", "matrix", "angles", "axis and angle", "mrp", "three of a rotation"}
 COUNTS = {("step",), ("steps",), ("timestep",), ("time", "step"), ("frame",), ("iteration",)}  # of rows, not of bodies
 WHOLE = 1e-3  # quaternions are as near to length 1
 # a time with many digits before a point and in all
@@ -104,7 +103,7 @@ def read(
     ValueError : an empty or binary file, no time, nothing to judge, columns that may be two things, rows of several bodies.
     """
     options = options or Options()
-    table = open_table(path)
+    table = open_table(path, [int(where) for where in options.columns.values() if where.isdecimal()])
     header = table.names or [""] * table.width
     names, given = _names(header, table, options)
     rows, within = _where(header, table, options)
@@ -126,7 +125,7 @@ def read(
     words: list[str] = []
     found = Trajectory({}, np.empty(0), angles=options.angles, notes=notes)
     for kind, group in chosen.items():
-        factors |= _factors(kind, group, header, names, table, options)
+        factors |= _factors(kind, group, header, names, table, options, notes)
         words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
@@ -142,7 +141,7 @@ def read(
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     if omega := chosen.get("omega") or chosen.get("momentum"):
         found.frame = frame_of(omega.stem)
-    labels = _labels(header, table, [i for i in range(table.width) if i not in rows and i not in given])
+    labels = _labels(header, table, options, [i for i in range(table.width) if i not in rows and i not in given])
     clocks = chosen["time"].places if "time" in chosen else []
     stamps = [i for i in clocks if _is_stamp([row[i] for row in sample])]
     counts = [counted] if options.step is not None and counted is not None else []
@@ -215,7 +214,7 @@ def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int,
         if len(same) > 1:
             raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
         old = names.get(i)
-        names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""))
+        names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
         given.add(i)
     return names, given
 
@@ -249,7 +248,7 @@ def is_chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -
     return all(same(row[i], value) for i, value in rows.items())
 
 
-def _labels(header: Sequence[str], table: Table, places: Iterable[int]) -> list[str]:
+def _labels(header: Sequence[str], table: Table, options: Options, places: Iterable[int]) -> list[str]:
     """What to say of columns that tell of which body a row is; ValueError where that is sure."""
     notes = []
     for i in places:
@@ -258,11 +257,13 @@ def _labels(header: Sequence[str], table: Table, places: Iterable[int]) -> list[
         if "" in values or not 2 <= len(values) < min(len(words), 50):
             continue
         names_bodies, is_text = bool(BODIES & set(parse(header[i]).stem)), not all(map(is_number, values))
-        if names_bodies or is_text:
+        is_cyclic = all(word == values[k % len(values)] for k, word in enumerate(words))
+        is_count = all(word.isdecimal() for word in values) and (not header[i] or names_bodies or is_cyclic)
+        if is_text or is_count:
             name = header[i] or f"{i}"
             listed = f"the column {name} has {', '.join(values[:10])} in turn"
             notes.append(f"{listed}; say which rows: --where {name}={values[-1]}")
-            if names_bodies:
+            if names_bodies or (options.step is not None and is_cyclic):
                 raise ValueError(notes[-1])
     return notes
 
@@ -271,25 +272,29 @@ def _choose(
     groups: list[Group], header: list[str], sample: list[list[str]], options: Options, notes: list[str]
 ) -> dict[str, Group]:
     """One group for each quantity; ValueError where two may be it."""
-    kinds = {group.kind for group in groups}
     for group in groups:
-        words = [header[i] or f"{i}" for i in group.places]
         if group.kind == "quaternion or position":
-            group.kind = "quaternion" if _are_unit(sample, group.places) else "position"
-            if group.kind == "position":
-                group.places, group.order = group.places[1:], "x y z"
-            elif group.rank:
-                notes.append(_taken(words, "quaternion, for it has length 1", "p", words[1:]))
-        if group.kind == "gyro" and "omega" not in kinds:
+            _, x, y, z = group.places
+            if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
+                group.kind, words = "quaternion", " ".join(header[i] for i in group.places)
+                if group.rank:
+                    advice = f"else say --columns px={x},py={y},pz={z}."
+                    notes.append(f"{words} is taken for a quaternion, for it has length 1; {advice}")
+            else:
+                group.kind, group.places, group.order = "position", [x, y, z], "x y z"
+        if group.kind == "gyro" and not any(other.kind == "omega" for other in groups):
+            words = " ".join(header[i] for i in group.places)
             group.kind = "omega"
-            notes.append(_taken(words, "gyro's ω", "w", ["…"] * 3))
+            notes.append(f"{words} are taken for the rates of a gyro; else name ω: --columns wx=…,wy=…,wz=….")
         if group.kind == "three of a rotation" and options.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
-            is_place = group.rank > 0 and "position" not in kinds and bool(kinds & TURNS)
-            group.kind = "position" if is_place else "rotation vector"
-            if group.rank and (is_place or words[0] != "rx"):  # rx is its name here
-                notes.append(_taken(words, group.kind, "r" if is_place else "p", words))
+            group.kind = "position" if _are_places(group, groups, sample) else "rotation vector"
+            first, second, third = (header[i] for i in group.places)
+            if group.rank and (group.kind == "position" or first != "rx"):  # rx is its name here
+                p = "r" if group.kind == "position" else "p"
+                advice = f"else say --columns {p}x={first},{p}y={second},{p}z={third}."
+                notes.append(f"{first} {second} {third} is taken for a {group.kind}; {advice}")
     chosen: dict[str, Group] = {}
     for kind in JUDGED:
         same = [group for group in groups if group.kind == kind]
@@ -309,7 +314,7 @@ def _choose(
         if best:
             chosen[kind] = best[0]
     if "omega" in chosen:  # then a momentum tells nothing more, and may be in other axes
-        chosen.pop("momentum", None)
+        chosen = {kind: group for kind, group in chosen.items() if not kind.startswith("momentum")}
     _order_angles(chosen, header, options, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
@@ -350,17 +355,25 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
     return next((groups for groups in plain if len(groups) == 1), [])
 
 
-def _taken(words: Sequence[str], kind: str, letter: str, names: Sequence[str]) -> str:
-    """What columns are taken for, and how to say that they, or others, are something else."""
-    other = ",".join(f"{letter}{axis}={name}" for axis, name in zip("xyz", names, strict=True))
-    return f"{' '.join(words)} is taken for a {kind}; else say --columns {other}."
+def _are_places(group: Group, groups: Sequence[Group], sample: Sequence[Sequence[str]]) -> bool:
+    """Whether r_x, r_y, r_z are a position: there is another rotation, or their distance from the origin is constant."""
+    kinds = {other.kind for other in groups if other is not group}
+    if group.rank == 0 or "position" in kinds:  # rank 0: the user names them
+        return False
+    lengths = _lengths(sample, group.places)
+    lengths = lengths[np.isfinite(lengths)]
+    constant = len(lengths) > 2 and np.ptp(lengths) < WHOLE * lengths.max()
+    return bool(constant or kinds & {"quaternion", "matrix", "angles", "axis and angle", "mrp", "three of a rotation"})
 
 
-def _are_unit(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
-    """Whether the vectors in these columns have length 1."""
+def _long_one(sample: Sequence[Sequence[str]], places: Sequence[int]) -> bool:
+    return bool(np.nanmax(np.abs(_lengths(sample, places) - 1), initial=0.0) < WHOLE)
+
+
+def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarray:
+    """Of the vectors in these columns; NaN where one is no number."""
     values = [[number(row[i], True) if is_number(row[i], True) else math.nan for i in places] for row in sample]
-    lengths = np.linalg.norm(np.array(values), axis=1)
-    return bool(np.nanmax(np.abs(lengths - 1), initial=0.0) < WHOLE)
+    return np.linalg.norm(np.array(values), axis=1)
 
 
 def _factors(
@@ -370,8 +383,9 @@ def _factors(
     names: Mapping[int, Name],
     table: Table,
     options: Options,
+    notes: list[str],
 ) -> dict[int, float]:
-    """What leads to SI units, for each column: as the user says, the name, or a row of units."""
+    """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
     for what, word in options.units.items():
         if what not in OF_UNITS:
             raise ValueError(f"--units: unknown {what!r}{suggestion(what, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
@@ -381,11 +395,15 @@ def _factors(
         return dict.fromkeys(group.places, 1.0)
     expected = EXPECTED[kind]
     said = next((unit_of(word) for what, word in options.units.items() if kind in OF_UNITS[what]), None)
+    degrees = re.search(r"indegrees\s*[=,:]?\s*(yes|true)", table.above, re.IGNORECASE)
+    lengths = re.search(r"length units?\W+(\w+)", table.above, re.IGNORECASE)
+    general = UNITS["deg"] if degrees and expected == "rad" else None
+    general = unit_of(lengths[1]) if lengths and expected == "m" else general
     factors = {}
     for i, part in zip(group.places, group.order.split(), strict=False):
         name = names[i]
         written = name.unit or table.units.get(i, "")
-        unit: Unit = said or unit_of(written) or UNITS["1"]
+        unit: Unit = said or (unit_of(written) if written else general) or UNITS["1"]
         if kind == "axis and angle" and part != "angle":
             unit = UNITS["1"]
         if unit.kind not in (expected, "1"):
@@ -393,6 +411,9 @@ def _factors(
             advice = f"it needs one such as {expected}: --units {kind if kind in OF_UNITS else 'angle'}={expected}"
             named = options.units.get(what, written)
             raise ValueError(f"{header[i] or i} is {kind}, but its unit is {named}; {advice}")
+        if name.strange and not said:
+            taken = f"{expected} is taken; else say --units {kind}=…."
+            notes.append(f"{header[i]}: {name.strange!r} is no known unit, {taken}")
         factors[i] = unit.factor
     return factors
 
@@ -492,7 +513,7 @@ def _keep(found: Trajectory, rows: Array) -> None:
 
 
 def _turned(found: Trajectory) -> None:
-    """Write Rodrigues parameters, axis and angle as rotation vectors."""
+    """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
     groups = found.arrays
     for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
         values = groups.pop(kind)
@@ -508,6 +529,13 @@ def _turned(found: Trajectory) -> None:
         if "rotation vector" in groups:
             raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
         groups["rotation vector"], found.floor["rotation vector"] = vectors, found.floor.get(kind, 0.0)
+    if (p := groups.pop("momentum of quaternion", None)) is not None and "quaternion" in groups:
+        q = groups["quaternion"]
+        if found.quat == "xyzw":
+            p, q = np.roll(p, 1, axis=1), np.roll(q, 1, axis=1)
+        # of molecular dynamics: p = 2 q (0, L)
+        groups["momentum"] = (q[:, :1] * p[:, 1:] - p[:, :1] * q[:, 1:] - np.cross(q[:, 1:], p[:, 1:])) / 2
+        found.frame = "body"
 
 
 def _rigid(found: Trajectory, points: Array, com: Array) -> None:
@@ -523,5 +551,10 @@ def _rigid(found: Trajectory, points: Array, com: Array) -> None:
     pairs = np.triu_indices(len(points), 1)
     now, right = (np.linalg.norm(a[..., pairs[0], :] - a[..., pairs[1], :], axis=-1) for a in (x, points))
     change = np.abs(now / right - 1)
+    size = float(np.nanmedian(now / right))
     off = f"their distances are off by up to {np.nanmax(change):.2g} of their size"
     found.notes.append(f"Rotations are those of {len(points)} points; {off}.")
+    if abs(size - 1) > 0.1:
+        lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
+        unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
+        found.notes.append(f"The points are {size:.4g} times as far apart as in the body: --units position={unit}?")

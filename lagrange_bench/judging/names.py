@@ -48,6 +48,7 @@ QUANTITIES = {
 }
 # behind the quantity, these tell the frame of ω
 FRAMES = {"body": ("body", "local", "loc", "b"), "world": ("world", "global", "inertial", "w")}
+ABOUT = {*FRAMES["body"], *FRAMES["world"], "com", "cg", "base", "map", "odom"}  # may stand in brackets
 
 
 def _phrases(text: str) -> Iterator[str]:
@@ -138,6 +139,7 @@ class Name(NamedTuple):
     stem: tuple[str, ...]
     part: str
     unit: str
+    strange: str
 
 
 ROLES = ("x y z", "roll pitch yaw", "phi theta psi", "phi theta chi", "alpha beta gamma", "0 1 2", "1 2 3")
@@ -146,30 +148,32 @@ ANGLES = {name for role in ROLES[1:5] for name in role.split()}
 
 def parse(word: str) -> Name:
     """The parts of a name; capitals do not matter, and a point is as good as a slash or an underscore."""
-    unit = ""
+    unit, strange = "", ""
 
     def bracket(match: re.Match[str]) -> str:
-        nonlocal unit
+        nonlocal unit, strange
         content = match[1].strip()
         if unit_of(content) and (not content.isdecimal() or (content == "1" and match[0][0] == "{")):
             unit = content
             return " "
-        return match[0]
+        known = not re.search(r"[^\d\s,]", content) or content.lower() in ABOUT or _split([content.lower()])[1]
+        strange = strange if known else content
+        return match[0] if known else " "
 
     rest = re.sub(r"[\[({<]([^\])}>]*)[\])}>]", bracket, word.translate(PLAIN))
     tokens = re.sub(r"([a-z0-9])([A-Z])", r"\1 \2", rest).lower()
     words = [token for token in re.split(r"[\s./_\[\](){}<>,:;|\\\-#%$]+", tokens) if token]
     if len(words) == 1 and len(words[0]) > 1 and words[0] in SUFFIXES and UNITS[words[0]].kind == "s":
-        return Name(("stamp",), "t", words[0])  # sec and nsec
+        return Name(("stamp",), "t", words[0], strange)  # sec and nsec
     places = [(i, i + n) for n in (2, 1) for i in range(1, len(words) + 1 - n)] if not unit else []
     for i, end in places:
         these = words[i:end]  # deg_s is °/s
         if SUFFIXES.issuperset(these) and unit_of("/".join(these)):
             stem, part = _split(words[:i] + words[end:])
             if part == "t" or (part and these != ["s"]):  # in q_s the s is no second
-                return Name(tuple(stem), part, "/".join(these))
+                return Name(tuple(stem), part, "/".join(these), strange)
     stem, part = _split(words)
-    return Name(tuple(stem), part, unit)
+    return Name(tuple(stem), part, unit, strange)
 
 
 def _split(words: list[str]) -> tuple[list[str], str]:
@@ -273,7 +277,7 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "axis and angle": (("axis and angle", tuple(f"{order} angle" for order in VECTORS)),),
     "omega": (("omega", (*VECTORS, *ROLES[1:2], "p q r")),),
     "gyro": (("gyro", ("x y z",)),),
-    "momentum": (("momentum", VECTORS),),
+    "momentum": (("momentum of quaternion", QUATERNIONS), ("momentum", VECTORS)),
     "velocity": (("velocity", VECTORS), ("omega", ("p q r",))),
     "angles": (("angles", ROLES),),
     "qpos7": (("position", ("0 1 2",)), ("quaternion", ("3 4 5 6",))),  # of MuJoCo, of a free and of a ball joint

@@ -1,10 +1,12 @@
 """Tables of numbers in files that any program wrote: where the rows and the names of the columns are, and the numbers."""
 
+import bz2
 import codecs
 import csv
 import gzip
 import itertools
 import json
+import lzma
 import math
 import re
 import zipfile
@@ -16,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.judging.names import unit_of
+from lagrange_bench.judging.names import UNITS, unit_of
 
 Array = np.ndarray
 HEAD = 1 << 18  # characters in which the header and some rows must stand
@@ -25,17 +27,28 @@ SEPARATORS = (";", "\t", "|", ",", None)  # None is blanks
 COMMENT = re.compile(r"\s*(#+|%+|//+|!+)\s*")
 RULE = re.compile(r"[-=+|:;,\s]*")  # a line that only divides, or a blank one
 INLINE = re.compile(r"(^|\s)[#%].*")
-MISSING = {"", "na", "n/a", "null", "none", "<na>", "nan", "nan(ind)"}  # behind a sign, too
+MISSING = {"", "na", "n/a", "#n/a", "null", "none", "<na>", "nan", "nan(ind)", "missing", "nat"}  # behind a sign, too
+ODD = re.compile(r"([-+]?)\d\.#(?:(INF)|IND|QNAN|SNAN|NAN)0*", re.IGNORECASE)  # of Microsoft's C library
 VECTOR = re.compile(r"(?<![\w\])])[(\[{]{1,4}([-+.,;\s\ddDeEnaif]+)[)\]}]+")  # numbers in brackets: a cell, or a row
 BETWEEN = re.compile(r"\s*[;,]\s+|\s+|;|,(?=[-+]?\d*\.)")  # the numbers of a vector; 0,5 may be one of them
 JOIN = "\1"
-NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?")
+NUMBER = re.compile(r"([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+))(?:[eEdDqQ]([-+]?\d+)|([-+]\d{3}))?\s*([a-zA-Zµ°][\w°/]*)?")
 NUMPY = re.compile(r"(?:np\.)?float\d+\((.*)\)")  # as Python 3 prints numbers of NumPy 2
+ATOM = re.compile(r"\s*[A-Za-z]\w*(\s+[-+.\deE]+){3}.*")  # of an XYZ file
+CLOCK = re.compile(r"(?:(\d+):)?(\d+):(\d\d(?:\.\d*)?)")  # hours, minutes, seconds
 PLAIN = re.compile(r"\s*([-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)|)\s*", re.IGNORECASE)
 NO_ROW = (
     "a table must have one header, then a line with all columns for each time; begin others with #, or leave them out"
 )
-PACKED = b"\x1f\x8b"  # the start of a .gz file
+OTHERS = {
+    b"PK": "an archive or a spreadsheet: unpack it, or save the sheet as .csv",
+    b"\x89HDF": "HDF5: save the table as .csv, .npz or .parquet, from MATLAB with save(…, '-v7')",
+    b"MATLAB 7.3": "HDF5: write it from MATLAB with save(…, '-v7')",
+    b"#ROSBAG": "a bag of ROS: write its topic as .csv",
+    b"SQLite": "a data base, perhaps a bag of ROS 2: write its topic as .csv",
+    b"(\xb5/\xfd": "packed by zstd: unpack it",
+}
+PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ": lzma.open}
 
 
 @dataclass
@@ -43,7 +56,7 @@ class Table:
     """What a file holds.
 
     names : of the columns; empty where the file has none. units : of columns, as a row of units says. sample : the first rows, as
-    words. load : the numbers of some columns and the words of others, in all rows.
+    words. load : the numbers of some columns and the words of others, in all rows. above : the text over the rows.
     """
 
     names: list[str]
@@ -51,25 +64,33 @@ class Table:
     sample: list[list[str]]
     load: Callable[[Sequence[int], Sequence[int]], dict[int, Array]]
     units: dict[int, str] = field(default_factory=dict)
+    above: str = ""
 
 
 def number(word: str, comma: bool = False) -> float:
-    """The number that a word is; NaN where it says that there is none.
+    """The number that a word is, in SI units where it has a unit itself; NaN where it says that there is none.
 
     Raises
     ------
     ValueError : it is no number.
     """
-    plain = word.strip()
+    plain = word.strip().replace("−", "-")
     plain = numpy[1] if (numpy := NUMPY.fullmatch(plain)) else plain
     if plain.lower().lstrip("+-") in MISSING:
         return math.nan
     if (match := NUMBER.fullmatch(plain)) and (comma or "," not in match[1]):
-        return float(f"{match[1].replace(',', '.')}e{match[2] or match[3] or 0}")
+        unit = unit_of(match[4]) if match[4] else UNITS["1"]
+        if unit is not None:
+            return float(f"{match[1].replace(',', '.')}e{match[2] or match[3] or 0}") * unit.factor
+    if clock := CLOCK.fullmatch(plain):
+        return 3600.0 * int(clock[1] or 0) + 60.0 * int(clock[2]) + float(clock[3])
+    if odd := ODD.fullmatch(plain):
+        return float(f"{odd[1]}inf") if odd[2] else math.nan
     if plain.lower().lstrip("+-") in ("inf", "infinity"):
         return float(plain)
-    advice = "; without times in seconds, say --step SECONDS" if re.match(r"\d{4}-\d\d", plain) else ""
-    raise ValueError(f"{word[:40]!r} is no number{advice}")
+    why = " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
+    why += "; without times in seconds, say --step SECONDS" * bool(re.match(r"\d{4}-\d\d", plain))
+    raise ValueError(f"{word[:40]!r} is no number{why}")
 
 
 def is_number(word: str, comma: bool = False) -> bool:
@@ -81,8 +102,8 @@ def is_number(word: str, comma: bool = False) -> bool:
     return True
 
 
-def open_table(path: Path) -> Table:
-    """The table in a file.
+def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
+    """The table in a file. indices : columns that hold numbers, as the user says.
 
     Raises
     ------
@@ -106,12 +127,17 @@ def open_table(path: Path) -> Table:
 
         frame = pd.read_parquet(path)
         return _of_arrays((frame.reset_index() if any(frame.index.names) else frame).to_dict("series"))
-    if start.startswith(b"MATLAB 5.0"):
+    for magic, what in OTHERS.items():
+        if start.startswith(magic):
+            raise ValueError(f"this is {what}")
+    if start.startswith(b"MATLAB 5.0") or path.suffix.lower() == ".mat":
         from scipy.io import loadmat
 
         stored = loadmat(path, simplify_cells=True)
+        if "Aclass" in stored:
+            raise ValueError("this is a result of Modelica: write it as .csv")
         return _of_arrays({name: value for name, value in stored.items() if not name.startswith("__")})
-    return Text(path, start).table()
+    return Text(path, start).table(indices)
 
 
 def _of_arrays(data: Mapping[str, Any]) -> Table:
@@ -119,13 +145,16 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
     arrays: dict[str, Array] = {}
 
     def collect(name: str, value: Any) -> None:
-        if isinstance(value, Mapping) and all(str(key).isdecimal() for key in value):  # pandas numbers rows
-            value = list(value.values())
         if isinstance(value, list) and all(isinstance(each, Mapping) for each in value):  # a row for each time
             value = {key: [row.get(key) for row in value] for key in dict.fromkeys(itertools.chain(*value))}
+        elif isinstance(value, list) and all(
+            isinstance(each, list) and each and isinstance(each[0], Mapping) for each in value
+        ):
+            value = {str(body): list(rows) for body, rows in enumerate(zip(*value, strict=True))}
         if isinstance(value, Mapping):
-            for key, each in value.items():
-                collect(f"{name}.{key}" if name else str(key), each)
+            for key, each in value.items():  # pandas has tuples for names in two lines
+                word = ".".join(filter(None, map(str, key))) if isinstance(key, tuple) else str(key)
+                collect(f"{name}.{word}" if name else word, each)
         else:
             array = np.asarray(value)
             if array.dtype.kind == "O":
@@ -162,7 +191,7 @@ class Text:
 
     def __init__(self, path: Path, start: bytes):
         self.path = path
-        self.open_bytes: Callable[..., Any] = gzip.open if start.startswith(PACKED) else open
+        self.open_bytes = next((opener for magic, opener in PACKED.items() if start.startswith(magic)), open)
         with self.open_bytes(path, "rb") as file:
             start = file.read(HEAD)
         self.encoding = _encoding(start)
@@ -171,9 +200,7 @@ class Text:
         if len(text) == HEAD and "\n" in text:  # JSON may be a single line
             text = text[: text.rfind("\n") + 1]
         if "\0" in text or not text:
-            raise ValueError(
-                "this is no text in UTF-8; write a text file with one row a line, .npz, .parquet or .mat (-v7)"
-            )
+            raise ValueError("this is no text in UTF-8; write a text file with one row a line, .npz, .parquet or .mat")
         self.lines = text.split("\n")
         self.separator: str | None = None
         self.comma = False
@@ -181,17 +208,19 @@ class Text:
     def open(self) -> Any:
         return self.open_bytes(self.path, "rt", encoding=self.encoding or "latin-1", errors="replace")
 
-    def table(self) -> Table:
+    def table(self, indices: Sequence[int]) -> Table:
         first = next(line.strip() for line in self.lines if line.strip())
         if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[\[|\[\[.*\]\]$", first):
             return self._json(first)
+        if first.isdecimal() and len(self.lines) > 2 and ATOM.fullmatch(self.lines[2]):
+            return self._atoms(int(first))
         shown = [(i, line) for i, line in enumerate(self.lines) if not RULE.fullmatch(line)]
         rows = [(i, line) for i, line in shown if not COMMENT.match(line)]
         lines = [line for _, line in rows[: 2 * SAMPLE]]
         self.separator = max(SEPARATORS, key=lambda separator: _score(lines, separator))
         self.comma = self.separator != ","
         split = [(i, list(itertools.chain(*_cells(line, self.separator)))) for i, line in rows]
-        a, b = _block([self._numeric(words) for _, words in split])
+        a, b = _block([self._numeric(words, indices) for _, words in split])
         if a == b:
             last = f"; the last line is {lines[-1][:40]!r}" if lines else ""
             raise ValueError(f"there is no line of numbers in it{last}; write a table with a row for each time")
@@ -199,11 +228,10 @@ class Text:
         numeric = (word for _, words in block for word in words if is_number(word, True))
         self.comma = self.comma and not any("." in word for word in numeric)
         self.skip, width = block[0][0], len(block[0][1])
-        above = [line for i, line in shown if i < self.skip]
-        header, units = self._header(above, width)
-        if not header and not any(words[-1] for _, words in block):  # rows end with a separator, the header does not
-            block, width = [(i, words[:-1]) for i, words in block], width - 1
-            header, units = self._header(above, width)
+        header, units = self._header([line for i, line in shown if i < self.skip], [words for _, words in block])
+        width = len(header) if header else width
+        if all(len(words) > width and not any(words[width:]) for _, words in block):  # rows that end with a separator
+            block = [(i, words[:width]) for i, words in block]
         for i, words in block[:SAMPLE]:
             if len(words) != width:
                 raise ValueError(f"line {i + 1}: {len(words)} columns instead of {width}; {NO_ROW}")
@@ -216,36 +244,60 @@ class Text:
                 text = text if i > self.skip else f"numbers above the line of text {block[0][0]}"
                 raise ValueError(f"line {i + 1}: {text}; {NO_ROW}")
         self.width, self.sample = width, [words for _, words in block[:SAMPLE]]
-        return Table(header, width, self.sample, self._load, units)
+        return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[: self.skip]))
 
-    def _numeric(self, words: list[str]) -> bool:
-        """Whether a line is a row of numbers: at least half of its words are."""
+    def _numeric(self, words: list[str], indices: Sequence[int]) -> bool:
+        """Whether a line is a row of numbers: at least half of its words are, or those that the user says."""
+        if indices and all(i < len(words) and words[i] and is_number(words[i], self.comma) for i in indices):
+            return True
         full = [word for word in words if word]
         return len(words) > 1 and bool(full) and 2 * sum(is_number(word, self.comma) for word in full) >= len(full)
 
-    def _header(self, above: list[str], width: int) -> tuple[list[str], dict[int, str]]:
+    def _header(self, above: list[str], block: list[list[str]]) -> tuple[list[str], dict[int, str]]:
         """The names in the last line over the rows that has as many words, and the units in a line below it."""
+        width, ends = len(block[0]), all(not words[-1] for words in block)
         sizes = [len(cell) for cell in _cells(self.lines[self.skip], self.separator)]
+        index = [words[0] for words in block]
+        counted = len(index) > 1 and index in ([str(k + first) for k in range(len(index))] for first in (0, 1))
+        names: list[str] = []
         units: dict[int, str] = {}
+        groups: list[list[str]] = []
         for line in reversed(above):
             text = COMMENT.sub("", line, count=1) if COMMENT.match(line) else line
             merged = re.sub(r"\s+([\[({])", r"\1", text)
             splits = [_words(text, self.separator), _words(merged, None), re.split(r"\s{2,}|\t", text.strip())]
             splits += [_words(text, ",")]
+            if names:
+                words = splits[0] + [""] * (len(names) - len(splits[0]))
+                if len(words) == len(names) and any(words):
+                    groups.append(words)
+                continue
             for words in splits:
                 while len(words) > width and not words[-1]:
                     words.pop()
                 if 1 < len(words) == len(sizes) < width:  # one name for all the numbers in brackets
                     pairs = zip(words, sizes, strict=True)
                     words = [f"{word}[{k}]" if size > 1 else word for word, size in pairs for k in range(size)]
-                if len(words) != width or not any(word and not is_number(word, True) for word in words):
+                if counted and len(words) == width - 1:  # R and pandas number rows, and have no name for that column
+                    words = ["", *words]
+                fits = len(words) == width or (ends and len(words) == width - 1)
+                if not fits or not any(word and not is_number(word, True) for word in words):
                     continue
                 bare = [word.strip("[](){} ") for word in words]
-                if units or not all(unit_of(word) for word in bare if word):
-                    return words, units
-                units = {k: word for k, word in enumerate(bare) if unit_of(word)}
+                if not units and all(unit_of(word) for word in bare if word):
+                    units = {k: word for k, word in enumerate(bare) if unit_of(word)}
+                else:
+                    names = words[: width - 1] if ends and not words[-1] else words
                 break
-        return [], units
+        for words in groups:  # X, Y, Z under Position and under Rotation; names in two lines
+            filled = list(words)
+            for k in range(1, len(filled)):
+                filled[k] = filled[k] or filled[k - 1]
+            if len(set(names)) < len(names):
+                names = [f"{over}.{name}" if over else name for over, name in zip(filled, names, strict=True)]
+            elif not all(names):
+                names = [name or over for over, name in zip(words, names, strict=True)]
+        return names, units
 
     def _json(self, first: str) -> Table:
         try:
@@ -253,10 +305,25 @@ class Text:
                 whole = first.startswith("[") or not first.endswith("}")
                 data = json.load(file) if whole else [json.loads(line) for line in file if line.strip()]
             data = data[0] if isinstance(data, list) and len(data) == 1 else data
+            data = _of_data_frame(data) if isinstance(data, dict) else data
         except (ValueError, TypeError, RecursionError) as error:
             why = "it is nested too deep" if isinstance(error, RecursionError) else error
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {why}") from None
         return _of_arrays({"": data})
+
+    def _atoms(self, count: int) -> Table:
+        """The frames of an XYZ file: how many atoms, a line that may name the time, and a line for each atom."""
+        with self.open() as file:
+            lines = [line for line in file if line.strip()]
+        frames = [lines[k : k + count + 2] for k in range(0, len(lines), count + 2)]
+        time = re.compile(r"\b(?:time|t)\b\W*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)", re.IGNORECASE)
+        times = [float(found[1]) for frame in frames if (found := time.search(frame[1]))]
+        try:
+            places = np.array([[line.split()[1:4] for line in frame[2:]] for frame in frames], dtype=float)
+        except ValueError:
+            raise ValueError(f"this is no XYZ file with {count} atoms in each frame") from None
+        columns: dict[str, Any] = {f"atom{k + 1}": dict(zip("xyz", places[:, k].T, strict=True)) for k in range(count)}
+        return _of_arrays({**({"t": times} if len(times) == len(frames) else {}), **columns})
 
     def _load(self, wanted: Sequence[int], words: Sequence[int]) -> dict[int, Array]:
         """The columns; the fast way is pandas, which knows nothing of D exponents, units and the like.
@@ -301,6 +368,21 @@ class Text:
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
                     yield line, words
+
+
+def _of_data_frame(data: dict[str, Any]) -> Any:
+    """Rows or columns, if a data frame of pandas was written as JSON with its indices; else the same data."""
+    if isinstance(rows := data.get("data"), list):
+        names = data.get("columns")
+        return [dict(zip(names, row, strict=True)) for row in rows] if names else rows
+    first = next(iter(data.values()), None)
+    if isinstance(first, dict) and all(
+        isinstance(each, dict) and each.keys() == first.keys() for each in data.values()
+    ):
+        counted = all(key.isdecimal() for key in data)
+        if counted or all(key.isdecimal() for key in first):
+            return list(data.values()) if counted else {name: list(each.values()) for name, each in data.items()}
+    return data
 
 
 def _score(lines: Sequence[str], separator: str | None) -> int:

@@ -371,15 +371,18 @@ def test_a_start_is_found_by_the_rows(tmp_path, answer):
 
 
 def test_a_momentum_is_an_angular_velocity(tmp_path, answer):
-    """In the world or in the body."""
+    """In the world, in the body, or times 2 q as in molecular dynamics."""
     box, t = CASES["box"], np.arange(50) / 20
     motion = box.solution(t)
     q, L = motion.rotation.as_quat(scalar_first=True), motion.momentum
     in_body = motion.rotation.inv().apply(L)
+    w, v = q[:, :1], q[:, 1:]
+    p = 2 * np.hstack([-np.sum(v * in_body, 1, keepdims=True), w * in_body + np.cross(v, in_body)])
     for names, values, words in (
         ("Lx Ly Lz", L, ()),
         ("L_body_x L_body_y L_body_z", in_body, ()),
         ("Lx Ly Lz", in_body, ("--omega", "body")),
+        ("angmom[0] angmom[1] angmom[2] angmom[3]", p, ()),
     ):
         file = write(tmp_path / "run.csv", f"t qw qx qy qz {names}", t, q, values)
         (found,) = answer("judge", file, "--case", "box", *words)["files"]

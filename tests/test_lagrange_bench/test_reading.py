@@ -1,7 +1,9 @@
 """Trajectory files as programs write them: each is read right, or refused in a line that says what to do."""
 
+import bz2
 import gzip
 import json
+import lzma
 import re
 from functools import partial
 from pathlib import Path
@@ -17,6 +19,7 @@ from lagrange_bench.integrators import CASES, integrate
 from lagrange_bench.judging import names
 from lagrange_bench.judging.columns import Options, read
 from lagrange_bench.judging.names import unit_of
+from lagrange_bench.judging.rows import number
 
 T = np.arange(12) / 10
 X = np.stack([np.cos(T), np.sin(T), 0.3 - T], 1)
@@ -60,7 +63,9 @@ rostopic | %time field.header.stamp field.pose.position.~xyz field.pose.orientat
 PlotJuggler | __time /pose/pose/position/~xyz /pose/pose/orientation/~wxyz /pose/covariance[*]~012 | t x wxyz - |
 TUM | #timestamp t~xyz q~xyzw | t x xyzw |
 EuRoC | #timestamp[ns] p_RS_R_*[m]~xyz q_RS_*[]~wxyz v_RS_R_*[m/s]~xyz b_w_RS_S_*[rad/s]~xyz | ns x wxyz - - |
-lines above | top¶version=3¶endheader¶time top_~XYZ roll pitch yaw | t x dxyz | angles=xyz units=angles:deg
+OpenSim | top¶inDegrees=yes¶endheader¶time top_~XYZ roll pitch yaw | t x dxyz | angles=xyz
+Vicon | Trajectories¶10¶,,top:M1,,¶Frame Sub-Frame X Y Z¶,,mm,mm,mm | k k mm | step=0.1
+TRC | PathFileType,4,(X/Y/Z),a.trc¶10,m¶Frame#,Time,M1,,¶,,X1,Y1,Z1 | k t x |
 Basilisk | time[ns] sigma_BN[*]~012 omega_BN_B[*]~012 r_BN_N[*]~012 | ns mrp w x |
 JSBSim | Time /fdm/velocities/*-rad_sec~pqr /fdm/attitude/*-rad~phi,theta,psi | t w rxyz | angles=ZYX
 JSBSim, degrees | Time P_(deg/s) Q_(deg/s) R_(deg/s) Psi_(deg) Theta_(deg) Phi_(deg) | t dw dZYX | angles=ZYX
@@ -74,7 +79,7 @@ axis and angle | t axis_~xyz angle[deg] | t v dangle |
 a rotation vector in degrees | t r~xyz | t dv | units=angles:deg
 vector r beside a quaternion | t r_~xyz q~wxyz | t x wxyz |
 vector r of a robot | t ~xyz r~xyz | t x v |
-vector r beside no rotation | t r_~xyz w_~xyz | t v w |
+vector r that changes its length | t r_~xyz w_~xyz | t v w |
 Isaac Lab | time root_pos_w_~xyz root_quat_w_~wxyz root_ang_vel_b_~xyz root_lin_vel_w_~xyz | t x wxyz w - |
 Modelica, position | time body.r_0[*]~123 body.frame_a.R.T[*]~11,12,13,21,22,23,31,32,33 | t x m |
 Simulink | time q_1_~1234 w:1(*)~123 | t xyzw w |
@@ -161,7 +166,7 @@ def lines(header, row):
     return "\n".join([header, *(row.format(t, *x) for t, x in ROWS), ""])
 
 
-FRAME, PANDAS = pd.DataFrame(np.column_stack((T, X)), columns=list("txyz")), ("columns", "index", "records")
+FRAME, PANDAS = pd.DataFrame(np.column_stack((T, X)), columns=list("txyz")), ("columns", "index", "split", "table")
 WAYS = {  # how text is written → the bytes of the file
     "tabs, one at the end": lambda: table("t\tx\ty\tz", T, X, separator="\t", end="\t\n").replace("z\t", "z"),
     "tabs, also below the header": lambda: table("t\tx\ty\tz\t", T, X, separator="\t", end="\t\n").replace("\t\t", "\t"),
@@ -176,6 +181,8 @@ WAYS = {  # how text is written → the bytes of the file
     "UTF-16": lambda: table("t\tx\ty\tz", T, X, separator="\t").encode("utf-16"),
     "Latin": lambda: table("Prüfstand: µ\nt,x,y,z", T, X).encode("cp1252"),
     "gzip": lambda: gzip.compress(table(PLAIN, T, X).encode()),
+    "bzip2": lambda: bz2.compress(table(PLAIN, T, X).encode()),
+    "xz": lambda: lzma.compress(table(PLAIN, T, X).encode()),
     "quotes": lambda: table('"t","x","y","z"', T, X, number='"{:.17g}"'),
     "brackets": lambda: lines("t,x,y,z", "{},({}, {}, {})"),
     "vectors in cells": lambda: lines("t;pos", "{};({}, {}, {})"),
@@ -183,6 +190,8 @@ WAYS = {  # how text is written → the bytes of the file
     "lists": lambda: lines("{t, x, y, z}", "{{{}, {}, {}, {}}}"),
     "blank lines": lambda: "\n\n" + table("# t x y z", T, X, separator=" ", end="\n\n"),
     "a row of units": lambda: table("t,x,y,z\n[s],[m],[m],[m]", T, X),
+    "durations": lambda: lines("Time,x,y,z", "{} sec,{},{},{}"),
+    "clocks": lambda: lines("Time,x,y,z", "00:00:0{:.1f},{},{},{}"),
     "numbers of NumPy": lambda: lines("t,x,y,z", "np.float64({}),{},{},np.float64({})"),
     "a text column": lambda: lines("t,state,x,y,z", "{},run,{},{},{}"),
     "JSON lines": lambda: "\n".join(json.dumps({"t": t, "pose": {"position": x}}) for t, x in ROWS),
@@ -193,6 +202,7 @@ WAYS = {  # how text is written → the bytes of the file
     "JSON of arrays": lambda: json.dumps({"t": T.tolist(), "position": X.T.tolist()}),
     **{f"pandas, JSON, {orient}": partial(FRAME.to_json, orient=orient, double_precision=15) for orient in PANDAS},
     "an empty column": lambda: lines("SampleTime,Second,x,y,z", "{},,{},{},{}"),
+    "numbered rows": lambda: table("t x y z", K + 1, T, X, separator=" "),
     "equal rows": lambda: table(PLAIN, T[K.repeat(2)], X[K.repeat(2)]),
 }  # fmt: skip
 
@@ -210,14 +220,18 @@ def test_arrays_and_what_the_bench_saves(tmp_path):
     savemat(tmp_path / "a.mat", {"out": {"t": T[:, None], "pos": X.T, "omega": W}})
     FRAME.to_parquet(tmp_path / "a.parquet")
     FRAME.set_index("t").to_parquet(tmp_path / "index.parquet")
+    double = pd.MultiIndex.from_tuples([("time", ""), *(("pos", letter) for letter in "xyz")])
+    FRAME.set_axis(double, axis=1).to_parquet(tmp_path / "double.parquet")
     np.save(tmp_path / "a.npy", np.column_stack((T, X)))
     check(tmp_path / "a.npy", Options(columns={"t": "0", "x": "1", "y": "2", "z": "3"}))
     check(tmp_path / "a.npz", groups=("position", "matrix"))
     (tmp_path / "part.npz").write_bytes((tmp_path / "a.npz").read_bytes()[:300])
-    with pytest.raises(ValueError, match="only a part"):
-        read(tmp_path / "part.npz")
+    savemat(tmp_path / "modelica.mat", {"Aclass": ["Atrajectory"], "data_2": X}, format="4")
+    for name, words in {"part.npz": "only a part", "modelica.mat": "a result of Modelica"}.items():
+        with pytest.raises(ValueError, match=words):
+            read(tmp_path / name)
     check(tmp_path / "a.mat", groups=("position", "omega"))
-    for name in ("a", "index"):
+    for name in ("a", "index", "double"):
         check(tmp_path / f"{name}.parquet")
     case = CASES["slow"]
     run = integrate(case.body, case.state, h=0.01, steps=20, method="rk4", every=1)
@@ -241,7 +255,12 @@ REFUSED = {  # what is in a file → what the line says
     "t,wx [m],wy [m],wz [m]\n0,0,1,0\n": "wx [m] is omega, but its unit is m; it needs one such as rad/s: --units omega=rad/s",
     "t,x,y,z\n0,0,1,0\n1,0,1,0\nt,x,y,z\n2,0,1,0\n3,0,1,0\n4,0,1,0\n": "line 2: numbers above the line of text",
     "t,x,y,z\n": "no line of numbers in it; the last line is 't,x,y,z'; write a table",
-    "MATLAB 7.3 MAT-file\0": "write a text file with one row a line, .npz, .parquet or .mat (-v7)",
+    "MATLAB 7.3 MAT-file": "from MATLAB with save(…, '-v7')",
+    json.dumps(
+        {"t": [0, 1], "top": [[{"q": [1, 0, 0, 0]}] * 2] * 2}
+    ): "several columns may be the quaternion: top.0.q[0]",
+    "FEA1\0": "write a text file with one row a line, .npz, .parquet or .mat",
+    "SQLite format 3\0": "write its topic as .csv",
     '{"t": 0, "x": [1, 2]}\n{"t": 0, "x": [1]}\n': "its rows have not all the same numbers",
     "[" * 100_000: "this is no JSON with a row a line, or an array for each name: it is nested too deep",
     '{"t": [0, 1], "z": null}': "nothing to judge but times",
@@ -264,27 +283,29 @@ def test_nothing_is_lost_or_guessed_in_silence(tmp_path):
     assert len(read(file, said).arrays["time"]) == 2
     file.write_text(table("t,w,x,y,z", T, Q), encoding="utf-8")
     assert "taken for a quaternion" in check(file, groups=("quaternion",)).notes[0]
-    file.write_text(table("t,r_x,r_y,r_z", T, X), encoding="utf-8")
+    file.write_text(table("t,r_x,r_y,r_z", T, X / np.linalg.norm(X, axis=1)[:, None]), encoding="utf-8")
     (note,) = read(file).notes
-    assert note == "r_x r_y r_z is taken for a rotation vector; else say --columns px=r_x,py=r_y,pz=r_z."
-    said = Options(columns={"px": "r_x", "py": "r_y", "pz": "r_z"})
-    check(file, said)
+    assert note == "r_x r_y r_z is taken for a position; else say --columns rx=r_x,ry=r_y,rz=r_z."
+    said = Options(columns={"rx": "r_x", "ry": "r_y", "rz": "r_z"})
+    assert set(read(file, said).arrays) == {"time", "rotation vector"}
+    file.write_text("t,r_x,r_y,r_z\n" + "".join(f"{t},nan,nan,nan\n" for t in T), encoding="utf-8")
+    assert "rotation vector" in read(file).arrays, "what is missing is no position, and gives no warning"
     file.write_text(table("t,q1,q2,q3,q4", T, R.as_quat()), encoding="utf-8")
     assert "--quat wxyz" in check(file, groups=("quaternion",)).notes[0]
     file.write_text(table("t,q1,q2,q3,q4", T, Q), encoding="utf-8")
     layout = read(file, Options(quat="wxyz"))
     assert (layout.quat, np.array_equal(layout.arrays["quaternion"], Q)) == (None, True)
-    file.write_text("t,x,y,z,b\n0,0,1,0,1\n1,-nan(ind),inf,0,5\n", encoding="utf-8")
+    file.write_text("t,x [furlong],y,z,b\n0,0,1,0,1.#QNAN\n1,-1.#IND,1.#INF,0,5\n", encoding="utf-8")
     layout = read(file)
     assert layout.arrays["position"][1] == pytest.approx([np.nan, np.inf, 0], nan_ok=True)
-    assert "not used: b" in layout.columns
+    assert ("'furlong' is no known unit" in layout.notes[0], "not used: b" in layout.columns) == (True, True)
     file.write_text("t,x,y,z\n0,0,1,0\n1,,,\n,,,\n", encoding="utf-8")
     assert read(file).arrays["position"] == pytest.approx(np.array([[0, 1, 0], 3 * [np.nan]]), nan_ok=True)
-    file.write_text("id x y z\n10 0 1 0\n20 0 0 0\n10 0 1 0\n20 0 0 0\n", encoding="utf-8")
-    said = {"step": 0.5}
-    with pytest.raises(ValueError, match="the column id has 10, 20 in turn"):
+    file.write_text("10 0 1 0\n20 0 0 0\n10 0 1 0\n20 0 0 0\n", encoding="utf-8")
+    said = {"columns": {"x": "1", "y": "2", "z": "3"}, "step": 0.5}
+    with pytest.raises(ValueError, match="the column 0 has 10, 20 in turn"):
         read(file, Options(**said))
-    assert read(file, Options(**said, where={"id": "10"})).arrays["time"].tolist() == [[0], [0.5]]
+    assert read(file, Options(**said, where={"0": "10"})).arrays["time"].tolist() == [[0], [0.5]]
     file.write_text(table("t,roll,pitch,yaw", T, X), encoding="utf-8")
     for unit in ({"omega": "furlong"}, {"o": "s"}, {"omega": "deg/s"}):
         with pytest.raises(ValueError, match="--units"):
@@ -331,7 +352,7 @@ def test_rows_of_a_window_and_of_lost_steps(tmp_path):
 
 
 def test_points_of_a_body_are_a_rotation(tmp_path):
-    """Of at least three, and how rigid they are is told."""
+    """In columns and in an XYZ file; the unit of the latter is told, and how rigid the points are."""
     points = np.array([[1, 0, 0], [-1, 0, 0.5], [0, 0.6, 0.1], [0, -0.6, -0.1]])
     places = np.stack([R.apply(point) + X for point in points], 1)
     file = tmp_path / "run.csv"
@@ -343,6 +364,17 @@ def test_points_of_a_body_are_a_rotation(tmp_path):
     assert "Rotations are those of 4 points; their distances are off by up to" in found.notes[0]
     with pytest.raises(ValueError, match="of points of one body, give their places in it: points ="):
         read(file)
+    frames = [
+        f"4\nstep 3, t= {t:.1f}\n" + "".join("H {} {} {}\n".format(*x) for x in 1e10 * frame)
+        for t, frame in zip(T, places, strict=True)
+    ]
+    file = tmp_path / "run.xyz"
+    file.write_text("".join(frames))
+    assert "times as far apart as in the body: --units position=å?" in read(file, points=points).notes[1]
+    assert read(file, Options(units={"position": "å"}), points).arrays["matrix"] == pytest.approx(M, abs=1e-12)
+    file.write_text("".join(frames)[:-90])
+    with pytest.raises(ValueError, match="no XYZ file with 4 atoms in each frame"):
+        read(file, points=points)
 
 
 def test_the_page_of_words_has_the_table():
@@ -390,3 +422,4 @@ def test_units_and_clocks_have_the_factors_of_an_independent_table():
             assert unit_of(word) == (kind, pytest.approx(factor, rel=1e-15)), word
     assert {unit_of(word) for word in names.UNITS} <= {unit_of(word) for units in SI.values() for word in units}
     assert unit_of("furlong") is None
+    assert number("02:03:04.5") == 2 * constants.hour + 3 * constants.minute + 4.5
