@@ -15,11 +15,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from lagrange_bench.integrators import plot_and_save
 from lagrange_bench.integrators.body_motion import MOTION_COLUMNS, BodyMotion
-from lagrange_bench.integrators.checks import check_times
 from lagrange_bench.integrators.interface import Array, Method, Work
 from lagrange_bench.integrators.problem.units import scaled_distance
 from lagrange_bench.integrators.registry import METHODS, find_method
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RunInputs:
-    """How a run began. With it a trajectory can be judged, or evaluated at other times.
+    """How a run began. With it a trajectory can be judged.
 
     state : (n,) numbers. method : the method's record. h : the step; None for jumps, and for methods that choose their own steps.
     options : those of the method. flight : position and velocity (6,) of a flying body.
@@ -147,12 +145,12 @@ class Rows:
         Raises
         ------
         ValueError
-            Another ending, .parquet without pyarrow, or metadata that JSON cannot hold or that would be misread in the file.
+            Another ending, or .parquet without pyarrow.
+        TypeError
+            Metadata that JSON cannot hold.
         OSError
             The file cannot be written; an older one is untouched.
         """
-        if metadata is not None and not isinstance(metadata, Mapping):
-            raise ValueError(f"metadata must be a dict; got {metadata!r}")
         facts: dict[str, Any] = {"method": self.method, "top": repr(self.top)}
         if len(parameters := getattr(self.top, "parameters", ())):
             facts["parameters"] = parameters
@@ -188,11 +186,6 @@ class Trajectory(BodyMotion, Rows):
         span = f", t = {self.t[0]:.10g} … {self.t[-1]:.10g}" if count else ""
         return f"<{type(self).__name__} of {self.top!r} by {self.method}: {count} state{'s' * (count != 1)}{span}>"
 
-    def _repr_html_(self) -> str:
-        import html
-
-        return f"<p>{html.escape(repr(self))}</p>{self.to_frame().to_html(max_rows=10, index=False)}"
-
     def error(self) -> Array:
         """Distances to the exact or the reference solution, relative to the scales of the motion.
 
@@ -215,33 +208,6 @@ class Trajectory(BodyMotion, Rows):
         else:
             true = truths.after_steps(self.problem, start.state, start.h, np.rint(self.t / start.h).astype(np.int64))
         return scaled_distance(self.problem, start.state, self.states, true)
-
-    def sol(self, t: ArrayLike) -> Array:
-        """States at any times, also later than the end of the run, by the method's dense output or jumps from the start.
-
-        Parameters
-        ----------
-        t : float or (M,)
-            Times in the units of h, counted from the start.
-
-        Returns
-        -------
-        (6,) or (M, 6)
-            The states, each of them shaped as a row of `y`.
-
-        Raises
-        ------
-        ValueError
-            The method steps on a grid only, or its dense output lacks an option of the run.
-        """
-        start, times = self._started("sol"), check_times(t, single=True)
-        evaluate = start.method.evaluate_for(self.problem, start.options)
-        if evaluate is None:
-            raise ValueError(f"sol: {self.method} steps on a grid only; record more states with `every`")
-        states, _ = evaluate(self.problem, start.state, np.atleast_1d(times), **start.options)
-        if start.flight is not None:
-            states = np.hstack((states, self.problem.flight_at(start.flight, np.atleast_1d(times))))
-        return states.reshape(*times.shape, *self.y.shape[1:])
 
     def _started(self, word: str) -> RunInputs:
         if self.start is None:
@@ -281,8 +247,7 @@ class Trajectory(BodyMotion, Rows):
         ----------
         what : str
             "components" of the state against time; "invariants", how far each one is from its start, relative to its terms;
-            "error", see `error`; or "axis", the path of x on its sphere, of a top. States that are far apart are dots; the line
-            through them is dense output of the method, if it has any.
+            "error", see `error`; or "axis", the path of x on its sphere, of a top. States that are far apart are dots.
         ax : Axes, optional
             Axes to draw on, of a 3D projection for "axis"; by default those of a new figure.
         **look : dict
@@ -328,7 +293,7 @@ class EnsembleTrajectory(Rows):
         return f"<{type(self).__name__} of {top} by {self.method}: {n} motions, {rows} states each{span}>"
 
     def motion(self, place: int) -> Trajectory:
-        """One of the motions, with its own `error()`, `plot()` and `sol()`.
+        """One of the motions, with its own `error()` and `plot()`.
 
         Y0 is not copied, so do not change it before this call.
 

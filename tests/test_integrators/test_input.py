@@ -149,7 +149,6 @@ def posed(hamiltonian=lambda t, y, p: turning(t, y, p) + y[5], space="e3", **wor
 
 FLUID = posed(lambda t, y, p: turning(t, y, p) + 0.25 * y[0] * y[4])
 HUGE = LagrangeTop(1e308), (1.2e308, 1.2e308, 0.0, 0.0, 0.0, 1.7e308), np.linspace(0, 1e-307, 50)
-RUN = integrate(TOP, Y0, 0.1, 1, "strang")
 INFINITE = Potential("mine", lambda x1, x2, x3, p: x1 / 0.0)
 
 
@@ -167,7 +166,6 @@ OTHERS = [  # a call, words in the message
     (lambda: exact.after_steps(TOP, Y0, 0.1, [2**53 + 1]), ".*whole numbers"),
     (lambda: prepare(PerturbedTop(TOP, POTENTIALS["charge"], (0.1, *Y0[3:])), Y0, 0.1), "y0: .*not finite at x"),
     (lambda: prepare(PerturbedTop(TOP, INFINITE), Y0, 0.1), "y0: the potential mine is not finite"),
-    (lambda: RUN.sol([0.3]), "sol: strang steps on a grid only"),
     (lambda: BODY.top, ".*no Lagrange top is in a body"),
     (lambda: integrate(TIDE, Y0, 1.0, 3000, "rk4", every=3000).error(), "t = 3000 is longer than 2000 time scales"),
 ]

@@ -68,11 +68,6 @@ def test_times_are_multiples_of_h_rounded_once():
     assert np.array_equal(run.t, 0.1 * np.arange(0, 3001, 3))
 
 
-def test_dense_output_has_the_options_of_the_run():
-    run = integrate(NAMED.top, NAMED.state, t=[1.0, 2.0], method="dop853", rtol=1e-4)
-    assert np.array_equal(run.sol(run.t), run.y)
-
-
 def test_the_error_of_steps_is_that_at_n_h():
     odd = integrate(NAMED.top, NAMED.state, 0.01, 29)  # in doubles 0.29 / 0.01 is less than 29
     assert odd.error()[-1] < 1e-13
@@ -114,20 +109,16 @@ def test_pictures_have_labels_and_name_the_top(runs):
     plt.close(figure)
 
 
-def test_states_that_are_far_apart_are_joined_by_the_orbit_or_not_at_all():
-    few = {"h": 1.0, "steps": 40, "every": 4}
-    ax = integrate("generic", **few).plot("axis")
-    dots, orbit, _ = ax.lines
-    assert (dots.get_linestyle(), len(dots.get_data_3d()[0])) == ("None", 11)
-    seen = np.transpose(orbit.get_data_3d())  # NaN where it is behind the sphere
-    assert 0.1 < np.isnan(seen[:, 0]).mean() < 0.9
-    assert np.nanmax(np.linalg.norm(np.diff(seen, axis=0), axis=1)) < 0.3
-    plt.close(ax.figure)
-    for method in ("backlund", "strang"):
-        ax = integrate("generic", **few, method=method).plot()
-        assert (len(ax.lines[1].get_xdata()) > 300) == (method == "backlund")  # the other has no dense output
-        assert ax.lines[0].get_linestyle() == "None"
-        plt.close(ax.figure)
+def test_states_that_are_far_apart_are_dots():
+    for what in ("axis", "components"):
+        for h, style in ((4.0, "None"), (0.1, "-")):
+            ax = integrate("generic", h=h, steps=100).plot(what)
+            assert ax.lines[0].get_linestyle() == style
+            plt.close(ax.figure)
+    # NaN where it is behind the sphere
+    seen = np.isnan(integrate("generic", h=4.0, steps=100).plot("axis").lines[0].get_data_3d()[0])
+    assert 0.1 < seen.mean() < 0.9
+    plt.close("all")
 
 
 def test_every_step_is_recorded_up_to_100_000():
@@ -165,8 +156,7 @@ def test_an_ensemble_records_its_end_by_default():
     assert np.array_equal(end.y[0], rows.y[-1])
     assert np.array_equal(rows.invariants()[:, 1], LagrangeTop(2.0).invariants(rows.y[:, 1]))
     sent = pickle.loads(pickle.dumps(end)).motion(1)
-    assert np.array_equal(sent.sol([0.4]), integrate(LagrangeTop(2.0), other, t=[0.4]).y)
-    assert np.array_equal(sent.sol(0.4), sent.sol([0.4])[0])
+    assert sent.error()[0] < 1e-14
 
 
 def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
@@ -182,7 +172,7 @@ def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
 
 def test_no_times_give_no_states_whatever_is_asked():
     run = integrate(NAMED.top, NAMED.state, t=[])
-    assert (run.invariants().shape, run.error().shape, run.sol([]).shape) == ((0, 4), (0,), (0, 6))
+    assert (run.invariants().shape, run.error().shape) == ((0, 4), (0,))
     assert len(run.to_frame(invariants=True)) == 0
     assert integrate_ensemble(NAMED.top, [NAMED.state], t=[]).invariants().shape == (0, 1, 4)
     assert integrate(MAGNET, SPINS, t=[], method="rk45").y.shape == (0, 9)
@@ -191,9 +181,8 @@ def test_no_times_give_no_states_whatever_is_asked():
 def test_a_file_that_cannot_be_written(runs, tmp_path):
     with pytest.raises(OSError, match="cannot be written"):
         runs["top"].save("/dev/null/run.csv")
-    for metadata in ({"a\n1,2,3,4,5,6,7": 1}, {"a: b": 1}, {1: 2}, ["a"], {"a": {(1, 2): 3}}):
-        with pytest.raises(ValueError, match="metadata"):
-            runs["top"].save(tmp_path / "run.csv", metadata)
+    with pytest.raises(TypeError, match="keys must be"):
+        runs["top"].save(tmp_path / "run.csv", {"a": {(1, 2): 3}})
     assert not list(tmp_path.iterdir())
 
 
