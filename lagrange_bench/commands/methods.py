@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> Answer:
         claims = {field: getattr(method, field) for field in fields}
         claims |= {"symmetric": method.claims.symmetric, "poisson": method.claims.poisson}
         refuses = method.takes(problem)
-        conserves = method.claims.conserves if refuses else method.conserves_on(problem)
+        conserves = method.claims.conserves if refuses else problem.conserved_by(method)
         names = [invariant for invariant in INVARIANTS if invariant in conserves]
         more = {"conserves": names, "available": available(method), "options": list(method.options)}
         if options.top or options.potential:

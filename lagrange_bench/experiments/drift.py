@@ -205,7 +205,7 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
         columns = [*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())]
         for name, most, growth in _growth(group, columns):
             # of a method that is not loaded nobody knows what it claims
-            claimed = np.nan if record is None else name.startswith(OWN) or name in record.conserves_on(LagrangeTop())
+            claimed = np.nan if record is None else name.startswith(OWN) or name in LagrangeTop().conserved_by(record)
             table.append(
                 {
                     "method": method,

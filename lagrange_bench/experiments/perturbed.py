@@ -154,7 +154,7 @@ def kept(state: str, method: str, run: pd.DataFrame) -> dict:
     """A line for each top and method."""
     top = states.of_cell({**run.iloc[0], "state": state})[0]
     errors = {name: largest(run[name]) if name in top.conserved else np.nan for name in INVARIANTS}
-    says = METHODS[method].conserves_on(top) if method in METHODS else ()
+    says = top.conserved_by(METHODS[method]) if method in METHODS else ()
     return {"steps": int(run.steps.max()), **errors, "claimed": ", ".join(name for name in INVARIANTS if name in says)}
 
 

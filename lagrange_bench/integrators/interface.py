@@ -242,11 +242,7 @@ class Method:
         """None if the method can follow this problem, else the reason why not."""
         if self._builder(problem):
             return None
-        if self.needs != "uniform":
-            return f"{self.name} needs {needed(self.needs)}, which {problem.description} is not"
-        reason = f"its record needs {NEEDS['uniform']} (“Which problems it takes” in docs/adding-a-method.md)"
-        advice = "; backlund_splitting does" if self.family in ("backlund", "closed-form") and problem.is_top else ""
-        return f"{self.name} does not take {problem.description}: {reason}{advice}"
+        return f"{self.name} needs {needed(self.needs)}, which {problem.description} is not"
 
     def _builder(self, problem: Any) -> Builder | None:
         """The kernel for this problem, the one place where kernels are chosen; None if the method does not take it."""
@@ -275,10 +271,6 @@ class Method:
         if self.evaluate is not None:
             check_options(f"{self.name} at given times", self.evaluate, options or {}, by_steps, "runs by h and steps")
         return self.evaluate
-
-    def conserves_on(self, problem: Any) -> frozenset[str]:
-        """The invariants of the problem that the method keeps at round-off. The method must take the problem."""
-        return frozenset(problem.conserved_by(self))
 
     @property
     def accuracy_option(self) -> str:

@@ -43,8 +43,3 @@ def no_exit() -> Iterator[None]:
         yield
     except SystemExit as end:
         raise ImportError(f"it calls sys.exit({end.code!r})") from end
-
-
-def in_own_file(name: str, word: str) -> str:
-    """A hint how to name an object in NAME.py of the current folder; empty if there is no such file."""
-    return f"; for the one in {name}.py use {name}:{word.upper()}" if Path(f"{name}.py").is_file() else ""

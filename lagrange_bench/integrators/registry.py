@@ -8,20 +8,18 @@ or whose name is taken, does not stop the others.
 from __future__ import annotations
 
 import importlib.util
-import multiprocessing
 import sys
 import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import Any
 
 from lagrange_bench.integrators import methods
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.methods import ARCHIVE, BUILT_IN
-from lagrange_bench.integrators.own_modules import import_own, in_own_file
+from lagrange_bench.integrators.own_modules import import_own, no_exit
 from lagrange_bench.integrators.problem.perturbed import Potential
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, POTENTIALS_BUILT_IN
 from lagrange_bench.integrators.problem.top import TOPS, NamedTop
@@ -53,35 +51,23 @@ class Registry(Mapping[str, Any]):
             name: EntryPoint(name, value, self.group) if isinstance(value, str) else value
             for name, value in self.built_in.items()
         }
-        clashes = []
         for entry in sorted(entry_points(group=self.group), key=lambda e: (e.name, e.value)):
             if entries.setdefault(entry.name, entry) is not entry:
-                package = entry.dist.name if entry.dist else entry.module
-                clashes.append(
-                    f"the plug-in {entry.name!r} ({entry.value} of the package {package}) is left out, for its name is "
-                    f"taken: give the {self.word} another name, or pip uninstall {package}"
-                )
-        if clashes and multiprocessing.parent_process() is None:  # said once, not by every worker
-            warnings.warn("; ".join(clashes), RuntimeWarning, stacklevel=2)
+                text = f"the plug-in {entry.name!r} ({entry.value}) is left out, for its name is taken"
+                warnings.warn(text, RuntimeWarning, stacklevel=2)
         return entries
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._entries:
             close = suggestion(str(name), self._entries)
-            names = ", ".join(self._entries) or f"your own, as mine:{self.word.upper()}"
-            known = f"All: lagrange-bench {self.word}s" if close.endswith("?") else f"Known: {names}"
-            raise KeyError(f"unknown {self.word} {name!r}{close} {known}")
+            raise KeyError(f"unknown {self.word} {name!r}{close} All: lagrange-bench {self.word}s")
         entry = self._entries[name]
         if not hasattr(entry, "load"):  # a record; entry points of importlib_metadata have a type of their own
             return entry
-        try:
+        with no_exit():
             record = entry.load()
-        except SystemExit as end:
-            raise ImportError(f"it calls sys.exit({end.code!r})") from end
         if not isinstance(record, self.kind):
             raise TypeError(f"{entry.value} is a {type(record).__name__}, not a lagrange_bench.{self.kind.__name__}")
-        if record.name != name and ":" not in name:
-            raise ValueError(f"{entry.value} calls itself {record.name!r} but is registered as {name!r}")
         return record
 
     def include(self, name: str) -> None:
@@ -141,15 +127,9 @@ def find(thing: Any, registry: Registry) -> Any:
     if not isinstance(thing, str):
         raise ValueError(f"{word} must be a name, package.module:{word.upper()} or a {kind}; got {thing!r}")
     path, colon, attribute = thing.partition(":")
-    if path.endswith(".py"):
-        raise ValueError(
-            f"{word} {thing}: write {Path(path).stem}:{attribute or word.upper()}, in the folder of {path}"
-        )
     try:
         record = getattr(import_own(path), attribute) if colon else registry[thing]
     except KeyError as error:
-        if hint := in_own_file(thing, word):
-            raise ValueError(f"no {word} is registered as {thing!r}{hint}") from None
         raise ValueError(str(error.args[0])) from None
     except Exception as error:  # importing somebody else's module may raise anything
         raise ValueError(f"{word} {thing} cannot be loaded: {type(error).__name__}: {error}") from error

@@ -72,7 +72,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     problem, y0 = (CASES[code].body, CASES[code].state) if body else find(code)
     title = f"{name} ({code})"
     unit = 1.0 if body else problem.scales(y0)[2]
-    conserved = {method: METHODS[method].conserves_on(problem) for method in good.method.unique() if method in METHODS}
+    conserved = {method: problem.conserved_by(METHODS[method]) for method in good.method.unique() if method in METHODS}
     good = good.sort_values("span", kind="stable")
     for fields, best in races(good, ["span"], TARGETS, "price"):
         length, target = fields.values()

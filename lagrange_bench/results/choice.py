@@ -37,7 +37,7 @@ class Choice:
         from lagrange_bench.integrators.registry import METHODS
 
         for name in self.methods:
-            if ":" in name or name.endswith(".py"):
+            if ":" in name:
                 METHODS.include(name)
 
     def check(self, cells: Iterable[Mapping[str, Any]]) -> None:
@@ -50,7 +50,7 @@ class Choice:
             known = {str(cell[field]) for cell in cells if cell.get(field) is not None}
             for name in names:
                 if name not in known:
-                    raise ValueError(f"{flag}: no cell here has the {word} {name!r}{_advice(word, name, known)}")
+                    raise ValueError(f"{flag}: no cell here has the {word} {name!r}{_advice(name, known)}")
         if not any(map(self.takes, cells)):
             raise ValueError(f"{self.words.strip()}: no cell here has such a method on such a top")
 
@@ -58,11 +58,10 @@ class Choice:
 ALL = Choice()
 
 
-def _advice(word: str, name: str, known: Iterable[str]) -> str:
+def _advice(name: str, known: Iterable[str]) -> str:
     """What may be meant by a name that no cell has. Tops that are drawn at random are too many to list."""
-    from lagrange_bench.integrators.own_modules import in_own_file
     from lagrange_bench.integrators.problem.examples import is_drawn
 
     listed = sorted(name for name in known if not is_drawn(name))
-    advice = in_own_file(name, word) or suggestion(name, listed)
+    advice = suggestion(name, listed)
     return f"{advice} Known: {', '.join(listed)}" if advice.endswith(".") and listed else advice

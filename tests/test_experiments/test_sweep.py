@@ -24,7 +24,7 @@ BAD = [  # what to replace in GOOD, by what, and what the message must say
     ("alpha = 1.5", "alfa = 1.5", "[tops.heavy], unknown key 'alfa'; did you mean 'alpha'?"),
     ("[tops.heavy]", "[tops.generic]", "[tops.generic], the bench has a top of this name; choose another"),
     ('methods = ["backlund", "strang", "implicit_midpoint"]\n', "", "methods must be given, a list of names"),
-    ('"generic"]', '"magnet"]', "methods: backlund does not take the potential charge"),
+    ('"generic"]', '"magnet"]', "methods: backlund needs a top in a uniform field"),
     ("h_scaled = [", "h = [", "[[sweep]] 1, h: write h_scaled = …, in the time scale of each top"),
     ("steps = 2000", 'steps = "long"', "steps must be a real number; got 'long'"),
 ]

@@ -153,7 +153,7 @@ def test_order_and_what_is_kept(name, problem):
         (n, error), (m, less) = errors[-2:]
         assert np.log(error / less) / np.log(m / n) > 0.75 * method.order
     drift = np.abs(path.invariants() - path.invariants()[0]) / posed.invariant_scales(y0)
-    kept = [posed.names.index(word) for word in method.conserves_on(posed)]
+    kept = [posed.names.index(word) for word in posed.conserved_by(method)]
     assert np.max(drift[:, kept], initial=0.0) < 64 * EPS
 
 

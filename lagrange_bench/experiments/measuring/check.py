@@ -254,7 +254,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     stopped: dict[float, str] = {}  # step in time scales → why
     starts = [placed(name) for name in names]
     for start in starts:
-        for quantity in (*method.conserves_on(start.top), *_own(method, start.top)):
+        for quantity in (*start.top.conserved_by(method), *_own(method, start.top)):
             claimed[quantity].add(start.name)
     for start, top, y0, span, h in steps_on(names):
         try:
@@ -313,7 +313,7 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
         top, y0, h = start.top, start.state, span * start.unit
         with contextlib.suppress(StepError):
             drifts = _drifts(top, y0, h, prepared(method, top, y0, h).record(y0, steps, 1), {})
-            size = np.max([drifts[word] for word in method.conserves_on(top)], initial=0.0)
+            size = np.max([drifts[word] for word in top.conserved_by(method)], initial=0.0)
             worst = worst.worse_of(size / (A_UNIT * EPS * span), start, span)
     if worst.at:
         how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it"
