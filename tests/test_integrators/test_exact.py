@@ -272,7 +272,6 @@ VERTICAL = [  # potential, parameters, alpha, k
     ("tide", (0.125, 0.0, 0.0, -2.0), 1.0, 0.5),
     ("axisymmetric", (0.25, 0.0), 1.0, 0.5),
     ("quadratic", (0.25, 0.25, 0.75, 0.0, 0.0, 0.0), 1.0, 0.5),
-    ("dipole", (0.0, 0.0, -2.0), -1.0, 0.0),
     (Potential("own", own), (0.5,), 1.0, 0.5),
     (Potential("factors", lambda x1, x2, x3, p: (x3 - p[0]) * (x3 + p[0]) / 4 + x1 * 0.0), (3.0,), 1.0, 0.5),
 ]

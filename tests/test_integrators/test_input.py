@@ -153,11 +153,10 @@ INFINITE = Potential("mine", lambda x1, x2, x3, p: x1 / 0.0)
 
 
 OTHERS = [  # a call, words in the message
-    (lambda: posed(parts=[lambda t, y, p: turning(t, y, p) + y[5]]), r"parts\[0\] has no closed flow"),
     (lambda: integrate(FLUID, Y0, 0.1, 1, "kahan"), "kahan needs a Hamiltonian .* with a quadratic U"),
     *(
         (lambda name=name: posed(turning, "so3", invariants={name: lambda t, y, p: y[2]}), rf".*\[{name!r}\].* taken")
-        for name in ("t", "J1", 1)
+        for name in ("H", "C")
     ),
     (lambda: Potential("mine", INFINITE.value, parameters="ab"), ".*sequence of names"),
     (lambda: integrate(MAGNET, SPINS, 0.1, 1), r"top must be .*; got GaudinMagnet: pass its problem\(\)"),

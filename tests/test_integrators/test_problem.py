@@ -60,7 +60,7 @@ HAMILTONIANS = {  # formula, parameters, frame
     "field": (field, "e3", (0.3,), "space"),
     "heavy": (heavy, "e3", (1.0, 1.5, 3.0, 0.5, 0.7), "body"),
     "kirchhoff": (kirchhoff, "e3", (1.0, 1.5, 3.0, 0.5, 0.6, 0.7, 0.1, 0.2, -0.1), "body"),
-    "spins": (spins, "so3**3", (0.7, 1.2, -0.8), "space"),
+    "spins": (spins, 3, (0.7, 1.2, -0.8), "space"),
 }
 PROBLEMS = {
     **{name: Problem(name, space, H, p, frame=frame) for name, (H, space, p, frame) in HAMILTONIANS.items()},

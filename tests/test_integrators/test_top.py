@@ -200,10 +200,6 @@ def far(t, y, p):
     return turning(t, y, p) + y[5] + 0.5 * log(y[3] - 2)
 
 
-def hill(t, y, p):
-    return 0.1 * exp(-((y[3] - 0.6) ** 2 + (y[4] - 0.5) ** 2) / 2)
-
-
 def uneven(t, y, p):
     return turning(t, y, p) + p[0] * y[3] ** 2 + p[1] * y[4] ** 2
 
@@ -218,8 +214,6 @@ REFUSED = [
     (lambda: posed(far, invariants=J3), NOT_CONSERVED),
     (lambda: posed(lambda t, y, p: uneven(t, y, p), 1.0, 1.0 + 1e-9, invariants=J3), NOT_CONSERVED),
     (lambda: posed(turning, invariants={"late": lambda t, y, p: y[0] + 1e-9 * t}), "not conserved"),
-    (lambda: posed(lambda t, y, p: turning(t, y, p) + hill(t, y, p), parts=[turning]), "parts do not add up"),
-    (lambda: posed(far, parts=[turning, lambda t, y, p: y[5]]), "parts do not add up"),
 ]
 
 

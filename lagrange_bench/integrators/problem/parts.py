@@ -15,7 +15,7 @@ parts has no closed flow here. If two of the coefficients of J1², J2², J3² ar
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -172,16 +172,9 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
 # ------------------------------------------------------------------------------------ taking H apart
 
 
-def parts_of(system: System, numbers: tuple[float, ...], user_parts: Iterable[Program] = ()) -> tuple[Part, ...]:
-    """The parts of H, or of the user's parts, with the parameters `numbers`; () if an addend has no closed flow."""
-    energies = tuple(user_parts) or (system.energy,)
-    lists = [find_parts(system, numbers, energy) for energy in energies]
-    return tuple(part for parts in lists if parts for part in parts) if None not in lists else ()
-
-
-def find_parts(system: System, numbers: tuple[float, ...], energy: Program) -> list[Part] | None:
-    """The parts of a function; [] for a constant, None if an addend has no closed flow."""
-    tape, space = Tape(), system.space
+def find_parts(system: System, numbers: tuple[float, ...]) -> list[Part]:
+    """The parts of H with the parameters `numbers`; [] if an addend has no closed flow."""
+    tape, space, energy = Tape(), system.space, system.energy
     inputs = [tape.input() for _ in range(energy.inputs)]
     y = inputs[1 : 1 + space.size]
     first = space.momenta.start
@@ -199,13 +192,13 @@ def find_parts(system: System, numbers: tuple[float, ...], energy: Program) -> l
             continue
         moved = [i - first for i in moved]
         if min(moved) < 0:
-            return None
+            return []
         if pair and moved[0] % 3 not in products[pair] and not (space.affine and pair == (1, 1)):
             products[pair][moved[0] % 3] = weight
         elif len({i % 3 for i in moved}) == 1:
             terms["axis", moved[0] % 3].append(weight * core)
         else:
-            return None
+            return []
     for (j, k), weights in products.items():
         values = {axis: _value(tape, weight, numbers) for axis, weight in weights.items()}
         same = [axis for axis in values if list(values.values()).count(values[axis]) > 1]

@@ -10,7 +10,7 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import sqrt
 from lagrange_bench.integrators.problem.perturbed import PerturbedTop, Potential
-from lagrange_bench.integrators.problem.top import TOPS, Named, NamedTop
+from lagrange_bench.integrators.problem.top import TOPS, NamedTop
 from lagrange_bench.integrators.problem.vectors import dot
 
 
@@ -53,10 +53,6 @@ def _charge_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     return pull * d[0], pull * d[1], pull * d[2]
 
 
-def _dipole(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
-    return dot(p, (x1, x2, x3))
-
-
 def _tide(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     along = dot(p[1:], (x1, x2, x3))
     return p[0] * (along * along) / 2
@@ -89,13 +85,6 @@ CHARGE = Potential(
     note="−k/|x − a|: a point charge or mass at a pulls the tip of the axis; k in units of J² x",
 )  # fmt: skip
 
-# V = b·x: a dipole along the axis in a tilted uniform field b. With the weight this is a Lagrange top about another vertical: for
-# the exact step turn the frame, or give a RigidBody its gravity. Source: Jackson, section 4.2.
-DIPOLE = Potential(
-    "dipole", _dipole, parameters=("b1", "b2", "b3"),
-    note="b·x: a dipole in a tilted uniform field; b in units of J²/x",
-)  # fmt: skip
-
 # V = k (n·x)²/2: the tide of a distant mass M in the direction n (a unit vector), at distance r, on a symmetric body:
 # k = 3 (GM/r³)(C − A)/A for |x| = 1, from MacCullagh's formula. Source: Murray & Dermott, Solar System Dynamics (1999),
 # section 5.3; Goldstein, Poole & Safko, Classical Mechanics (2002), section 5.8.
@@ -105,7 +94,7 @@ TIDE = Potential(
 )  # fmt: skip
 
 
-POTENTIALS_BUILT_IN = {potential.name: potential for potential in (QUADRATIC, AXISYMMETRIC, CHARGE, DIPOLE, TIDE)}
+POTENTIALS_BUILT_IN = {potential.name: potential for potential in (QUADRATIC, AXISYMMETRIC, CHARGE, TIDE)}
 
 
 def _named(
@@ -115,9 +104,9 @@ def _named(
     return NamedTop(name, label, TOPS[base].alpha, TOPS[base].y0, note, field)
 
 
-PERTURBED_TOPS: dict[str, NamedTop] = Named(
-    (t.name, t)
-    for t in (
+PERTURBED_TOPS = {
+    top.name: top
+    for top in (
         _named("tide_1e-6", "tide, ε = 1e-6", "generic", TIDE, (1e-6, 1.0, 0.0, 0.0),
                "the generic top in a tide of 1e-6 of its weight, from the horizon"),
         _named("weak_tide", "weak tide, ε = 1e-4", "generic", TIDE, (1e-4, 1.0, 0.0, 0.0),
@@ -139,4 +128,4 @@ PERTURBED_TOPS: dict[str, NamedTop] = Named(
         _named("chaotic", "chaotic", "planar", QUADRATIC, (2.0, -1.5, 0.5, 0.5, 1.0, -0.5),
                "the swinging planar pendulum in a strong uneven field: Lyapunov exponent about 0.1 in its own unit of time"),
     )
-)  # fmt: skip
+}  # fmt: skip

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.integrators.checks import Array, check_numbers, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import record_own
-from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, parts_of, weight_and_rest
+from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, weight_and_rest
 from lagrange_bench.integrators.problem.symmetry import are_affine, random_states, vanish
 from lagrange_bench.integrators.problem.system import (
     Space,
@@ -35,9 +35,6 @@ from lagrange_bench.integrators.problem.system import (
 )
 from lagrange_bench.integrators.problem.vectors import cross_in
 
-# names that no invariant may have: tables with a column for each invariant have these, too
-COLUMNS = {"t", "h", "span", "t_scaled", "h_scaled", "span_scaled", "method", "top", "steps", "status", "failure"}
-COLUMNS |= {"worst", "error", "motion"}
 Formula = Callable[..., Any]
 
 
@@ -49,16 +46,13 @@ class Problem:
     name : str
         Its name in messages and tables.
     space : str or int
-        "e3": six numbers (J, x). "so3": three. "so3**n" or n: n spins, 3n numbers. "body": seven, (q, L), a quaternion, scalar
+        "e3": six numbers (J, x). "so3": three. n: n spins, 3n numbers. "body": seven, (q, L), a quaternion, scalar
         first, that takes vectors of the body to the world, and the angular momentum.
     hamiltonian : callable
         (t, y, p) → H, a function of + − × ÷, whole and half powers, and sqrt, sin, cos, exp, log of `lagrange_bench`. y and p are
         arrays of the numbers of the state and of the parameters.
     parameters : sequence of float
         The numbers p.
-    parts : sequence of callable
-        Functions as `hamiltonian` with closed flows, whose sum is H. By default H is taken apart, if possible: into functions of
-        t and x, functions of components along one axis, multiples of |J|² and of s_j·s_k.
     invariants : dict, optional
         Name → function as `hamiltonian`: conserved quantities besides H and the Casimir functions. They are refused if they
         change at a random state. A component of y that is named here is held fixed.
@@ -68,8 +62,7 @@ class Problem:
     Raises
     ------
     ValueError
-        A function that is no formula, an invariant that is not conserved, parts that do not add up to H or have no closed flow.
-        The message names the argument.
+        A function that is no formula, or an invariant that is not conserved. The message names the argument.
     """
 
     # H and its bracket as formulas, and the values of their parameters
@@ -79,7 +72,6 @@ class Problem:
     numbers: tuple[float, ...]
     start = 0.0  # time at the initial state
     extra_invariants: tuple[tuple[str, Program], ...] = ()  # (name, formula), besides H and the Casimir functions
-    user_parts: tuple[Program, ...] = ()  # the argument `parts`
 
     def __init__(
         self,
@@ -87,7 +79,6 @@ class Problem:
         space: str | int,
         hamiltonian: Formula,
         parameters: Sequence[float] = (),
-        parts: Sequence[Formula] = (),
         invariants: Mapping[str, Formula] | None = None,
         frame: str = "space",
     ):
@@ -103,20 +94,14 @@ class Problem:
         self.extra_invariants = tuple(
             (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()
         )
-        components = {word: place for place, word in enumerate(self.space.columns, 1)}
-        for word, program in self.extra_invariants:
-            taken = word in COLUMNS or word in ("H", *self.space.casimir_names)
-            # a component may have the name of its column only
-            if not isinstance(word, str) or taken or components.get(word, program.outputs[0]) != program.outputs[0]:
+        for word, _ in self.extra_invariants:
+            if word in ("t", "H", *self.space.casimir_names):
                 raise ValueError(f"problem {name}: invariants[{word!r}]: this name is taken; choose another")
-        self.user_parts = tuple(self._record(f"parts[{i}]", formula) for i, formula in enumerate(parts))
         self.system = make_system(self.space, energy, body=frame == "body")
         self._check_invariants()
         places = [program.outputs[0] for _, program in self.extra_invariants]
         constant = frozenset(place - 1 for place in places if self._is_component(place))
         self.system = dataclasses.replace(self.system, constant=constant)
-        if self.user_parts:
-            self._check_parts()
 
     def _is_component(self, place: Any) -> bool:
         return isinstance(place, int) and 1 <= place <= self.space.size
@@ -150,7 +135,7 @@ class Problem:
     def identity(self) -> tuple[Any, ...]:
         """Formulas and numbers: two problems with equal ones are equal."""
         numbers = tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in self.arguments)
-        return self.system, numbers, self.start, self.extra_invariants, self.user_parts
+        return self.system, numbers, self.start, self.extra_invariants
 
     @property
     def arguments(self) -> tuple[Any, ...]:
@@ -176,7 +161,7 @@ class Problem:
     @cached_property
     def parts(self) -> tuple[Part, ...]:
         """Parts of H with closed flows; () if it cannot be taken apart."""
-        return parts_of(self.system, self.numbers, self.user_parts)
+        return tuple(find_parts(self.system, self.numbers))
 
     @property
     def timed(self) -> bool:
@@ -374,19 +359,3 @@ class Problem:
             term = np.linalg.norm(across, axis=1) * turning * np.linalg.norm(states, axis=1)
             if not vanish(change[:, None], np.column_stack((by_t, term))):
                 raise ValueError(f"problem {self.name}: invariants[{word!r}] is not conserved at some states")
-
-    def _check_parts(self) -> None:
-        """ValueError unless the gradients of the user's parts add up, and each part has a closed flow."""
-        for i, program in enumerate(self.user_parts):
-            parts = find_parts(self.system, self.numbers, program)
-            if parts is None or len(parts) > 1:
-                raise ValueError(
-                    f"problem {self.name}: parts[{i}] has no closed flow: it is not a function of t and x, nor of components "
-                    "along one axis, nor a multiple of |J|² or s_j·s_k, or it is several of these"
-                )
-        t, *y = random_states(1 + self.space.size).T
-        states = np.transpose(y)
-        whole = self._values(self.system.gradient, states, t)
-        total = sum(self._values(gradients_of(self.system, program), states, t) for program in self.user_parts)
-        if not vanish(whole - total, np.hstack((whole, total))):
-            raise ValueError(f"problem {self.name}: parts do not add up to the hamiltonian at some states")

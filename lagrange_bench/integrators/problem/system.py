@@ -19,7 +19,6 @@ Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), chapters
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
@@ -125,15 +124,13 @@ E3, SO3, BODY = Space("e3", 2, affine=True), Space("so3", 1), BodySpace("body", 
 
 
 def find_space(space: Any) -> Space:
-    """The space of a name: "e3", "so3", "so3**n", "body", or n for n spins. ValueError for anything else."""
-    spins = re.fullmatch(r"so3\*\*([1-9]\d?)", space) if isinstance(space, str) else None
-    if spins or (type(space) is int and 0 < space < 100):
-        n = int(spins[1]) if spins else int(space)
-        return Space(f"so3**{n}", n) if n > 1 else SO3
+    """The space of a name: "e3", "so3", "body", or n for n spins. ValueError for anything else."""
+    if type(space) is int and 0 < space < 100:
+        return Space(f"so3**{space}", space) if space > 1 else SO3
     for known in (E3, SO3, BODY):
-        if isinstance(space, str) and space == known.name:
+        if space == known.name:
             return known
-    raise ValueError(f"space must be 'e3', 'so3', 'so3**n', 'body' or a number of spins; got {space!r}")
+    raise ValueError(f"space must be 'e3', 'so3', 'body' or a number of spins; got {space!r}")
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ from lagrange_bench.integrators.checks import Array, check_one_or_many, check_st
 from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import E3, uniform_system
-from lagrange_bench.support.words import suggestion
 
 LARGEST = sys.float_info.max
 
@@ -168,18 +167,11 @@ class NamedTop:
         return np.array(self.y0)
 
 
-class Named(dict[str, Any]):
-    """A dict that suggests a name if a name is unknown."""
-
-    def __missing__(self, name: str) -> Any:
-        raise KeyError(f"unknown top {name!r}{suggestion(str(name), self)} Known: {', '.join(self)}")
-
-
 # A state on a special orbit consists of short binary fractions: so the identity that defines the orbit holds without rounding.
 # There |x| is 5/4 or 1.
-TOPS: dict[str, NamedTop] = Named(
-    (t.name, t)
-    for t in (
+TOPS = {
+    top.name: top
+    for top in (
         NamedTop("figure1", "paper, Figure 1", 3.345, (2.34, 6.4, 8.0, 1.219, -0.78, 6.77),
                  "alpha and initial data of the paper's Figure 1; |x| = 6.92"),
         NamedTop("figure2", "paper, Figure 2", 1.0, (3.4, -4.6, -6.2, -2.19, 0.89, 0.77),
@@ -215,4 +207,4 @@ TOPS: dict[str, NamedTop] = Named(
         NamedTop("inverted", "negative alpha", -1.0, (0.3, -0.4, 1.2, 0.48, 0.6, 0.64),
                  "the generic unit top with gravity reversed"),
     )
-)  # fmt: skip
+}  # fmt: skip
