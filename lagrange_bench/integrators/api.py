@@ -71,7 +71,7 @@ def prepare(
     """
     start = Start.of(top, y0)
     record = find_method(default_method(start.top) if method is None else method)
-    h = check_step(own_step(h, h_scaled, (start.top, start.state)))
+    h = check_step(own_step(h, h_scaled, start.top, start.state))
     return _prepare(record, start.top, start.state, h, options)
 
 
@@ -135,7 +135,7 @@ def integrate(
     start = Start.of(top, y0)
     problem, state = start.top, start.state
     record = find_method(default_method(problem) if method is None else method)
-    h = own_step(h, h_scaled, (problem, state))
+    h = own_step(h, h_scaled, problem, state)
     if t is None and (h is None or steps is None):
         record.prepare_for(problem, options)  # who gives dt learns more from the option than from h, which is missing
     times = check_times_or_grid(t, h, steps, every)
@@ -179,16 +179,16 @@ def default_every(steps: Any) -> int:
     return every
 
 
-def own_step(h: Any, h_scaled: Any, *starts: tuple[Any, Array]) -> Any:
-    """The step in the problem's own unit: h, or h_scaled in the shortest time scale of the starts (problem, state), or None.
+def own_step(h: Any, h_scaled: Any, problem: Any, y0: Array) -> Any:
+    """The step in the problem's own unit: h, or h_scaled in the time scale of the motion, or None.
 
-    ValueError if both are set, or if a motion is at rest and has no time scale.
+    ValueError if both are set, or if the motion is at rest and has no time scale.
     """
     if h_scaled is None:
         return h
     if h is not None:
         raise ValueError("give h or h_scaled, not both")
-    unit = min((float(problem.scales(y0)[2]) for problem, y0 in starts), default=1.0)
+    unit = float(problem.scales(y0)[2])
     if not math.isfinite(unit):
         raise ValueError("h_scaled: a motion that is at rest for ever has no time scale; give h")
     return check_step(h_scaled, "h_scaled") * unit

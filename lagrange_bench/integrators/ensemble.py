@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators import checks
-from lagrange_bench.integrators.api import default_method, grid_times, integrate, own_step
+from lagrange_bench.integrators.api import default_method, grid_times, integrate
 from lagrange_bench.integrators.interface import Array, Method, StepError, Work
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
@@ -42,8 +42,6 @@ def integrate_ensemble(
     t: ArrayLike | None = None,
     threads: int | None = None,
     on_failure: str = "raise",
-    *,
-    h_scaled: float | None = None,
     **options: Any,
 ) -> EnsembleTrajectory:
     """Follow n tops from Y0 (n, 6), as `integrate` does one: to the end, on a grid or at times.
@@ -51,8 +49,7 @@ def integrate_ensemble(
     Parameters
     ----------
     top : LagrangeTop, PerturbedTop, RigidBody or Problem
-        One for all motions; or LagrangeTop(alpha=array) with one alpha for each. alpha and every parameter of a PerturbedTop may
-        be such arrays.
+        One for all motions; or LagrangeTop(alpha=array) with one alpha for each.
     Y0 : (n, 6)
         Initial states; of a Problem (n, size), and then the returned ones have this size, too.
     h, steps, method : float, int, str or Method
@@ -66,8 +63,6 @@ def integrate_ensemble(
     on_failure : str
         "raise" a StepError that names the first top for which the method fails, and says how many there are; or "nan": all rows
         of such tops are NaN.
-    h_scaled : float
-        In place of `h`: the step in the shortest time scale of the tops; see `integrate`. All take the same step.
     **options : dict
         Options of the method.
 
@@ -90,8 +85,6 @@ def integrate_ensemble(
     record = find_method(default_method(sample) if method is None else method)
     threads = machine.usable_cores() if threads is None else checks.check_count(threads, "threads", least=1)
     checks.check_choice(on_failure, "on_failure", ("raise", "nan"))
-    if h_scaled is not None:
-        h = own_step(h, h_scaled, *((top.motion(i), y[: sample.space.size]) for i, y in enumerate(states)))
     times = checks.check_times_or_grid(t, h, steps, every)
     if times is None:
         h = checks.check_step(h)
@@ -186,7 +179,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop not copied if Y0 is that already."""
     problem, states = check_problem(top), np.asarray(Y0) if hasattr(Y0, "__array__") else None
     if states is not None and kinds.uniform(problem) and states.ndim == 2 and states.shape[1] == 6:
-        _check_numbers(problem, len(states))
+        _check_alphas(problem, len(states))
         # along one axis only, `all` takes many times as long
         if states.dtype.kind in "iuf" and np.isfinite(states).all() and states[:, 3:].any(axis=1).all():
             return np.ascontiguousarray(states, dtype=np.float64)
@@ -194,7 +187,7 @@ def _check_states(top: Any, Y0: ArrayLike) -> Array:
         rows: list[Any] = list(Y0 if states is None else states)  # type: ignore[arg-type]
     except TypeError:
         raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
-    _check_numbers(problem, len(rows))
+    _check_alphas(problem, len(rows))
     checked = [_check_state(problem.motion(i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
     return np.array(checked) if rows else np.empty((0, problem.space.size))
 
@@ -206,10 +199,8 @@ def _check_state(problem: Any, y: Any, name: str) -> Array:
     return state if flight is None else np.concatenate((state, flight))
 
 
-def _check_numbers(problem: Any, n: int) -> None:
-    """ValueError unless alpha and the parameters of a top are numbers, or arrays with one for each of n states."""
-    values: dict[str, Any] = {"alpha": getattr(problem, "alpha", 0.0)}
-    values |= {f"parameters[{i}]": value for i, value in enumerate(getattr(problem, "parameters", ()))}
-    for name, value in values.items():
-        if np.ndim(value) and len(value) != n:
-            raise ValueError(f"Y0 has {n} states, and the top {len(value)} values of {name}")
+def _check_alphas(problem: Any, n: int) -> None:
+    """ValueError unless alpha of a top is a number, or an array with one for each of n states."""
+    alpha = getattr(problem, "alpha", 0.0)
+    if np.ndim(alpha) and len(alpha) != n:
+        raise ValueError(f"Y0 has {n} states, and the top {len(alpha)} values of alpha")

@@ -269,7 +269,7 @@ class EnsembleTrajectory(Rows):
     Parameters
     ----------
     top : LagrangeTop, PerturbedTop, Problem, …
-        What was followed, with an array of alphas or parameters where the motions differ.
+        What was followed, with an array of alphas where the tops differ.
     method : str
         The method's name.
     t : (rows,)
@@ -283,9 +283,6 @@ class EnsembleTrajectory(Rows):
     """
 
     start: RunInputs
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        return np.array(self.y, dtype=dtype, copy=copy)
 
     def __repr__(self) -> str:
         rows, n, top = *self.y.shape[:2], textwrap.shorten(repr(self.top), 60, placeholder=" …")

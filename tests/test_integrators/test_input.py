@@ -117,10 +117,6 @@ def test_a_step_in_the_time_scale_of_the_motion():
         end = integrate(problem, y0, h, 10, "rk4").y[-1]
         assert np.array_equal(integrate(problem, y0, h_scaled=0.1, steps=10, method="rk4").y[-1], end)
         assert np.array_equal(prepare(problem, y0, method="rk4", h_scaled=0.1).advance(y0, 10), end)
-    states, alphas = FIVE * np.linspace(1, 3, 5)[:, None], np.linspace(-1, 3, 5)
-    shortest = min(LagrangeTop(alpha).scales(y0)[2] for alpha, y0 in zip(alphas, states, strict=True))
-    many = integrate_ensemble(LagrangeTop(alphas), states, h_scaled=0.1, steps=10)
-    assert many.t[-1] == pytest.approx(shortest, rel=1e-12, abs=0.0)
 
 
 MESSAGES = [  # a call, words in the message

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_flag, check_one_or_many
+from lagrange_bench.integrators.checks import Array, check_flag, check_real
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape, Term, record_own
 from lagrange_bench.integrators.problem.symmetry import STATES, is_of_height, random_states, values_at, vanish
@@ -123,7 +123,7 @@ class PerturbedTop(Top):
     potential : Potential
         V(x, p), which is added to the energy.
     parameters : tuple of float
-        The numbers p. For `integrate_ensemble` alone, these and `alpha` of the top may be arrays (n,), for n tops.
+        The numbers p.
     axisymmetric : bool
         Whether V does not change when x turns about the vertical, so that J3 is conserved, and held fixed. A V of x3 alone needs
         no such word.
@@ -148,11 +148,11 @@ class PerturbedTop(Top):
         parameters = self.parameters
         if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
             raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")
-        checked = tuple(check_one_or_many(value, f"parameters[{i}]") for i, value in enumerate(parameters))
+        self.top.require_single()
+        checked = tuple(check_real(value, f"parameters[{i}]") for i, value in enumerate(parameters))
         object.__setattr__(self, "parameters", checked)
         self.potential.formulas(len(checked))  # or a ValueError
-        single = not any(isinstance(value, np.ndarray) for value in self.arguments)  # else `motion` checks each
-        if check_flag(self.axisymmetric, "axisymmetric") and single and not self._has_no_vertical_torque():
+        if check_flag(self.axisymmetric, "axisymmetric") and not self._has_no_vertical_torque():
             raise ValueError(f"axisymmetric: {self.description} changes when x turns about the vertical")
 
     def _has_no_vertical_torque(self) -> bool:
@@ -169,13 +169,8 @@ class PerturbedTop(Top):
 
     @property
     def arguments(self) -> tuple[Any, ...]:
-        """alpha and the parameters; for many tops arrays."""
+        """alpha and the parameters."""
         return self.alpha, *self.parameters
-
-    def motion(self, place: int) -> PerturbedTop:
-        """One of many tops."""
-        alpha, *parameters = self.numbers_of(place)
-        return PerturbedTop(LagrangeTop(alpha), self.potential, tuple(parameters), self.axisymmetric)
 
     @property
     def description(self) -> str:
@@ -184,10 +179,9 @@ class PerturbedTop(Top):
 
     @cached_property
     def system(self) -> System:  # type: ignore[override]
-        """H and its bracket as formulas of `arguments`. J3 is constant in them only if one top conserves it."""
+        """H and its bracket as formulas of `arguments`."""
         formulas = self.potential.formulas(len(self.parameters))
-        many = any(isinstance(value, np.ndarray) for value in self.arguments)
-        return top_system(*formulas, frozenset() if many or "J3" not in self.conserved else frozenset({2}))
+        return top_system(*formulas, frozenset({2} if "J3" in self.conserved else ()))
 
     @cached_property
     def alpha_and_rest(self) -> tuple[float, System]:

@@ -31,7 +31,7 @@ LARGEST = sys.float_info.max
 
 
 class Top(Problem):
-    """A top in a potential, H = |J|²/2 + alpha x3 + V(x) on e3; or many tops, with arrays of alpha and of parameters."""
+    """A top in a potential, H = |J|²/2 + alpha x3 + V(x) on e3; or many tops, with an array of alpha."""
 
     space = E3
     timed = False
@@ -46,14 +46,9 @@ class Top(Problem):
     @cached_property
     def numbers(self) -> tuple[float, ...]:  # type: ignore[override]
         """The parameters of `system`: alpha, then the parameters of a potential. ValueError if there are many tops."""
-        for value in self.arguments:
-            if isinstance(value, np.ndarray):
-                raise ValueError(f"top holds {len(value)} values of a parameter, which only integrate_ensemble takes")
+        if isinstance(self.alpha, np.ndarray):
+            raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
         return self.arguments
-
-    def numbers_of(self, place: int) -> list[float]:
-        """The parameters of one of many tops."""
-        return [float(value[place] if np.ndim(value) else value) for value in self.arguments]
 
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: `y` is no state."""
@@ -125,7 +120,7 @@ class LagrangeTop(Top):
 
     def motion(self, place: int) -> LagrangeTop:
         """One of many tops."""
-        return LagrangeTop(*self.numbers_of(place))
+        return LagrangeTop(self.alpha[place] if isinstance(self.alpha, np.ndarray) else self.alpha)
 
 
 @dataclass(frozen=True)
