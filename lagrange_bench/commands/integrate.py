@@ -103,7 +103,7 @@ def run(options: argparse.Namespace) -> Answer:
 
     name, top, y0 = _start(options)
     if options.times is None:
-        options.h, options.h_scaled = own_step(options.h, options.h_scaled, (top, y0)), None
+        options.h, options.h_scaled = own_step(options.h, options.h_scaled, top, y0), None
     grid, settings = _grid(options), dict(options.option)
     word = options.method or default_method(top)
     method = find_method(word)
