@@ -221,7 +221,7 @@ def drifts(
                 raise ValueError(f"tops: {reason}")
             for size in sizes:
                 step = f"{word} = {size:g}"
-                length = size if word == "h" else own_step(None, size, (top, y0))
+                length = size if word == "h" else own_step(None, size, top, y0)
                 try:
                     times, y = states.sample(top, y0, name, length, counts, **options or {})
                 except StepError as error:
