@@ -201,6 +201,6 @@ def _check_state(problem: Any, y: Any, name: str) -> Array:
 
 def _check_alphas(problem: Any, n: int) -> None:
     """ValueError unless alpha of a top is a number, or an array with one for each of n states."""
-    alpha = getattr(problem, "alpha", 0.0)
+    alpha: Any = getattr(problem, "alpha", 0.0)
     if np.ndim(alpha) and len(alpha) != n:
         raise ValueError(f"Y0 has {n} states, and the top {len(alpha)} values of alpha")
