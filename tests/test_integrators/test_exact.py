@@ -100,21 +100,6 @@ def test_states_follow_the_equations_of_motion(case):
     assert largest((exact.solution(top, y0, np.resize(times, MANY))[: len(times)] - closed) / sizes) < TABLE
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("tides", [False, True], ids=["uniform field", "tide"])
-def test_random_tops_follow_the_equations_of_motion(tides):
-    """300 of each kind, of sizes that differ by up to 10⁴; to 34 digits."""
-    rng = np.random.default_rng(17 + tides)
-    for _ in range(300):
-        alpha, k = rng.normal(size=2) * 10 ** rng.uniform(-2, 2, 2) * (1.0, tides)
-        y0 = tuple((rng.normal(size=6) * np.repeat(10 ** rng.uniform(-2, 2, 2), 3)).tolist())
-        size = math.hypot(*y0[3:])
-        rate = math.hypot(*y0[:3]) + math.sqrt(abs(alpha) * size) + math.sqrt(abs(k)) * size
-        times = np.array((0.2, 8.0)) / rate
-        closed = exact.solution(in_tide(alpha, k), y0, times, digits=34)
-        assert largest((closed - flows(alpha, y0, times, 50, k)) / np.repeat((rate, size), 3)) < 1e-33
-
-
 @pytest.mark.parametrize("case", STATES)
 def test_enclosures_contain_what_more_digits_enclose(case):
     alpha, k, y0 = STATES[case]
@@ -203,8 +188,6 @@ def test_periods_are_the_limits_of_others(alpha, y0, other, near, apart):
     if not any(y0[3:5]):  # upright: the frequency of the linearisation
         frequency = math.sqrt(y0[2] ** 2 - 4 * alpha * y0[5])
         assert exact.nutation_period(top, y0) == pytest.approx(2 * np.pi / frequency, rel=1e-15)
-    if alpha == 0.0:
-        np.testing.assert_allclose(exact.solution(top, y0, 9.0), exact.solution(close, y0, 9.0), rtol=0, atol=1e-14)
 
 
 def test_infinite_periods():
@@ -214,9 +197,6 @@ def test_infinite_periods():
         assert math.isnan(exact.precession_per_nutation(named.top, named.state))
     assert exact.nutation_period(LagrangeTop(1.0), (0, 0, 2, 0, 0, 1)) == math.inf
     assert exact.nutation_period(LagrangeTop(0.0), (0, 0, 0, 0, 0, 1)) == math.inf
-    named, asleep = TOPS["homoclinic"], (0, 0, 1, 0, 0, 1.25)
-    for t in (60.0, -60.0, 1e6, 1e300):
-        np.testing.assert_allclose(exact.solution(named.top, named.state, t), asleep, rtol=0, atol=1e-15)
 
 
 @settings(max_examples=25, deadline=None, derandomize=True)
@@ -239,15 +219,7 @@ def test_any_state_is_solved_or_refused(alpha, y0, t):
     assert math.hypot(*later[3:]) == pytest.approx(length, rel=BOUND, abs=1e-322)
 
 
-def test_digits_are_delivered():
-    top, y0 = TOPS["figure2"].top, TOPS["figure2"].state
-    best = exact.solution(top, y0, [1.0, -1e6], digits=120)
-    for digits in (1, 100):
-        assert error(top, y0, exact.solution(top, y0, [1.0, -1e6], digits=digits), best) < 10.0**-digits
-    assert error(top, y0, exact.solution(top, y0, 1e30, digits=20), exact.solution(top, y0, 1e30, digits=40)) < 1e-20
-
-
-@pytest.mark.parametrize("name", ["generic", "near_separatrix", "regular", "weightless", "through_pole"])
+@pytest.mark.parametrize("name", ["generic", "regular", "weightless"])
 def test_after_steps_is_at_the_product_itself(name):
     """At n·h, and not at the double next to it, which is as far off as a good method."""
     named, h, counts = TOPS[name], 0.12345678901234567, [1, 7, 10**3, 10**9, 10**6 + 1]
@@ -260,47 +232,33 @@ def test_after_steps_is_at_the_product_itself(name):
     assert np.max(np.abs(rounded - truth)) > 1e-10  # what the test can see
 
 
-def own(x1, x2, x3, p):
-    return p[0] * x3**2 / 2
-
-
 def posed(t, y, p):
     return (y[0] ** 2 + y[1] ** 2 + y[2] ** 2) / 2 + y[5] + p[0] * y[5] * y[5] / 2
 
 
-VERTICAL = [  # potential, parameters, alpha, k
-    ("tide", (0.125, 0.0, 0.0, -2.0), 1.0, 0.5),
-    ("axisymmetric", (0.25, 0.0), 1.0, 0.5),
-    ("quadratic", (0.25, 0.25, 0.75, 0.0, 0.0, 0.0), 1.0, 0.5),
-    (Potential("own", own), (0.5,), 1.0, 0.5),
-    (Potential("factors", lambda x1, x2, x3, p: (x3 - p[0]) * (x3 + p[0]) / 4 + x1 * 0.0), (3.0,), 1.0, 0.5),
-]
-OTHERS = [
-    ("tide", (0.5, 1e-9, 0.0, 1.0)),
-    ("axisymmetric", (0.25, 1e-9)),
-    ("quadratic", (0.25, math.nextafter(0.25, 1.0), 0.75, 0.0, 0.0, 0.0)),
-    ("charge", (0.1, 0.0, 0.0, 3.0)),
-]
-
-
 def test_a_vertical_tide_is_seen_in_any_formula():
-    for potential, parameters, alpha, k in VERTICAL:
-        top = PerturbedTop(TOPS["generic"].top, POTENTIALS.get(potential, potential), parameters)
+    """V = k x3²/2, but for a function of |x|, in a field alpha."""
+    generic = TOPS["generic"]
+    factors = Potential("factors", lambda x1, x2, x3, p: (x3 - p[0]) * (x3 + p[0]) / 4 + x1 * 0.0)
+    for potential, parameters, alpha, k in (
+        (POTENTIALS["tide"], (0.125, 0.0, 0.0, -2.0), 1.0, 0.5),
+        (POTENTIALS["quadratic"], (0.25, 0.25, 0.75, 0.0, 0.0, 0.0), 1.0, 0.5),
+        (factors, (3.0,), 1.0, 0.5),
+    ):
+        top = PerturbedTop(generic.top, potential, parameters)
         assert exact.vertical_field(top) == (alpha, k)
         assert truths.name(top) == "exact solution"
-        np.testing.assert_array_equal(
-            exact.solution(top, TOPS["generic"].state, 9.0),
-            exact.solution(in_tide(alpha, k) if k else LagrangeTop(alpha), TOPS["generic"].state, 9.0),
-        )
-    problem = Problem("tide", "e3", posed, (0.5,))
-    assert exact.vertical_field(problem) == (1.0, 0.5)
-    assert truths.solution(problem, np.array((0.1, 0.2, 0.3, 0.0, 0.0, 0.0)), [1.0]).tolist() == [
-        [0.1, 0.2, 0.3, 0, 0, 0]
-    ]
-    for potential, parameters in OTHERS:
-        top = PerturbedTop(TOPS["generic"].top, POTENTIALS[potential], parameters)
+        right = exact.solution(in_tide(alpha, k), generic.state, 9.0)
+        np.testing.assert_array_equal(exact.solution(top, generic.state, 9.0), right)
+    for potential, parameters in (
+        ("tide", (0.5, 1e-9, 0.0, 1.0)),
+        ("axisymmetric", (0.25, 1e-9)),
+        ("quadratic", (0.25, math.nextafter(0.25, 1.0), 0.75, 0.0, 0.0, 0.0)),
+    ):
+        top = PerturbedTop(generic.top, POTENTIALS[potential], parameters)
         assert truths.name(top) == "reference solution"
         with pytest.raises(ValueError, match="alpha x3"):
-            exact.solution(top, TOPS["generic"].state, 1.0)
+            exact.solution(top, generic.state, 1.0)
+    assert exact.vertical_field(Problem("tide", "e3", posed, (0.5,))) == (1.0, 0.5)
     timed = Problem("timed", "e3", lambda t, y, p: posed(t, y, p) * (1 + t * 1e-9), (0.5,))
     assert exact.vertical_field(timed) is None

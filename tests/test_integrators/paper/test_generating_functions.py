@@ -3,14 +3,13 @@
 from functools import partial
 
 import numpy as np
-import pytest
-from mpmath import mp, mpf
+from mpmath import mpf
 
 from lagrange_bench.integrators import LagrangeTop
 from lagrange_bench.integrators.paper import eulerian
 from lagrange_bench.integrators.paper import generating_functions as gf
-from lagrange_bench.integrators.paper.phase_space import gradient, ladder, sqrt
-from tests.test_integrators.paper.tools import Point, largest
+from lagrange_bench.integrators.paper.phase_space import gradient, sqrt
+from tests.test_integrators.paper.tools import largest
 
 
 def arguments(p, side=gf):
@@ -73,30 +72,3 @@ def test_gaudin_gradient(fine):
     assert largest(1j * minus * D[:n] - old3) < mpf(10) ** -30
     assert largest(1j * plus * D[n:-1] - new3) < mpf(10) ** -30
     assert abs(D[-1] + mu) < mpf(10) ** -30
-
-
-def contraction(p, eps):
-    """Errors at ε of (5.2.9) against (5.2.11), of (5.2.11) against (5.2.7), of the momenta and of μ."""
-    args = lam, c1, c2, old, new, k = arguments(p)
-    y, _ = gf.states(p.top, *args)
-    _, Jm, Jp, *_ = ladder(y)
-    sites, *spins, near = gf.contraction_arguments(c1, c2, y[2] * y[2] + Jp * Jm, old, new, k, eps)
-    magnet = gf.gaudin_function(p.top.alpha, lam, sites, *spins, near)
-    contracted = gf.contracted(p.top.alpha, lam, *spins, near, eps)
-    constant = mp.pi * c2 / sqrt(c1)
-    last = contracted - gf.generating_function(p.top, *args)
-    old3, new3, mu = gf.gaudin_momenta(p.top.alpha, lam, sites, *spins, near)
-    J3, x3, _, x3_new = gf.momenta(p.top, *args)
-    momenta = np.array((sum(old3) - J3, eps * old3[1] - x3, sum(new3) - J3, eps * new3[1] - x3_new))
-    mu_error = abs(mu - gf.eigenvalue(p.top, *args))
-    return abs(magnet - contracted), min(abs(last - constant), abs(last + constant)), largest(momenta), mu_error
-
-
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_contraction_is_of_first_order(seed):
-    """(5.2.11)–(5.2.14): F, its derivatives and μ of the magnet become those of the top, F up to ±πℓ/r, as O(ε)."""
-    with mp.workdps(50):
-        errors = [contraction(Point(50, seed), mpf(10) ** -8 / n) for n in (1, 2)]
-    for first, second in zip(*errors, strict=True):
-        assert 0 < first < 1e-5
-        assert 1.99 < first / second < 2.01

@@ -1,16 +1,12 @@
-"""Section 5.6: the continuum limit; T(λ) and Θ(λ) of the exact step."""
+"""Section 5.6: the continuum limit."""
 
 import numpy as np
 import pytest
-from mpmath import mp, mpc
 
-from lagrange_bench.integrators import TOPS
 from lagrange_bench.integrators.paper import interpolating_flow as flow
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import two_point as tp
 from lagrange_bench.integrators.paper.phase_space import gradient, poisson_tensor, vector_field
-from lagrange_bench.integrators.torus import time_step as ts
-from tests import reference
 from tests.test_integrators.paper.tools import largest
 
 pytestmark = pytest.mark.interpreted
@@ -43,17 +39,3 @@ def test_continuum_limit(p):
     mu = gradient(lambda z: tp.point(top, z, lam, sheet)[1], y)
     p.same(-poisson_tensor(y) @ (1j * mu), rate, 10 * (1 + largest(rate)) ** 2)  # {iμ2, z}
     p.same(flow.limit_rate(top, y, 0, sheet), -sheet * vector_field(top, y) / lax.root(top, y, 0), 100)
-
-
-@pytest.mark.parametrize(("share", "name"), [*((0.45, name) for name in TOPS), (5e-7, "generic"), (0.15, "weightless")])
-def test_the_time_of_the_exact_step(name, share):
-    """T(λ(h)) = h and Θ = 0, below half a nutation, to 28 digits. Measured 5e-31."""
-    named = TOPS[name]
-    period = ts.torus(named.alpha, named.y0, 0.0)[1][0]
-    h = share * min(period, 10 * named.top.scales(named.state)[2])
-    lam, _, _ = ts.time_step(*ts.torus(named.alpha, named.y0, h), h)
-    with mp.workdps(31):
-        lam = mpc(reference.real(lam[0]), reference.real(lam[1]))
-        T, turn = flow.time_and_turn(named.top, named.y0, lam)
-        assert abs(T - h) <= 1e-28 * h
-        assert abs(turn) <= 1e-28 * (1 + abs(named.alpha) * h)
