@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.paper import interpolating_flow, lax
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cross, sqrt
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, sqrt
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 
@@ -34,8 +34,8 @@ def deformed(top: LagrangeTop, y: Any, h: Any) -> Numbers:
     """(K₋, X), shape (..., 6), of states (..., 6) of the symmetric form."""
     y = np.asarray(y)
     J, x = y[..., :3], y[..., 3:]
-    X = x * (1 + top.alpha * h * h * x[..., 2:] / 4) - cross(J, x) * (h / 2)
-    return np.concatenate((J - cross(E3, x) * (top.alpha * h / 2), X), axis=-1)
+    X = x * (1 + top.alpha * h * h * x[..., 2:] / 4) - np.cross(J, x) * (h / 2)
+    return np.concatenate((J - np.cross(E3, x) * (top.alpha * h / 2), X), axis=-1)
 
 
 def lax_matrix(top: LagrangeTop, y: Any, h: Any, u: Any) -> Numbers:

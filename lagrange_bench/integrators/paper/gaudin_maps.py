@@ -11,7 +11,7 @@ import numpy as np
 from lagrange_bench.integrators.paper.gaudin_curve import eigenvalue
 from lagrange_bench.integrators.paper.lax import adjugate, determinant, from_pauli, pauli
 from lagrange_bench.integrators.paper.one_point import dressing_matrix
-from lagrange_bench.integrators.paper.phase_space import Numbers, cross, dot, refuse
+from lagrange_bench.integrators.paper.phase_space import Numbers, dot, refuse
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
 
@@ -51,14 +51,14 @@ def two_point(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0, 
     else:
         v_bar = v.conjugate()
     up, down = magnet.vector(spins, lam), magnet.vector(spins, bar)
-    n = (up * v_bar + down * v) / 2 - cross(up, down) * 0.5j  # p×q = (i/2) ℓ(λ)×ℓ(λ̄)
+    n = (up * v_bar + down * v) / 2 - np.cross(up, down) * 0.5j  # p×q = (i/2) ℓ(λ)×ℓ(λ̄)
     square = dot(n, n)
     if square == 0:
         raise ValueError(f"lam = {lam}: ℓ(lam) = 0, there is no axis to turn about")
     w = n * (lam.imag / square**0.5)
     g = np.array([a - lam.real for a in magnet.sites])[:, None]
-    turned = cross(w, spins)
-    image = spins + 2 / (g * g + dot(w, w)) * (cross(w, turned) - g * turned)
+    turned = np.cross(w, spins)
+    image = spins + 2 / (g * g + dot(w, w)) * (np.cross(w, turned) - g * turned)
     return image if spins.dtype == object else image.real
 
 

@@ -32,7 +32,6 @@ from lagrange_bench.integrators.paper.phase_space import (
     Numbers,
     check_numbers,
     check_reals,
-    cross,
     dot,
     poisson_tensor,
 )
@@ -147,7 +146,7 @@ class GaudinMagnet:
 
     def rhs(self, spins: Any, c: Any) -> Numbers:
         """Equations of motion of Σ c_j H_j, f' = {f, Σ c_j H_j}: each spin turns about its gradient; (..., n, 3)."""
-        return cross(self.gradient(spins, c), np.asarray(spins))
+        return np.cross(self.gradient(spins, c), np.asarray(spins))
 
     def poisson(self, spins: Any) -> Numbers:
         """The Poisson tensor (3n, 3n) at spins (n, 3); (2.3)."""
@@ -187,7 +186,7 @@ def _dimension(rng: Random, printed: bool) -> float:
     """
     magnet = GaudinMagnet((-2.0 + rng.random(), rng.random(), 2.0 + rng.random()), alpha=0.5 + rng.random())
     spins = np.array([[rng.gauss(0, 1) for _ in range(3)] for _ in range(3)])
-    flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [cross(E3, spins).ravel()]
+    flows = [magnet.rhs(spins, c).ravel() for c in np.eye(3)] + [np.cross(E3, spins).ravel()]
     directions = [flow / np.linalg.norm(flow) for flow in flows]
     return float(np.linalg.svd(directions, compute_uv=False)[2 if printed else 3])
 

@@ -26,12 +26,6 @@ def components(y: Any) -> tuple[Any, ...]:
     return tuple(np.moveaxis(np.asarray(y), -1, 0))
 
 
-def cross(a: Any, b: Any) -> Numbers:
-    """a × b along the last axis."""
-    (a1, a2, a3), (b1, b2, b3) = map(components, np.broadcast_arrays(a, b))
-    return np.stack((a2 * b3 - a3 * b2, a3 * b1 - a1 * b3, a1 * b2 - a2 * b1), axis=-1)
-
-
 def dot(a: Any, b: Any) -> Numbers:
     """a·b along the last axis, nothing conjugated."""
     return np.sum(np.asarray(a) * b, axis=-1)
@@ -40,7 +34,7 @@ def dot(a: Any, b: Any) -> Numbers:
 def turn_rate(y: Any) -> Numbers:
     """(e3 × J, e3 × x) of states (..., 6): how they move as they turn about e3."""
     y = np.asarray(y)
-    return np.concatenate((cross(E3, y[..., :3]), cross(E3, y[..., 3:])), axis=-1)
+    return np.concatenate((np.cross(E3, y[..., :3]), np.cross(E3, y[..., 3:])), axis=-1)
 
 
 def ladder(y: Any) -> tuple[Any, ...]:
@@ -128,7 +122,7 @@ def vector_field(top: LagrangeTop, y: Any) -> Numbers:
     """J' = alpha e3 × x, x' = J × x of complex states, (1.1): the flow f' = {f, H}."""
     y = np.asarray(y)
     J, x = y[..., :3], y[..., 3:]
-    return np.concatenate((cross(E3, x) * top.alpha, cross(J, x)), axis=-1)
+    return np.concatenate((np.cross(E3, x) * top.alpha, np.cross(J, x)), axis=-1)
 
 
 def poisson_tensor(*blocks: Any) -> Numbers:

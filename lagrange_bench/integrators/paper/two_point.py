@@ -30,7 +30,7 @@ import numpy as np
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper.errata import Erratum, draw
 from lagrange_bench.integrators.paper.one_point import one_point
-from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, cross, ladder, lift, refuse
+from lagrange_bench.integrators.paper.phase_space import E3, Numbers, cartesian, components, ladder, lift, refuse
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
 
@@ -155,16 +155,16 @@ def axis(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any 
     a1, a2 = (y[..., 3:] + y[..., :3] * lam + E3 * (lam * lam * top.alpha) for lam in (lam1, lam2))
     below = m1 * m2 + np.sum(a1 * a2, axis=-1, keepdims=True)
     refuse(below, "λ: the denominator m1 m2 + a1·a2 of the two-point map vanishes at this state")
-    return (m2 * a1 + m1 * a2 - 1j * cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
+    return (m2 * a1 + m1 * a2 - 1j * np.cross(a1, a2)) * ((lam1 - lam2) / 2j) / below
 
 
 def pole_free(top: LagrangeTop, y: Any, lam1: Any, lam2: Any, sheet: int = 1, m: Any = None) -> Numbers:
     """The map by its vector w, complex, for any λ1 and λ2, also 0. Arguments as for `axis`."""
     J, x = np.asarray(y)[..., :3], np.asarray(y)[..., 3:]
     w = axis(top, y, lam1, lam2, sheet, m)
-    J_new = J + cross(E3, w) * (2 * top.alpha)
+    J_new = J + np.cross(E3, w) * (2 * top.alpha)
     mean = (lift(lam1, w.ravel()[0]) + lam2) / 2
-    x_new = x + (J_new - J) * mean + cross(J + J_new, w)
+    x_new = x + (J_new - J) * mean + np.cross(J + J_new, w)
     return np.concatenate((J_new, x_new), axis=-1)
 
 
