@@ -343,12 +343,8 @@ def test_generalized_alpha_as_published():
 
 
 @pytest.mark.interpreted
-def test_rho_damps():
+def test_a_step_that_is_not_solved_is_refused():
     y0 = SKEW.state(**WHOLE)
-    ends = [integrate(SKEW, y0, h=0.1, steps=200, method="generalized_alpha", rho=rho) for rho in (0.5, 1.0)]
-    assert ends[0].energy[-1] < ends[1].energy[-1]
-    usual = (integrate(SKEW, y0, h=0.1, steps=9, method="generalized_alpha", **rho) for rho in ({}, {"rho": 0.9}))
-    assert np.array_equal(*(run.y for run in usual))
     with np.errstate(all="ignore"), pytest.raises(StepError, match="not solved after 50 iterations"):
         integrate(SKEW, y0, h=50.0, steps=1, method="rattle")
 

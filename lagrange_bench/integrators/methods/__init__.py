@@ -22,7 +22,6 @@ BUILT_IN = {
     "verner9_projected": "runge_kutta:PROJECTED",
     "dop853": "dop853:METHOD",
     "rk45": "scipy_ivp:RK45",
-    "scipy_dop853": "scipy_ivp:DOP853",
     # splitting
     "strang": "splitting:STRANG",
     "blanes_moan4": "splitting:BLANES_MOAN4",
@@ -57,7 +56,6 @@ ARCHIVE = frozenset(
         "taylor_fixed",
         "rk45_fixed",
         "dop853_fixed",
-        "scipy_dop853",
         "force_gradient4",
         "gauss4",
         "gauss6",

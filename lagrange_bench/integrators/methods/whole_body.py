@@ -4,7 +4,7 @@
     simo_wong         a Cayley midpoint of Simo and Wong's kind: turns by the mean angular velocity; the torque of the mean
                       position keeps the energy
     lie_midpoint      turns by the mean angular velocity, by the exponential; the torque is that of the midpoint
-    generalized_alpha Newmark's formulas with weights α on the Lie group, numerical damping by `rho`
+    generalized_alpha Newmark's formulas with weights α on the Lie group, which damp numerically
 
 One step is R̃ = R F. With the quaternion f of F, the moments of inertia I, and the vector Θ of a rotation:
 
@@ -32,7 +32,6 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper, Kernel
@@ -41,7 +40,7 @@ from lagrange_bench.integrators.methods import lie_group
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 
-STEP, INERTIA, WEIGHT, UP, OPTIONS = 0, 1, 4, 7, 10  # places of the constants
+STEP, INERTIA, WEIGHT, UP = 0, 1, 4, 7  # places of the constants
 # Iterations: short steps take 3 to 6. In long steps, without the derivative of the torque, each halves the error.
 LIMIT = 50
 SMALL = 2.0**-40  # a correction that has stopped falling is round-off only if it is relatively smaller
@@ -219,7 +218,10 @@ def rate(v, s, c):
     return over(add(torque(s, c), 1.0, cross(scaled(I, v), v)), I)
 
 
-ALPHA_M, ALPHA_F, GAMMA, BETA = range(OPTIONS, OPTIONS + 4)
+RHO = 0.9  # the spectral radius at infinite frequency: 0 damps most, 1 does not damp
+ALPHA_M, ALPHA_F = (2.0 * RHO - 1.0) / (RHO + 1.0), RHO / (RHO + 1.0)
+GAMMA = 0.5 + ALPHA_F - ALPHA_M
+BETA = 0.25 * (GAMMA + 0.5) ** 2
 
 
 @jit
@@ -228,11 +230,10 @@ def newmark(b, a, c):
 
     (1 − α_m) ã = (1 − α_f) b + α_f v' − α_m a,    ṽ = v + h ((1 − γ) a + γ ã),    Θ = h v + h² ((1/2 − β) a + β ã)
     """
-    h, m, f = c[STEP], c[ALPHA_M], c[ALPHA_F]
-    v, old = a[4:7], a[10:]
-    new = times(1.0 / (1.0 - m), add(add(times(1.0 - f, b), f, a[7:10]), -m, old))
-    speed = add(add(v, (1.0 - c[GAMMA]) * h, old), c[GAMMA] * h, new)
-    turn = add(add(times(h, v), (0.5 - c[BETA]) * h * h, old), c[BETA] * h * h, new)
+    h, v, old = c[STEP], a[4:7], a[10:]
+    new = times(1.0 / (1.0 - ALPHA_M), add(add(times(1.0 - ALPHA_F, b), ALPHA_F, a[7:10]), -ALPHA_M, old))
+    speed = add(add(v, (1.0 - GAMMA) * h, old), GAMMA * h, new)
+    turn = add(add(times(h, v), (0.5 - BETA) * h * h, old), BETA * h * h, new)
     return new, speed, turn
 
 
@@ -241,7 +242,7 @@ def alpha_residual(b, a, c, counters):
     I = vector(c, INERTIA)
     _, v, turn = newmark(b, a, c)
     g = scaled(I, add(b, -1.0, rate(v, rotated(a[:4] + ZERO, turn, counters), c)))
-    k = c[GAMMA] * c[STEP] * (1.0 - c[ALPHA_F]) / (1.0 - c[ALPHA_M])
+    k = GAMMA * c[STEP] * (1.0 - ALPHA_F) / (1.0 - ALPHA_M)
     return g, rows(I, 1.0, times(k, v), times(k, scaled(I, v)))
 
 
@@ -265,51 +266,49 @@ def generalized_alpha(s, c, counters):
 free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
 
 
-def constants(body: RigidBody, h: float, *options: float) -> Array:
-    """The constants of the kernels."""
-    return np.array((h, *body.inertia, *body.weight, *body.up, *options), dtype=float)
+def method(
+    name: str, label: str, step: Callable[..., Any], claims: Claims, source: str, carries: bool = False
+) -> Method:
+    """The record of a step. carries : whether numbers go from step to step, so that a run depends on where it starts.
 
+    The names of the invariants are explained in `problem.rigid_body`.
+    """
 
-def prepare_alpha(body: RigidBody, y0: Array, h: float, *, rho: float = 0.9) -> FixedStepper:
-    """`rho`: the spectral radius at infinite frequency, from 0 (damps most) to 1 (does not damp)."""
-    rho = check_real(rho, "rho")
-    if not 0.0 <= rho <= 1.0:
-        raise ValueError(f"rho must be from 0 to 1; got {rho}")
-    m, f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
-    gamma = 0.5 + f - m
-    c = constants(body, h, m, f, gamma, 0.25 * (gamma + 0.5) ** 2)
-    stepper = FixedStepper("generalized_alpha", h, Kernel(generalized_alpha, failures=FAILURES, memory=7), c, size=7)
-    stepper.from_start = True  # accelerations are carried from step to step
-    return stepper
+    def prepare(body: RigidBody, y0: Array, h: float) -> FixedStepper:
+        c = np.array((h, *body.inertia, *body.weight, *body.up), dtype=float)
+        stepper = FixedStepper(name, h, Kernel(step, failures=FAILURES), c, size=7)
+        stepper.from_start = carries
+        return stepper
 
-
-def of_bodies(name: str, label: str, claims: Claims, source: str, prepare: Callable[..., FixedStepper]) -> Method:
-    """A record. The names of the invariants are explained in `problem.rigid_body`."""
     return Method(name, label, "whole-body", 2, source, prepare, claims, needs="body")
 
 
-def symmetric(
-    name: str, label: str, step: Callable[..., Any], source: str, conserves: set[str], poisson: bool = False
-) -> Method:
-    """The record of a symmetric method, whose step is solved to round-off."""
-
-    def prepare(body: RigidBody, y0: Array, h: float) -> FixedStepper:
-        return FixedStepper(name, h, Kernel(step, failures=FAILURES), constants(body, h), size=7)
-
-    return of_bodies(name, label, Claims(symmetric=True, poisson=poisson, conserves=conserves), source, prepare)
-
-
-ZANNA = "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87"
-SIMO = "after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen"
-RATTLE = symmetric("rattle", "RATTLE", rattle, ZANNA, {"J3", "C1", "C2"}, poisson=True)
-SIMO_WONG = symmetric("simo_wong", "Cayley midpoint", simo_wong, SIMO, {"H", "J3", "C1"})
-LIE_MIDPOINT = symmetric(
-    "lie_midpoint", "Lie midpoint", lie_midpoint, "as simo_wong, with the exponential", {"J3", "C1"}
+RATTLE = method(
+    "rattle",
+    "RATTLE",
+    rattle,
+    Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
+    "McLachlan and Zanna, Found. Comput. Math. 5 (2005) 87",
 )
-GENERALIZED_ALPHA = of_bodies(
+SIMO_WONG = method(
+    "simo_wong",
+    "Cayley midpoint",
+    simo_wong,
+    Claims(symmetric=True, conserves={"H", "J3", "C1"}),
+    "after Simo and Wong, Int. J. Numer. Methods Eng. 31 (1991) 19, not seen",
+)
+LIE_MIDPOINT = method(
+    "lie_midpoint",
+    "Lie midpoint",
+    lie_midpoint,
+    Claims(symmetric=True, conserves={"J3", "C1"}),
+    "as simo_wong, with the exponential",
+)
+GENERALIZED_ALPHA = method(
     "generalized_alpha",
     "Generalized-α",
+    generalized_alpha,
     Claims(conserves={"C1", "C2"}),
     "Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
-    prepare_alpha,
+    carries=True,
 )
