@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple
 from lagrange_bench.integrators.compiling.unroll import FUNCTIONS, unrolled
 
 PYTHON = {"add": "{} + {}", "sub": "{} - {}", "mul": "{} * {}", "div": "{} / {}", "neg": "-{}"}
@@ -211,9 +211,3 @@ def tuple_loader(count: int) -> Any:
         return load_tuple(c, first, count)
 
     return some
-
-
-@cache
-def tuple_storer(count: int) -> Any:
-    """(c, first, values) writes a tuple of `count` ≥ 1 doubles to where `tuple_loader` finds it."""
-    return store_tuple

@@ -72,7 +72,7 @@ def _store(numbers: Any, first: int, values: tuple[Any, ...]) -> None:
 
 @as_python(_store)
 def store_tuple(typingctx, numbers, first, values):
-    """numbers[first], numbers[first + 1], … = values, a tuple; `numbers` is as in `load_tuple`."""
+    """numbers[first], numbers[first + 1], … = values, a tuple of one number or more; `numbers` is as in `load_tuple`."""
     item = typingctx.resolve_function_type(operator.setitem, (numbers, types.intp, numbers.dtype), {})
 
     def generate(context, builder, signature, args):

@@ -13,8 +13,8 @@ from typing import Any
 
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.intrinsics import load_tuple
+from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.splitting import torques
@@ -165,7 +165,7 @@ def map_over(V: System) -> Any:
     t + (n + 1) dt, and so on.
     """
     kicked = kick_of(V, 0)
-    get, write = tuple_loader(6), tuple_storer(6)
+    get = tuple_loader(6)
 
     @jit
     def run(rows, numbers, parts, times, counters):
@@ -182,7 +182,7 @@ def map_over(V: System) -> Any:
                         counters[loops.FAILURE] = LOST
                 if parts[k, 1] != 0.0:
                     s = kicked(s, t, numbers, 2, (parts[k, 1],))
-            write(row, 0, s)
+            store_tuple(row, 0, s)
 
     return run
 

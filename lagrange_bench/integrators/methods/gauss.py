@@ -34,8 +34,8 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader, tuple_storer
-from lagrange_bench.integrators.compiling.intrinsics import stack
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import stack, store_tuple
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
@@ -142,7 +142,7 @@ def kernel(stages: int, system: System) -> Any:
     m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n  # `stack` wants constants
     START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
     rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
-    numbers, whole, keep, keep_matrix = (*map(tuple_loader, (system.parameters, n)), *map(tuple_storer, (n, n * n)))
+    numbers, whole = tuple_loader(system.parameters), tuple_loader(n)
 
     @jit(inline=True)
     def time(c, counters, ahead):
@@ -168,7 +168,7 @@ def kernel(stages: int, system: System) -> Any:
                     total += c[MU + S * j + i] * K[n * j + a]  # small terms first
                 Y[n * i + a] = total + s[a]
             t = time(c, counters, c[NODES + i])
-            keep(R, n * i, rates((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005 - compiled code does not unpack
+            store_tuple(R, n * i, rates((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005 - compiled code does not unpack
             for a in range(n):
                 R[n * i + a] = c[WEIGHTS + i] * R[n * i + a] - K[n * i + a]
                 size += abs(R[n * i + a]) * per_size[a]
@@ -180,7 +180,7 @@ def kernel(stages: int, system: System) -> Any:
         slopes = stack(SLOPES_SIZE)
         for i in range(S):
             t = time(c, counters, c[NODES + i])
-            keep_matrix(slopes, 0, jacobian((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005
+            store_tuple(slopes, 0, jacobian((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005
             for a in range(n):
                 row = m * (n * i + a)
                 for k in range(m):

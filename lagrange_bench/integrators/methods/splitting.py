@@ -37,7 +37,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, ConjugateStepper, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -151,12 +152,12 @@ def kernel(system: System, gradients: int) -> Any:
 @cache
 def map_over(step: Any) -> Any:
     """Apply one rotation and one kick to each row, in place."""
-    get, write = tuple_loader(6), tuple_storer(6)
+    get = tuple_loader(6)
 
     @jit
     def run(rows, flow, counters):
         for row in rows:
-            write(row, 0, step(get(row, 0), flow, counters))
+            store_tuple(row, 0, step(get(row, 0), flow, counters))
 
     return run
 

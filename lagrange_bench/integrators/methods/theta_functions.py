@@ -36,7 +36,8 @@ import numpy as np
 from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.double_double import add, dd, div, mul, neg, scale, sqrt, sub, two_prod
-from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.closed_body import BodyStepper, closed_form
@@ -65,7 +66,7 @@ FAILURES = {
 }
 WEIGHTLESS = 2.0**-100  # a smaller alpha, in units of the orbit, changes no double at any admissible time
 UPRIGHT = 1e-40  # least J+ or x+, in units of the orbit: the fourth powers of smaller ones underflow
-state_of, put_state = tuple_loader(6), tuple_storer(6)
+state_of = tuple_loader(6)
 
 
 @jit
@@ -203,7 +204,7 @@ def step(s, c, counters):
 def positions(instants, c):
     out = np.empty((len(instants), 6))
     for i in range(len(instants)):
-        put_state(out[i], 0, position(instants[i], 0.0, c))
+        store_tuple(out[i], 0, position(instants[i], 0.0, c))
     return out
 
 

@@ -33,7 +33,8 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import tuple_loader, tuple_storer
+from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods import lie_group
@@ -48,7 +49,7 @@ NOT_CONVERGED = lie_group.TURNED + 1
 UNSOLVED = f"the equations of the step are not solved after {LIMIT} iterations; take a smaller |h|"
 FAILURES = {**lie_group.FAILURES, NOT_CONVERGED: UNSOLVED}
 ZERO = (0.0, 0.0, 0.0)
-vector, keep, turn_from_right = tuple_loader(3), tuple_storer(6), lie_group.turn_body(True)
+vector, turn_from_right = tuple_loader(3), lie_group.turn_body(True)
 
 
 @jit
@@ -253,12 +254,12 @@ def generalized_alpha(s, c, counters):
     if counters[MEMORY] == 0.0:  # the first step: both accelerations are v' of the motion
         counters[MEMORY] = 1.0
         b = rate(v, s, c)
-        keep(counters, MEMORY + 1, b + b)
+        store_tuple(counters, MEMORY + 1, b + b)
     b, a = vector(counters, MEMORY + 1), vector(counters, MEMORY + 4)
     known = s[:4] + v + b + a
     b = damped(b, known, c, counters)
     a, v, turn = newmark(b, known, c)
-    keep(counters, MEMORY + 1, b + a)
+    store_tuple(counters, MEMORY + 1, b + a)
     q, L = rotated(s, turn, counters), scaled(I, v)
     return q[:4] + L
 
