@@ -17,6 +17,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, Case, RigidBody, judge
+from lagrange_bench.experiments.drawing import tables
 from lagrange_bench.experiments.engines import figures, programs
 from lagrange_bench.results.store import REFERENCE, Store
 
@@ -94,50 +95,25 @@ def defaults() -> list[str]:
         for case in ("slow", "bruels"):
             here = shown_rows[shown_rows.case == case]
             is_worse = here.position.iloc[1] > here.position.iloc[0]
-            texts = " → ".join(shown(error, ".2g", none="gave up") for error in here.position)
+            texts = " → ".join(shown(error) for error in here.position)
             cells.append(f"{texts} ({programs.ENGINES[engine].worse})" if is_worse else texts)
         lines.append([figures.title(engine, rows.version.iloc[0]), " → ".join(here.integrator), *cells])
     exact = errors[errors.integrator == "backlund"].set_index("case").position
-    lines.append(["this bench", "`backlund`, any step", *(shown(exact[case], ".2g") for case in ("slow", "bruels"))])
+    lines.append(["this bench", "`backlund`, any step", *(shown(exact[case]) for case in ("slow", "bruels"))])
     return table("program | default → as its documents advise | 10 rad/s (m) | 150 rad/s (m)", lines)
 
 
 def known() -> list[str]:
-    """Known engines with the steps of games, and the splitting of this bench beside them."""
-    lines = []
-    for _, row in figures.overview(stored()).iterrows():
-        errors = (metres(row[step]) for step in figures.OVERVIEW)
-        lines.append([row.engine, row.setting, *errors, shown(row.until, ".2g", " s"), row.limit])
-    ours = [metres(value(programs.OURS, "strang", h=h)) for h in figures.OVERVIEW.values()]
-    lines.append(["this bench", "`strang`, the splitting of Touma and Wisdom", *ours, "2 s", "the exact motion"])
-    errors = "error, 1/60 s | error, 1/1024 s | within 10 cm, 1/60 s"
-    return table(f"program | setting | {errors} | smaller steps lead to", lines)
+    """All engines, with the steps of games and of robots."""
+    heads = {"engine": "program", "until": "within 10 cm for, s", "limit": "smaller steps lead to"}
+    heads |= {name: f"error at {name}, m" for name in figures.OVERVIEW}
+    return tables.markdown(figures.overview(stored()).rename(columns=heads)).splitlines()
 
 
 def scripts() -> list[str]:
     """Two of the files that run engines, whole."""
     texts = [(programs.HERE / f"{name}_run.py").read_text(encoding="utf-8") for name in ("mujoco", "rapier")]
     return ["\n".join(["```py", text.rstrip(), "```", ""]) for text in texts]
-
-
-FAMILY = 0.05  # relative: integrators whose errors differ by less at all steps take the same step
-
-
-def same_step() -> tuple[list[str], pd.Series]:
-    """The engines whose default makes the errors of MuJoCo's, and these errors by step."""
-    rows = figures.runs(stored()[stored().status == "done"], sweep=False)
-    rows = rows[(rows.case == "slow") & (rows.engine != programs.OURS)].dropna(subset=["position"])
-    errors = rows.pivot_table("position", ["engine", "integrator"], "h", sort=False)
-    ratios = np.log(errors / errors.loc["MuJoCo", "Euler"])
-    near = (ratios.abs().max(axis=1) < FAMILY) & (ratios.notna().sum(axis=1) > 1)
-    return list(dict.fromkeys(errors.index[near].get_level_values("engine"))), errors.loc["MuJoCo", "Euler"]
-
-
-def value(engine: str, kind: str, case: str = "slow", h: float = 1 / 4096, column: str = "position") -> float:
-    """What is stored of a run; NaN if it gave up."""
-    rows = figures.runs(stored(), sweep=False)
-    (found,) = rows[(rows.engine == engine) & (rows.integrator == kind) & (rows.case == case) & (rows.h == h)][column]
-    return float(found)
 
 
 def story() -> list[str]:
@@ -155,29 +131,24 @@ def story() -> list[str]:
     far = games[games.until < programs.UNTIL].until
     twice = sorted(set(near) & set(games[games.until < programs.UNTIL].engine))  # engines with two defaults
     other_default = f", and {' and '.join(twice)} with another default," if twice else ""
-    names, errors = same_step()
     releases = {"3.6": "MuJoCo 3.6", "3.10": "MuJoCo 3.10", "3.17": "MuJoCo 3", "4.0": "MuJoCo"}
-    box = {text: value(name, "implicitfast", "box", 1 / 60, "rotation") for text, name in releases.items()}
-    joint = value("Bullet (ammo.js)", "default", h=1 / 1024)
+    box = (
+        rows[(rows.case == "box") & (rows.integrator == "implicitfast") & (rows.h == 1 / 60)]
+        .set_index("engine")
+        .rotation
+    )
     return [
         f"1. **Many engines leave out the gyroscopic torque ω × Iω by default**: {', '.join(lost)}. In them `racket` never "
         f"turns over, whatever the step. No option for it was found in {', '.join(without)}.",
         f"2. **With default settings and steps of 1/60 s** these stay within 10 cm for 2 s on `slow`: {', '.join(near)}. "
         f"The others{other_default} do so for {far.min():.2g} to {far.max():.2g} s.",
-        f"3. **One formula has many names**: {', '.join(names)} take the "
-        f"semi-implicit Euler step in reduced coordinates, and are all off by {errors[1 / 1024]:.2g} m with 1/1024 s. "
-        f"Bullet's point joint, a constraint, errs by {joint:.2g} m there.",
-        "4. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation "
-        f"of `box` is off by {', '.join(f'{error:.2g} rad in {name}' for name, error in box.items())}.",
+        "3. **A release can change the motion**: with MuJoCo's recommended integrator, implicitfast, and 1/60 s the rotation "
+        f"of `box` is off by {', '.join(f'{box[name]:.2g} rad in {text}' for text, name in releases.items())}.",
     ]
 
 
-def shown(number: float, form: str, unit: str = "", none: str = "–") -> str:
-    return none if pd.isna(number) else f"{number:{form}}{unit}"
-
-
-def metres(error: float, none: str = "–") -> str:
-    return shown(error, ".1e", " m", none)
+def shown(error: float) -> str:
+    return "gave up" if pd.isna(error) else f"{error:.2g}"
 
 
 TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "../README.md": [defaults]}
@@ -186,10 +157,10 @@ TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "
 def written() -> dict[Path, str]:
     """The pages with the tables of today."""
     pages = {}
-    for name, tables in TABLES.items():
+    for name, makers in TABLES.items():
         text, *blocks = (DOCS / name).read_text(encoding="utf-8").split(BEGIN)
-        for made, block in zip(tables, blocks, strict=True):
-            text = "\n".join((f"{text}{BEGIN}\n", *made(), f"\n{END}{block.split(END)[1]}"))
+        for make, block in zip(makers, blocks, strict=True):
+            text = "\n".join((f"{text}{BEGIN}\n", *make(), f"\n{END}{block.split(END)[1]}"))
         pages[DOCS / name] = text
     return pages
 

@@ -54,9 +54,9 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     """The text that `integrate` prints."""
     top, work, error = trajectory.top, data["work"], data["error"]
     settings = "".join(f", {key} = {value}" for key, value in data["options"].items())
-    grid, unit = "given times", "s" if "physical" in data else "(own unit)"
+    grid = "given times"
     if data["h"] is not None:
-        grid = f"h = {data['h']:g} {unit}, h_scaled = {data['h_scaled']:g}, {data['steps']} steps"
+        grid = f"h = {data['h']:g} (own unit), h_scaled = {data['h_scaled']:g}, {data['steps']} steps"
     upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [

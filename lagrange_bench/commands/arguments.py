@@ -3,14 +3,14 @@
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from lagrange_bench.integrators.problem import kinds
-from lagrange_bench.support.words import number, numbers, option, read, scheduler, suggestion
+from lagrange_bench.support.words import number, numbers, option, read, scheduler
 
 __all__ = ["number", "numbers", "option", "scheduler"]  # types of options, too
 
@@ -57,20 +57,6 @@ def pairs(text: str) -> dict[str, str]:
         if name in values:
             raise ValueError(f"{name} is given twice")
         values[name] = value
-    return values
-
-
-def number_pairs(text: str, known: Iterable[str]) -> dict[str, float]:
-    """name=number,…, of known names."""
-    values: dict[str, float] = {}
-    for name, value in pairs(text).items():
-        if name not in known:
-            hint = suggestion(name, known)
-            raise ValueError(f"unknown {name!r}{hint} Known: {', '.join(known)}")
-        try:
-            values[name] = number(value)
-        except ValueError as error:
-            raise ValueError(f"{name} {error}") from None
     return values
 
 

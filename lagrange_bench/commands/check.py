@@ -50,8 +50,6 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((verdict.word, verdict.claim, measured, verdict.bound, last))
         if verdict.word in ("fail", "not judged"):
             reasons.append(f"{verdict.word}: {verdict.claim}: {how}")
-    if ":" in options.method and method.name in METHODS.built_in:
-        reasons.append(f"the bench has a method named {method.name}: choose another name for an entry point")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     true = sum(verdict.passed is True for verdict in verdicts)
     module = sys.modules[METHODS.module(options.method)]

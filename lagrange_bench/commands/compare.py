@@ -6,7 +6,7 @@ changed, or missing from one of the two. For changed cells, say by how much each
 
 examples:
   lagrange-bench compare reference full
-  lagrange-bench compare before after --verbose
+  lagrange-bench compare before after --json
   lagrange-bench compare here there --rtol 1e-3 --atol 1e-12     from two kinds of machine
 
 exit codes: 0 the same · 1 not the same · 2 no such results
@@ -22,7 +22,7 @@ from lagrange_bench.commands.arguments import add_module, results_folder, tolera
 from lagrange_bench.experiments.catalogue import with_units
 from lagrange_bench.support.output import Answer, table
 
-MOST = 10  # so many cells of each kind are listed
+MOST = 10  # so many changed cells are listed
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -31,7 +31,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     text = "relative difference that is allowed, even where --atol does not allow it (default: 0)"
     command.add_argument("--rtol", type=tolerance, metavar="R", default=0.0, help=text)
     command.add_argument("--atol", type=tolerance, metavar="A", default=0.0, help="the same, absolute (default: 0)")
-    command.add_argument("--verbose", action="store_true", help="list every cell that is missing")
     add_module(command)
 
 
@@ -46,9 +45,8 @@ def run(options: argparse.Namespace) -> Answer:
     lines = table(rows)
     for name, c in result.experiments.items():
         for which, cells in c.missing.items():
-            if cells and not options.verbose:
-                lines.append(f"missing in {which}: {len(cells)} of {name}{_parts(cells)}; --verbose lists them")
-            lines += listed(name, f"missing in {which}", cells, None) if options.verbose else []
+            if cells:
+                lines.append(f"missing in {which}: {len(cells)} of {name}{_parts(cells)}; --json lists them")
         lines += changed_columns(name, c.changed)
     lines += [*result.notes, "the same" if result.same else "not the same"]
     return Answer("\n".join(lines), {"same": result.same, **vars(result)}, 0 if result.same else 1)
@@ -57,12 +55,6 @@ def run(options: argparse.Namespace) -> Answer:
 def _parts(cells: Sequence[dict[str, Any]]) -> str:
     parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
     return f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
-
-
-def listed(experiment: str, what: str, cells: Sequence[dict[str, Any]], most: int | None = MOST) -> list[str]:
-    shown = (json.dumps(with_units(experiment, cell), ensure_ascii=False) for cell in cells[:most])
-    lines = [f"{what}: {experiment} {cell}" for cell in shown]
-    return lines + ([f"… and {len(cells) - len(lines)} more {what} in {experiment}"] if len(cells) > len(lines) else [])
 
 
 def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[str]:
@@ -76,7 +68,10 @@ def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[
         sizes = (f"{max(difference.absolute for difference in changes):.1e}", f"{worst.relative:.1e}")
         counts = (str(len(changes)), str(sum(difference.rows for difference in changes)))
         rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
-    cells = listed(experiment, "changed", [each["cell"] for each in changed])
+    shown = [json.dumps(with_units(experiment, each["cell"]), ensure_ascii=False) for each in changed[:MOST]]
+    cells = [f"changed: {experiment} {cell}" for cell in shown]
+    if len(changed) > MOST:
+        cells.append(f"… and {len(changed) - MOST} more")
     return ["", f"changed in {experiment}:", *table(rows), *cells]
 
 

@@ -6,7 +6,7 @@ much it fails: 0, but for rounding, if it is right.
 
 examples:
   lagrange-bench errata
-  lagrange-bench errata --points 100 --seed 7
+  lagrange-bench errata --points 100
   lagrange-bench errata --json | jq -r '.[] | select(.section == "5.5") | .corrected_text'
 
 alpha, J1 … x3, λ, μ, x, X are as in the paper; J̃ is the image of J, ℓ = x·J, C1 = |x|². The corrected formulas are the modules
@@ -15,14 +15,14 @@ of lagrange_bench.integrators.paper.
 
 import argparse
 
-from lagrange_bench.commands.arguments import positive, whole
+from lagrange_bench.commands.arguments import positive
 from lagrange_bench.support.output import Answer, table
 
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.experiments.measuring import errata as paper
 
-    errata = paper.measure(options.points, options.seed)
+    errata = paper.measure(options.points)
     rows = [("section", "equation", "wrong", "residual", "", "statement")]
     for e in errata:
         wrong = "sentence" if e.prose else "formula"
@@ -35,4 +35,3 @@ def run(options: argparse.Namespace) -> Answer:
 
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--points", type=positive, default=8, metavar="N", help="random points for each (default: 8)")
-    command.add_argument("--seed", type=whole, default=0, metavar="N", help="of the points (default: 0)")

@@ -11,7 +11,6 @@ examples:
   lagrange-bench integrate --top figure1 --method rk45 --option rtol=1e-6 --h 0.05 --steps 400 --draw axis.svg
   lagrange-bench integrate --top generic --potential tide --parameters 0.01,1,0,0 --method strang --h 0.1 --steps 100
   lagrange-bench integrate --problem mine:PROBLEM --state 0.3,-0.4,1.2 --method rk4 --h 0.1 --steps 1000
-  lagrange-bench integrate --physical mass=0.5,distance=0.04,A=1.2e-3,C=4e-4,theta=0.5,dpsi=200 --h 1e-3 --steps 2000
 
 reading what --output wrote, without losing a bit:
   pandas.read_csv("run.csv", comment="#")     # before pandas 3.1 also float_precision="round_trip"
@@ -20,7 +19,6 @@ reading what --output wrote, without losing a bit:
 """
 
 import argparse
-import math
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
@@ -28,12 +26,9 @@ from typing import Any
 from lagrange_bench.commands import arguments
 from lagrange_bench.support.output import PICTURES, TABLES, Answer, check_target, plain
 
-REQUIRED = ("mass", "distance", "A", "C", "theta", "dpsi")  # of --physical
-OPTIONAL = {"gravity": 9.81, "phi": 0.0, "psi": 0.0, "dtheta": 0.0, "dphi": 0.0}
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    text = "the top, at t = 0 (one of --top, --state, --physical, or --problem with --state)"
+    text = "the top, at t = 0 (one of --top, --state, or --problem with --state)"
     start = command.add_argument_group(text)
     one = start.add_mutually_exclusive_group()
     text = "a named top (see lagrange-bench tops), or package.module:TOP (default: generic)"
@@ -42,11 +37,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     one.add_argument("--state", type=arguments.numbers, metavar="J1,J2,J3,x1,x2,x3", help=text)
     text = "weight parameter of --state, in units of J²/x (default: 1)"
     start.add_argument("--alpha", type=arguments.number, metavar="A", help=text)
-    text = "a real top in SI units and rad: mass (kg), distance of its centre of mass from the tip (m), gravity (m/s², "
-    text += "default 9.81), moments of inertia about the tip, A across and C along the axis (kg m²), Euler angles "
-    text += "theta (from the upward vertical), phi, psi and their rates dtheta, dphi, dpsi (rad/s); phi, psi, dtheta "
-    text += "and dphi are 0 by default. Time is then in s, J in 1/s, |x| = 1"
-    one.add_argument("--physical", type=physical, metavar="mass=…,A=…,…", help=text)
     text = "a problem of your own; --state has its numbers"
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
     arguments.add_potential(start)
@@ -88,16 +78,9 @@ def times(text: str) -> list[float]:
     return [first + (last - first) * (k / (n - 1)) for k in range(n - 1)] + [last]
 
 
-def physical(text: str) -> dict[str, float]:
-    """name=number,…: the arguments of a real top, and the defaults of the others."""
-    values = arguments.number_pairs(text, (*REQUIRED, *OPTIONAL))
-    if missing := [name for name in REQUIRED if name not in values]:
-        raise ValueError(f"lacks {', '.join(missing)}")
-    return OPTIONAL | values
-
-
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.ask import summary
+    from lagrange_bench.integrators import integrate
     from lagrange_bench.integrators.api import default_method, own_step
     from lagrange_bench.integrators.registry import METHODS, find_method, without_archive
 
@@ -105,8 +88,7 @@ def run(options: argparse.Namespace) -> Answer:
     if options.times is None:
         options.h, options.h_scaled = own_step(options.h, options.h_scaled, top, y0), None
     grid, settings = _grid(options), dict(options.option)
-    word = options.method or default_method(top)
-    method = find_method(word)
+    method = find_method(options.method or default_method(top))
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
     if reason := method.takes(top):
@@ -122,7 +104,7 @@ def run(options: argparse.Namespace) -> Answer:
         raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
 
     begin = perf_counter()
-    trajectory = _follow(word, method, top, y0, {**grid, **settings})
+    trajectory = integrate(top, y0, method=method, **grid, **settings)
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {
@@ -139,8 +121,6 @@ def run(options: argparse.Namespace) -> Answer:
         "every": grid["every"],
         "work": vars(trajectory.work),
     }
-    if options.physical is not None:
-        facts["physical"] = options.physical
     lam = method.family == "backlund" and settings.get("lam") is not None
     if lam:
         method = replace(method, label="Bäcklund, given λ")
@@ -156,30 +136,13 @@ def run(options: argparse.Namespace) -> Answer:
     return Answer(summary.describe(trajectory, y0, data, method.label), data, remarks=done)
 
 
-def _follow(word: str, method: Any, top: Any, y0: Any, settings: dict[str, Any]) -> Any:
-    """The trajectory. If a method of the user's own raises something, it becomes a StepError with the line of its file."""
-    from lagrange_bench import integrators
-    from lagrange_bench.integrators.registry import BUILT_IN
-
-    try:
-        return integrators.integrate(top, y0, method=method, **settings)
-    except (ValueError, OSError, MemoryError, integrators.StepError):
-        raise
-    except (Exception, SystemExit) as error:  # a plug-in may raise anything
-        if word in BUILT_IN:
-            raise
-        from lagrange_bench.experiments.measuring import first_step
-
-        raise integrators.StepError(method.name, first_step.describe(error, method, word)) from error
-
-
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     from lagrange_bench.integrators import LagrangeTop
     from lagrange_bench.integrators.checks import check_state
     from lagrange_bench.integrators.registry import NAMED_TOPS, find
 
     if options.problem is not None:
-        for word in ("top", "physical", "alpha", "potential", "parameters"):
+        for word in ("top", "alpha", "potential", "parameters"):
             if getattr(options, word) is not None:
                 raise ValueError(f"give either --problem or --{word}")
         return options.problem, *arguments.own_problem(options.problem, options.state)
@@ -189,35 +152,10 @@ def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
     if options.state is not None:
         top = LagrangeTop(1.0 if options.alpha is None else options.alpha)
         state = check_state(options.state, "--state")
-    elif options.physical is not None:
-        top, state = _of_body(options.physical)
     else:
         named = find(options.top or "generic", NAMED_TOPS)
         name, top, state = named.name, named.top, named.state
     return name, arguments.in_potential(top, options), state
-
-
-def _of_body(given: dict[str, float]) -> tuple[Any, Any]:
-    """The Lagrange top of a body with the moments A and C about its tip, and its state from Euler angles and rates."""
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
-    from lagrange_bench.integrators import RigidBody
-
-    phi, theta, psi = (given[name] for name in ("phi", "theta", "psi"))
-    if abs(theta) > 2 * math.pi:
-        raise ValueError(f"--physical: theta = {theta:g} is in rad, not in degrees, and at most 2π")
-    lever = given["mass"] * given["distance"] ** 2
-    if given["A"] < lever:
-        raise ValueError(f"--physical: A = {given['A']:g}, about the tip, is less than mass·distance² = {lever:g}")
-    across = given["A"] - lever
-    com, gravity = (0.0, 0.0, given["distance"]), (0.0, 0.0, -given["gravity"])
-    body = RigidBody(given["mass"], com, (across, across, given["C"]), gravity)
-    rotation = Rotation.from_euler("ZYZ", (phi, theta, psi))
-    # ω = θ' node + φ' e3 + ψ' axis
-    node, axis = np.array((-math.sin(phi), math.cos(phi), 0.0)), rotation.apply((0.0, 0.0, 1.0))
-    omega = given["dtheta"] * node + given["dphi"] * np.array((0.0, 0.0, 1.0)) + given["dpsi"] * axis
-    return body.top, body.reduced(body.state(rotation=rotation, omega_world=omega))
 
 
 def _grid(options: argparse.Namespace) -> dict[str, Any]:

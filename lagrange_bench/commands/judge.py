@@ -53,9 +53,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.commands.arguments import location, number, number_pairs, pairs, seconds
+from lagrange_bench.commands.arguments import location, number, pairs, seconds
 from lagrange_bench.support import announce
 from lagrange_bench.support.output import PICTURES, Answer, check_target, table
+from lagrange_bench.support.words import suggestion
 
 HIDDEN = 100  # an error of so many times the floor of its digits is not hidden by them
 
@@ -143,7 +144,10 @@ def _steps(text: str) -> list[float]:
 def _bounds(text: str) -> dict[str, float]:
     from lagrange_bench.judging.frames import UNITS
 
-    return number_pairs(text, UNITS)
+    words = pairs(text)
+    if unknown := [name for name in words if name not in UNITS]:
+        raise ValueError(f"unknown {unknown[0]!r}{suggestion(unknown[0], UNITS)} Known: {', '.join(UNITS)}")
+    return {name: number(word) for name, word in words.items()}
 
 
 def _violated(judged: Any, bounds: dict[str, float], until: float) -> list[str]:

@@ -1,8 +1,8 @@
 """The integrators and what they claim.
 
 List the integrators, here called methods, and their claims: order, whether a step is symmetric and a Poisson map, and which
-invariants are conserved up to round-off. H is the energy, J3 the vertical angular momentum, C1 = |x|², C2 = x·J. With --top or
---potential, say which methods take this top, and why the others do not.
+invariants are conserved up to round-off. H is the energy, J3 the vertical angular momentum, C1 = |x|², C2 = x·J. With --top,
+say which methods take this top, and why the others do not.
 
 examples:
   lagrange-bench methods
@@ -19,7 +19,6 @@ import argparse
 from collections.abc import Iterable
 from typing import Any
 
-from lagrange_bench.commands.arguments import add_potential, in_potential
 from lagrange_bench.support.output import Answer, table
 
 
@@ -28,7 +27,7 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.interface import needed
     from lagrange_bench.integrators.registry import ARCHIVE, NAMED_TOPS, find
 
-    problem = in_potential(find(options.top or "generic", NAMED_TOPS).top, options)
+    problem = find(options.top or "generic", NAMED_TOPS).top
     data: list[dict[str, Any]] = []
     for name, method, error in METHODS.each():
         if error:
@@ -41,13 +40,13 @@ def run(options: argparse.Namespace) -> Answer:
         conserves = method.claims.conserves if refuses else problem.conserved_by(method)
         names = [invariant for invariant in INVARIANTS if invariant in conserves]
         more = {"conserves": names, "available": available(method), "options": list(method.options)}
-        if options.top or options.potential:
+        if options.top:
             more["refuses"] = refuses
         elif refuses:
             more["takes"] = needed(method.needs)
         data.append({"name": name, **claims, **more, "archived": name in ARCHIVE})
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
-    every = options.archive or options.top or options.potential
+    every = options.archive or options.top
     shown = [claims for claims in data if every or not claims.get("archived")]
     taken = [claims for claims in shown if not claims.get("refuses")]
     lines = [*table([header, *map(_method_row, taken)]), *_method_notes(shown)]
@@ -95,7 +94,6 @@ def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
 def add_options(command: argparse.ArgumentParser) -> None:
     text = "only methods that take this top: a name, see lagrange-bench tops, or package.module:TOP"
     command.add_argument("--top", metavar="NAME", help=text)
-    add_potential(command)
     text = "also the methods of the archive, which quick runs and figures of many methods leave out"
     command.add_argument("--archive", action="store_true", help=text)
     command.add_argument("--verbose", action="store_true", help="also print each method's source, options and family")

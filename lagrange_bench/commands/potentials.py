@@ -8,7 +8,7 @@ The top moves by J' = ∇U × x, x' = J × x with U = alpha x3 + V(x). V has the
 examples:
   lagrange-bench potentials
   lagrange-bench integrate --state 0,1,2,0.6,0,0.8 --potential tide --parameters 1e-3,1,0,0 --method rk4 --h 0.01 --steps 100
-  lagrange-bench methods --potential charge --parameters 0.1,0,0,2      which methods take it
+  lagrange-bench potentials --json
 
 For a potential of your own, write POTENTIAL = Potential("name", value) in a file my_field.py and give
 --potential my_field:POTENTIAL. `value` is a function of (x1, x2, x3, p) made of + - * /, whole and half powers, and sqrt, sin,

@@ -57,8 +57,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-timings", action="store_true", help="leave out the timing cells")
     text = "also compute the stored cells that were computed with other or unknown source code"
     command.add_argument("--again", action="store_true", help=text)
-    text = "also draw the figures and tables of these experiments, in the folder page of the results"
-    command.add_argument("--draw", action="store_true", help=text)
 
 
 def run(options: argparse.Namespace) -> Answer:
@@ -89,7 +87,7 @@ def run(options: argparse.Namespace) -> Answer:
         choice=choice,
         cells={file.experiment: file.cells} if file else None,
     )
-    drawn = [path for name in (names if options.draw or file else ()) for path in _draw(name, results, choice)]
+    drawn = _draw(file.experiment, results, choice) if file else []
     lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
     command, place = shlex.join(["lagrange-bench", *options.words]), shlex.quote(name_of(results) or str(results))
     if summary.exit_code:

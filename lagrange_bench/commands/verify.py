@@ -28,10 +28,8 @@ from lagrange_bench.support.output import Answer, table
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    where = command.add_mutually_exclusive_group()
     text = "results: reference, quick, full, or a folder (default: reference, the published ones)"
-    where.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
-    where.add_argument("--results", type=results_folder, metavar="DIR", help="the same; other commands have it, too")
+    command.add_argument("folder", nargs="?", type=results_folder, metavar="DIR", help=text)
     command.add_argument("--times", action="store_true", help="measure ratios of times instead, here and now")
     text = "how many cells (default: 60, which take a minute or a little more on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
@@ -40,7 +38,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--old", action="store_true", help=text)
     text = "leave out cells that took longer when they were stored (default: 3)"
     command.add_argument("--longest", type=seconds, metavar="SECONDS", default=3.0, help=text)
-    command.add_argument("--jobs", type=positive, metavar="N", help="worker processes (default: one per usable core)")
     add_module(command)
 
 
@@ -48,11 +45,10 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import sources
     from lagrange_bench.runner import verify
 
-    folder = options.folder or options.results
     if options.times:
-        return _times(folder)
-    asked = options.sample, options.seed, options.longest, options.jobs, not options.quiet, options.old
-    result = verify.verify(folder, *asked)
+        return _times(options.folder)
+    asked = options.sample, options.seed, options.longest, not options.quiet, options.old
+    result = verify.verify(options.folder, *asked)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])

@@ -2,21 +2,16 @@
 
 import pandas as pd
 
-from lagrange_bench.experiments.engines.figures import OVERVIEW, overview
-from lagrange_bench.experiments.engines.programs import BEST, DEFAULT, OURS, UNTIL, WORDS
+from lagrange_bench.experiments.engines.figures import overview
+from lagrange_bench.experiments.engines.programs import BEST, DEFAULT, OURS, WORDS
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.integrators.interface import INVARIANTS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import ARCHIVE, METHODS, POTENTIALS, POTENTIALS_BUILT_IN
 
-IN_SHORT = (
-    "MuJoCo",
-    "PhysX",
-    "Jolt",
-    "Rapier",
-    "Simbody",
-)  # engines that most visitors know, one of each kind of result
+# engines that most visitors know, one of each kind of result
+IN_SHORT = ("MuJoCo", "PhysX", "Jolt", "Rapier", "Simbody")
 DRAWN = {  # of `lagrange_bench.experiments.measuring.states`, by the first word of their names
     RANDOM: "generic: α from 0.3 to 2, each J from −2 to 2, |x| from 0.5 to 2, drawn at random",
     CLOSE: "on the separatrix but for 10⁻⁸ to 10⁻¹ of J, drawn at random",
@@ -65,34 +60,14 @@ def built_in_potentials() -> pd.DataFrame:
 
 
 def programs(rows: pd.DataFrame) -> pd.DataFrame:
-    """How far engines are off on a slow top, as `overview` has it; empty where no engine was run.
+    """The errors of a few engines with steps of 1/60 s: a line for each, by default and as its documents advise.
 
-    Columns without a number are left out.
+    Empty where no engine was run.
     """
     if rows.empty or rows.engine.eq(OURS).all():
         return pd.DataFrame()
-    table = overview(rows)
-    ours = rows[(rows.method == "backlund") & (rows.case == "slow") & (rows.status == "done")]
-    if len(ours):
-        errors = dict.fromkeys(OVERVIEW, ours.position.max())
-        line = {"engine": "this bench", "setting": "backlund, any step", **errors, "until": UNTIL}
-        line["limit"] = "the exact motion"
-        table = pd.concat([table, pd.DataFrame([line])], ignore_index=True)
-    measured = table[list(OVERVIEW)].iloc[: -1 if len(ours) else None].notna().any()
-    table["limit"] = table.limit.str.removeprefix("the ")
-    table = table.drop(columns=measured.index[~measured]).dropna(axis="columns", how="all")
-    heads = {"engine": "program", "until": "within 10 cm for, s", "limit": "smaller steps lead to"}
-    heads |= {name: f"error at {name}, m" for name in OVERVIEW}
-    return table.rename(columns=heads)
-
-
-def programs_in_short(rows: pd.DataFrame) -> pd.DataFrame:
-    """The errors of a few engines with steps of 1/60 s: a line for each, by default and as its documents advise."""
-    if rows.empty:
-        return pd.DataFrame()
     lines = overview(rows, IN_SHORT)
-    lines = lines.assign(
-        setting=lines.setting.str.startswith(WORDS[BEST]).map({True: WORDS[BEST], False: WORDS[DEFAULT]})
-    )
+    is_best = lines.setting.str.startswith(WORDS[BEST])
+    lines = lines.assign(setting=is_best.map({True: WORDS[BEST], False: WORDS[DEFAULT]}))
     table = lines.pivot_table("1/60 s", "engine", "setting", sort=False).reindex(columns=[WORDS[DEFAULT], WORDS[BEST]])
     return table.rename_axis("program, steps of 1/60 s").reset_index()

@@ -61,7 +61,6 @@ class Report:
     errata: pd.DataFrame = field(default_factory=pd.DataFrame)  # of the paper
     answers: pd.DataFrame = field(default_factory=pd.DataFrame)  # which method to take, see `chooser`
     engines: pd.DataFrame = field(default_factory=pd.DataFrame)  # of physics, and multibody programs
-    engines_in_short: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 # ---------------------------------------------------------------- what others call
@@ -118,8 +117,6 @@ def _judge(report: Report, rows: dict[str, pd.DataFrame], source: Origin) -> Non
         _make(report, "errata", _errata)
     _make(report, "answers", lambda: chooser.answers(rows))
     _make(report, "engines", lambda: lists.programs(rows.get("engines", pd.DataFrame())))
-    if len(report.engines):
-        _make(report, "engines_in_short", lambda: lists.programs_in_short(rows["engines"]))
 
 
 def _bounds_dates(claim: claims.Claim, start: str | None) -> str:

@@ -43,11 +43,6 @@ class CellSources(NamedTuple):
         return self.all is not None and self.all.edited
 
 
-def of_bench() -> str:
-    """The digest of what computes all cells, as this process read it."""
-    return IMPORTED_SOURCES.code(*COMPUTING).digest
-
-
 def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTED_SOURCES) -> CellSources:
     """The source code that computes a cell.
 

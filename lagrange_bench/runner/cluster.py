@@ -4,21 +4,22 @@ A Dask worker has a `workers.Worker`, as `workers.Local` has here, so a cell tha
 another worker if one is lost. Only the process that asks for the cells writes the store.
 """
 
-import importlib.util
 import logging
 import multiprocessing
-import sys
 import threading
 from concurrent.futures import CancelledError, Future
+from contextlib import ExitStack
 from functools import cache
 from typing import Any, Self
 
 from lagrange_bench.results import provenance, sources
-from lagrange_bench.runner.workers import DIED, Outcome, Task, Worker, failure
+from lagrange_bench.runner.workers import Outcome, Task, Worker
 from lagrange_bench.support import interrupts
 from lagrange_bench.support.words import scheduler
 
 CONNECT = 30.0  # s to wait for the scheduler
+# no cell waits behind another, and nothing is printed
+LOCAL = {"threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
 
 
 class ClusterError(RuntimeError):
@@ -32,48 +33,32 @@ class Cluster:
 
     def __init__(self, address: str, limit: float):
         self._address, self._limit = scheduler(address), limit
-        self._started: list[Any] = []
+        self._started = ExitStack()
 
     def __enter__(self) -> Self:
         try:
             import dask
             import distributed
         except ImportError as error:
-            reason = f"dask.distributed cannot be imported here ({error})"
-            raise ValueError(f"--scheduler: {reason}; in the clone: pip install '.[cluster]'") from error
+            raise ValueError(f"--scheduler: {error}; in the clone: pip install '.[cluster]'") from error
+        address: Any = self._address
         try:
-            with interrupts.interrupt_held_back():  # processes started in here never see Ctrl-C
-                address: Any = self._address
+            with interrupts.interrupt_held_back(), dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
                 if address.startswith("local:"):
                     count = int(address.removeprefix("local:"))
-                    quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
-                    # so no cell waits behind another
-                    with dask.config.set({"distributed.scheduler.worker-saturation": 1.0}):
-                        address = distributed.LocalCluster(n_workers=count, threads_per_worker=1, **quiet)
-                        self._started.append(address)
-                self._client = distributed.Client(address, timeout=CONNECT)
-                self._started.append(self._client)
-            found = self._client.run(versions)
-            for theirs in found.values():
-                _compare(theirs)
+                    address = self._started.enter_context(distributed.LocalCluster(n_workers=count, **LOCAL))
+                self._client = self._started.enter_context(distributed.Client(address, timeout=CONNECT))
         except BaseException as error:
             self.__exit__()
             if isinstance(error, OSError):
                 start = "`dask scheduler` and `dask worker ADDRESS` start them; local:N needs neither"
-                reason = f"no Dask scheduler answers at {self._address} ({error or 'no connection'})"
-                raise ClusterError(f"{reason}; {start}") from error
-            if isinstance(error, ImportError):
-                advice = "install the same lagrange-bench where the workers run"
-                raise ClusterError(f"a Dask worker cannot import a module: {error}; {advice}") from error
+                raise ClusterError(f"no Dask scheduler answers at {self._address} ({error}); {start}") from error
             raise
-        if not found:
-            print(f"waiting: no Dask worker is connected to {self._address}", file=sys.stderr, flush=True)
         return self
 
     def __exit__(self, *_: object) -> None:
         with interrupts.interrupt_held_back():
-            for started in reversed(self._started):
-                started.close()
+            self._started.close()
 
     def submit(self, task: Task) -> Future[Outcome]:
         answer: Future[Outcome] = Future()
@@ -88,51 +73,30 @@ class Cluster:
         return answer
 
     def _outcome(self, future: Any, task: Task) -> Outcome:
-        from distributed.scheduler import KilledWorker
-
+        """What a worker found. ClusterError if it has other source files than this machine, or other versions of packages."""
         try:
-            theirs, outcome = future.result()
-        except KilledWorker as error:
-            lost = f"{error.allowed_failures + 1} Dask workers died one after another while they had this cell"
-            return failure(DIED, lost, "", 0.0)
+            outcome: Outcome = future.result()
         except (CancelledError, OSError) as error:  # OSError: in the middle of an answer
             gone = f"the scheduler at {self._address} went away"
             raise ClusterError(f"{gone}; what was finished is stored: run the same command again") from error
         except Exception as error:  # something is wrong with the workers: cells do not raise
             raise ClusterError(f"the Dask workers cannot compute cells: {type(error).__name__}: {error}") from error
-        _compare(theirs)
+        theirs, here = outcome["provenance"], provenance.provenance()
+        for package in provenance.DECISIVE:
+            if theirs[package] != here[package]:
+                other = f"{package} is {theirs[package]}, here {here[package]}"
+                raise ClusterError(f"{other}: install the same version where the Dask workers run, and restart them")
         digests = sources.of_cell(task.experiment, task.cell).digests
-        if outcome["status"] == "done" and any(outcome[name] != digest for name, digest in digests.items()):
-            reason = f"the Dask workers have other files of {task.experiment} or its method"
-            raise ClusterError(f"{reason}: copy yours there")
-        return outcome  # type: ignore[no-any-return]
+        if any(outcome.get(name, digest) != digest for name, digest in digests.items()):
+            reason = f"the Dask workers have other files of lagrange-bench, of {task.experiment} or its method"
+            raise ClusterError(f"{reason}: copy yours there, and restart them")
+        return outcome
 
 
-def _compare(theirs: dict[str, Any]) -> None:
-    """ClusterError if a worker has other source files of the bench, or other versions of packages."""
-    here = versions()
-    if different := [name for name in here if theirs[name] != here[name]]:
-        listed = ", ".join(f"{name} is {theirs[name]}, here {here[name]}" for name in different)
-        advice = "install the same versions there and restart the workers"
-        raise ClusterError(f"the Dask workers do not run what this machine does: {listed}; {advice}")
-
-
-def compute(task: Task, limit: float) -> tuple[dict[str, Any], Outcome]:
-    """Compute a cell on a Dask worker, and return its versions and the outcome.
-
-    A worker may join late and may miss the experiment. That must stop the run, and not make the cell a failed one.
-    """
-    if "." in task.experiment and importlib.util.find_spec(task.experiment) is None:
-        raise ModuleNotFoundError(f"no module {task.experiment}")
+def compute(task: Task, limit: float) -> Outcome:
+    """Compute a cell on a Dask worker."""
     outcome = _worker(threading.get_ident()).compute(task, limit)
-    return versions(), {**outcome, "provenance": provenance.provenance()}
-
-
-@cache
-def versions() -> dict[str, Any]:
-    """What decides about rows: the source files that compute, and the versions of packages."""
-    packages = {package: provenance.version(package) for package in provenance.DECISIVE}
-    return {**packages, "the code of lagrange-bench": sources.of_bench()}
+    return {**outcome, "provenance": provenance.provenance()}
 
 
 @cache

@@ -39,17 +39,14 @@ class Verification:
     notes: list[str] = field(default_factory=list)
 
 
-def verify(
-    folder: Path | None, sample: int, seed: int, longest: float, jobs: int | None, show: bool, old: bool
-) -> Verification:
+def verify(folder: Path | None, sample: int, seed: int, longest: float, show: bool, old: bool) -> Verification:
     """Compute a sample of stored cells again and compare their rows.
 
     Parameters
     ----------
     folder : of results; default: the published ones.
     sample : how many cells, taken in turn from every part and method of every experiment. seed : another seed, other cells.
-    longest : s; cells that took longer are left out. jobs : processes; default: one per usable core.
-    old : only cells of other or unknown source code.
+    longest : s; cells that took longer are left out. old : only cells of other or unknown source code.
 
     Raises
     ------
@@ -74,7 +71,7 @@ def verify(
                 bar.advance("verify", False)
 
         tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
-        with workers.Local(jobs or machine.usable_cores(), limit=100 * longest) as executor:
+        with workers.Local(machine.usable_cores(), limit=100 * longest) as executor:
             workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     result.cells = len(records)
     for record in records:

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import re
 import shlex
@@ -79,7 +78,6 @@ BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "integrate --method heyoka --h 1 --steps 1": "unknown method 'heyoka'; did you mean 'taylor'?",
     "integrate --h 1 --steps 1 --output x.txt": "--output x.txt: the name must end in .csv",
-    "integrate --times 0,1 --physical mass=1,distance=1,A=2,C=1,theta=30,dpsi=3": "theta = 30 is in rad, not in degrees",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
@@ -158,8 +156,8 @@ def draw(rows):
 def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, folder):
     (folder / "my_study").mkdir()
     (folder / "my_study" / "energy.py").write_text(STUDY)
-    code, out, err = run("run", "my_study.energy", "--results", "my out", "--jobs", "1", "--draw", "--quiet")
-    assert (code, err, "drawn: my out/page/figures/my_study.energy_squares.svg" in out) == (0, "", True)
+    code, out, err = run("run", "my_study.energy", "--results", "my out", "--jobs", "1", "--quiet")
+    assert (code, err) == (0, "")
     after = shlex.split(re.search("^next: lagrange-bench (.*)", out, re.MULTILINE)[1])
     page = Path(run(*after, "--output", "page")[1].strip()).read_text(encoding="utf-8")
     assert "cannot be loaded" not in page
@@ -267,11 +265,6 @@ def test_where_and_when_a_trajectory_is(answer):
     data = answer("integrate", "--state", state, "--alpha", "-2", "--h", "-1e-1", "--steps", "5", "--every", "1")
     assert (data["alpha"], data["y0"]) == (-2.0, [-0.3, 0.4, -1.2, -0.48, 0.6, 0.64])
     assert data["t"] == [-0.1 * n for n in range(6)]
-    words = "mass=0.5,distance=0.04,gravity=1.62,A=1.2e-3,C=4e-4,theta=0.5,phi=0.1,psi=0.2,dtheta=0.3,dphi=0.4,dpsi=200"
-    data = answer("integrate", "--physical", words, "--times", "0,1e-3")
-    assert data["alpha"] == pytest.approx(0.5 * 1.62 * 0.04 / 1.2e-3)
-    J, axis = np.array(data["y0"]).reshape(2, 3)
-    assert J @ axis == pytest.approx((200.0 + 0.4 * math.cos(0.5)) / 3)  # C/A of the spin
     data = answer("integrate", "--times", "-1:0.1:12")
     assert np.allclose(data["t"], np.linspace(-1, 0.1, 12), rtol=1e-14)
     expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import pytest
 from faults import HERE, TOY, comparable, end, nobody_left, squares, start, wait_for_lines
 
+from lagrange_bench.results import provenance
 from lagrange_bench.results.store import Store
 from lagrange_bench.runner import cluster
 from lagrange_bench.runner.workers import Task
@@ -66,15 +67,12 @@ def test_workers_and_a_scheduler_that_are_killed(dask, toy, tmp_path):
 
 def test_workers_with_other_versions_or_code_are_refused():
     """What a worker sends with its rows is compared, whenever it joined."""
-    here, task = cluster.versions(), Task("phase", 1, 0, {"part": "h", "method": "rk4"})
-    for name in ("mpmath", "the code of lagrange-bench"):
-        future = SimpleNamespace(result=lambda name=name: ({**here, name: "0.1"}, {"status": "done"}))
-        message = rf"{name} is 0\.1, here .*; install the same versions there and restart the workers"
+    here, task = provenance.provenance(), Task("phase", 1, 0, {"part": "h", "method": "rk4"})
+    other, files = {**here, "mpmath": "0.1"}, {"provenance": here, "sources": "0" * 24}
+    for outcome, message in (({"provenance": other}, r"mpmath is 0\.1, here .*"), (files, "other files of .*phase")):
+        future = SimpleNamespace(result=lambda outcome=outcome: outcome)
         with pytest.raises(cluster.ClusterError, match=message):
             cluster.Cluster("local:1", None)._outcome(future, task)
-    future = SimpleNamespace(result=lambda: (here, {"status": "done", "sources": "0" * 24}))
-    with pytest.raises(cluster.ClusterError, match="other files of phase or its method"):
-        cluster.Cluster("local:1", None)._outcome(future, task)
 
 
 def test_a_cluster_that_is_not_there(monkeypatch):

@@ -276,11 +276,11 @@ def test_the_equations_that_are_misprinted_are_counted_and_listed(run, monkeypat
     assert all(
         text in out for e in found for text in (e.equation, e.printed_text, e.corrected_text, errata.count(found))
     )
-    first, other = (run("errata", "--points", "1", "--seed", seed, "--json")[1] for seed in (5, 6))
+    first, other = (run("errata", "--points", points, "--json")[1] for points in (1, 2))
     assert (first != other, len(json.loads(first))) == (True, len(found))
 
 
 def test_the_table_of_programs_needs_an_engine(stored):
     rows = stored["engines"]
-    assert {"this bench", "MuJoCo 4.0.0"} <= set(lists.programs(rows)["program"])
+    assert "MuJoCo 4.0.0" in set(lists.programs(rows).iloc[:, 0])
     assert lists.programs(rows[rows.engine == "lagrange-bench"]).empty, "as in the quick profile"
