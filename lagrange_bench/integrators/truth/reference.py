@@ -1,8 +1,10 @@
 """The reference solution, in quadruple precision, of a top in any field or of any problem. It serves where no closed form exists.
 
+    J' = ∇U(x) × x        x' = J × x        H = |J|²/2 + U(x)
+
 Taylor's method runs twice, with different orders and steps. The difference of the two runs estimates the error and is returned.
-heyoka takes the steps in 128-bit numbers. If it is missing, or has no such numbers, FLINT takes them, in the interpreter. No
-method of the bench is used.
+For a `Problem` whose H depends on time, the time is one more variable. heyoka takes the steps in 128-bit numbers. If it is
+missing, or has no such numbers, FLINT takes them, in the interpreter. No method of the bench is used.
 
 The right-hand side is the program of the problem's gradient, with its constants and parameters as exact numbers. (heyoka on its
 own would turn a division by a double into a product with the rounded reciprocal.)
@@ -19,7 +21,7 @@ import hashlib
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from operator import mul
 from pathlib import Path
@@ -27,15 +29,17 @@ from typing import Any
 
 import numpy as np
 from flint import acb, arb
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from lagrange_bench.integrators.checks import Array, check_choice, check_times
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.interface import StepError
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
-from lagrange_bench.integrators.problem.units import scaled_size
+from lagrange_bench.integrators.problem.units import ldexp, scaled_size
+from lagrange_bench.integrators.problem.vectors import cross
 from lagrange_bench.integrators.truth.curve import horner
 from lagrange_bench.support.files import cache_folder, write_file
 from lagrange_bench.support.precision import ONE_AT_A_TIME, workprec
@@ -45,8 +49,8 @@ __all__ = ["Reference", "engines", "solution"]
 TOLERANCE, CHECK = 1e-33, 1e-29  # of the two runs
 BITS = 136  # of FLINT: 40 digits
 PAIR = 2.0**-105  # relative error of a number as a pair of doubles
-SHORTEST = 1e-12  # least step; only a singularity needs a shorter one
-FARTHEST = 1e9  # longest time, in time scales of the motion; it takes hours
+SHORTEST = 1e-12  # least step, in units of the motion; only a singularity needs a shorter one
+FARTHEST = 1e9  # longest time, in units of the motion; it takes hours
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,21 +91,42 @@ def solution(problem: Problem, y0: ArrayLike, t: ArrayLike, engine: str | None =
 
 
 class Orbit:
-    """A motion to compute, in the units of the problem."""
+    """A motion to compute.
+
+    A top is computed in units in which |x| and the rate are between 1/2 and 2. The units are powers of two, so changing them is
+    exact. Any other problem is computed in its own units, with the time as one more variable after the state.
+    """
 
     def __init__(self, problem: Any, y0: ArrayLike, engine: str | None = None):
         known = engines()
         self.engine = known[0] if engine is None else check_choice(engine, "engine", known)
         self.problem, self.y0 = problem, problem.check_state(y0)
+        self.in_field = kinds.top(problem)
         if "smooth" not in problem.offers:
             reason = f"{problem.description} has corners, roots of squares, and no series goes on there"
             raise StepError("reference", f"there is no reference solution: {reason}")
+        self.clock, self.exponents = 0, np.zeros(len(self.y0), dtype=int)
+        if self.in_field:
+            powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in problem.scales(self.y0)[:2]]
+            self.clock, self.exponents = powers[0], np.repeat(powers, 3)
 
     def key(self, kind: str, *more: str) -> bytes:
         problem = self.problem
         numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
-        words = (_version(), kind, self.engine, clocked(problem.system).digest, *numbers, *more)
+        words = (_version(), kind, self.engine, _formulas(problem.system).digest, *numbers, *more)
         return hashlib.sha256("\n".join(words).encode()).digest()
+
+    def runner(self, tolerance: float) -> Any:
+        program, parameters = clocked(self.problem.system), self.problem.numbers
+        if self.in_field:
+            size = int(self.exponents[3])
+            units = ldexp(1.0, size), ldexp(1.0, size - 2 * self.clock)
+            if not all(0.0 < unit < math.inf for unit in units):
+                raise ValueError(
+                    "y0 and the potential are too large or too small: choose less extreme units of time and length"
+                )
+            program, parameters = equations(_formulas(self.problem.system)), (*units, *parameters)
+        return {"heyoka": Heyoka, "flint": Flint}[self.engine](program, parameters, tolerance)
 
     def compute(self, times: Array) -> Array:
         """Rows of states, tails and errors, from the two runs."""
@@ -114,25 +139,33 @@ class Orbit:
     def run(self, tolerance: float, times: Array) -> Array:
         """States (N, 2, n), as heads and tails."""
         end = float(np.max(np.abs(times), initial=0.0))
-        if end > FARTHEST * self.problem.scales(self.y0)[2]:
+        if ldexp(end, self.clock) > FARTHEST:
             raise StepError(
                 "reference", f"|t| = {end:g} is over {FARTHEST:g} time scales: more steps than can be taken"
             )
-        out = np.zeros((len(times), 2, len(self.y0)))
-        engine: Any = {"heyoka": Heyoka, "flint": Flint}[self.engine]
-        runner = engine(clocked(self.problem.system), self.problem.numbers, tolerance)
+        start = np.array((np.ldexp(self.y0, -self.exponents), np.zeros(len(self.y0))))
+        if not self.in_field:
+            start = np.column_stack((start, (self.problem.start, 0.0)))
+        out = np.empty((len(times), *start.shape))
+        runner = self.runner(tolerance)
         for sign in (1, -1):
             later = np.flatnonzero(sign * times > 0)
-            grid, places = np.unique(sign * times[later], return_inverse=True)  # in order
+            grid, places = np.unique(np.ldexp(sign * times[later], self.clock), return_inverse=True)  # in order
             try:
                 if len(grid):
-                    out[later] = runner.states(self.y0, self.problem.start, sign * grid)[places]
+                    out[later] = runner.states(start, sign * grid)[places]
             except Singularity as error:
                 time = error.args[0]  # NaN if the first step fails
-                at = f" at t = {time:g}" if math.isfinite(time) else ""
+                at = f" at t = {math.ldexp(time, -self.clock):g}" if math.isfinite(time) else ""
                 raise StepError("reference", f"the motion runs into a singularity{at}") from None
-        out[times == 0, 0] = self.y0
-        return out
+        out[times == 0] = start
+        with np.errstate(over="ignore"):
+            return np.ldexp(out[:, :, : len(self.y0)], self.exponents)
+
+
+def _formulas(system: System) -> System:
+    """The system without its list of conserved components, so that the key of the cache does not depend on the list."""
+    return replace(system, constant=frozenset())
 
 
 @lru_cache(maxsize=64)
@@ -142,6 +175,19 @@ def clocked(system: System) -> Program:
     *y, t = (tape.input() for _ in range(system.size + 1))
     rates = tape.run(system.rhs, t, *y, *(tape.input() for _ in range(system.parameters)))
     return tape.program((*rates, tape.constant(1.0)))
+
+
+@lru_cache(maxsize=64)
+def equations(system: System) -> Program:
+    """A program of the rates of J and x, as functions of J, x, two units and the parameters, of |J|²/2 + U(x).
+
+    In the orbit's units x is size·x and U is weight·U.
+    """
+    tape = Tape()
+    J, x = ([tape.input() for _ in range(3)] for _ in range(2))
+    size, weight, *parameters = (tape.input() for _ in range(2 + system.parameters))
+    g = system.force(tape, 0.0, [size * v for v in x], parameters)
+    return tape.program((*cross([weight * part for part in g], x), *cross(J, x)))
 
 
 # ---------------------------------------------------------------- engines: states (N, 2, n), heads and tails, at times (N,)
@@ -171,22 +217,26 @@ class Heyoka:
         self.integrator = compiled(program, tolerance)
         self.parameters = np.array(parameters)
 
-    def states(self, y0: Array, start: float, times: Array) -> Array:
-        """States at the times `start` + `times`, which lead away from `start` in one direction, from y0 at `start`."""
+    def states(self, start: Array, times: Array) -> Array:
+        """States at `times`, which lead away from 0 in one direction, from `start` at 0."""
         ta = self.integrator
-        grid = np.append(0.0, times).astype(self.real) + self.real(start)
+        grid = np.append(0.0, times).astype(self.real)
         ta.time, end = grid[0], grid[-1]
-        ta.state[:] = y0.astype(self.real)
-        ta.pars[:] = self.parameters[: len(ta.pars)].astype(self.real)  # the last ones may be in no formula
+        ta.state[:] = self.quadruple(start)
+        ta.pars[:] = self.quadruple((self.parameters[: len(ta.pars)],))  # the last ones may be in no formula
 
         def go_on(ta: Any) -> bool:  # the call also lets Ctrl-C in
             return abs(float(ta.last_h)) > SHORTEST or ta.time == end
 
         outcome, *_, states = ta.propagate_grid(grid, callback=go_on)
         if outcome != self.outcome.time_limit:
-            raise Singularity(float(ta.time - grid[0]))
+            raise Singularity(float(ta.time))
         head = states[1:].astype(float)
-        return np.stack((head, (states[1:] - head.astype(self.real)).astype(float)), axis=1)
+        return np.stack((head, (states[1:] - self.quadruple((head,))).astype(float)), axis=1)
+
+    def quadruple(self, parts: Sequence[Array] | Array) -> NDArray[Any]:
+        """The sum of arrays of doubles."""
+        return np.sum([part.astype(self.real) for part in parts], axis=0)
 
 
 @lru_cache(maxsize=16)
@@ -195,11 +245,10 @@ def compiled(program: Program, tolerance: float) -> Any:
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
-    n = len(program.outputs) - 1  # without the time
+    n = len(program.outputs)
     variables = hy.make_vars(*(f"y{i}" for i in range(n)))
     rates = program.python(lambda value: hy.expression(hy.real128(value)))
-    parameters = (hy.par[i] for i in range(program.inputs - n - 1))
-    system = list(zip(variables, rates(*variables, hy.time, *parameters)[:n], strict=True))
+    system = list(zip(variables, rates(*variables, *(hy.par[i] for i in range(program.inputs - n))), strict=True))
     zero = hy.real128(0.0)
     # unrolled code would take seconds to compile and is not faster here
     return hy.taylor_adaptive(
@@ -218,20 +267,21 @@ class Flint:
         self.program, self.parameters = program, parameters
         self.order = math.ceil(1 - math.log(tolerance) / 2)
 
-    def states(self, y0: Array, start: float, times: Array) -> Array:
-        """As `Heyoka.states`. The time is one more variable after the state."""
-        out = np.empty((len(times), 2, len(y0)))
+    def states(self, start: Array, times: Array) -> Array:
+        """As `Heyoka.states`."""
+        n = len(self.program.outputs)
+        out = np.empty((len(times), 2, n))
         with workprec(BITS):
-            y, now = [arb(v) for v in (*y0.tolist(), start)], arb(0)
+            y, now = [arb(a) + arb(b) for a, b in start.T.tolist()], arb(0)
             wanted = [arb(t) for t in times.tolist()]
             done, backward = 0, wanted[-1] < 0
             while done < len(wanted):
                 series = coefficients(self.program, y, self.parameters, self.order)
-                h = self.step(series[:-1])
+                h = self.step(series)
                 if not h > SHORTEST:
                     raise Singularity(float(now))
                 while done < len(wanted) and abs(wanted[done] - now) <= h:
-                    for i, c in enumerate(series[:-1]):
+                    for i, c in enumerate(series):
                         value = horner(c, wanted[done] - now).mid()
                         out[done, :, i] = float(value), float(value - float(value))
                     done += 1
