@@ -241,7 +241,7 @@ def _draw_h(rows: pd.DataFrame, style):
     tops = list(STATES) if {*STATES} <= {*stored} else stored[:2]
     fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
     first = rows[(rows.state == tops[0]) & (rows.status == "done")]
-    best = ["rk4", "strang", *style.best_of_families(style.nearest(first, "h", 1 / 8).set_index("method").error)]
+    best = ["rk4", "strang", *style.best_of_families(first[first.h == 1 / 8].set_index("method").error)]
     for ax, state in zip(axes[0], tops, strict=True):
         style.draw_methods(ax, rows[(rows.state == state) & ~(rows.error <= 0)], "h", "error", best)
         style.ulp_line(ax)

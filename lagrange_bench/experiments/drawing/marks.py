@@ -53,12 +53,6 @@ def draw_methods(ax: Axes, rows: pd.DataFrame, x: str, y: str, named: Iterable[s
         draw_method(ax, rows, method, x, y, look)
 
 
-def nearest(rows: pd.DataFrame, column: str, value: float) -> pd.DataFrame:
-    """The rows whose positive `column` is nearest to a value."""
-    values = rows[column].dropna().unique()
-    return rows[rows[column] == values[np.argmin(np.abs(np.log(values / value)))]] if len(values) else rows
-
-
 def best_of_families(errors: pd.Series) -> list[str]:
     """From each family the method with the least error, the best first. errors : by method."""
     known = errors.dropna().sort_values()
