@@ -51,7 +51,7 @@ OF_PROBLEMS = {  # labels for problems that are no tops
 }
 BODY_TIMES = {"h": "step h, s", "t": "time t, s"}
 # columns of errors, beside the invariants
-ERRORS = ("error", "worst", "time", "angle", "off", "predicted_time", "predicted_angle", "left")
+ERRORS = ("error", "worst", "time", "angle", "off", "left")
 # columns that tell the lines of a method apart
 APART = ("top", "integrator", "setting", *SCHEME_OPTIONS, "options", "variant", "form", "pin", "n", "span_scaled")
 RUN_OPTIONS = ("h_scaled", "tol", "rtol", "fraction")  # likewise, if a run has many rows

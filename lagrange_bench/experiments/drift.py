@@ -223,8 +223,6 @@ def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
                     "largest relative error": most,
                     "length of run": float(_times(group)[-1]),
                     "exponent": growth.p,
-                    "low": growth.low,
-                    "high": growth.high,
                     "verdict": metrics.verdict(*growth, most, floor=FLOOR),
                 }
             )

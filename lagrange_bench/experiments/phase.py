@@ -43,20 +43,7 @@ MEASURED = {
     "order": ("h", "error"),
     "time": ("t", "time", "angle", "off", "error"),
     "promise": ("h", "error", "ulps"),
-    "theory": (
-        "t",
-        "time",
-        "angle",
-        "off",
-        "error",
-        "predicted_time",
-        "predicted_angle",
-        "left",
-        "clock",
-        "turn",
-        "clock_growth",
-        "turn_growth",
-    ),
+    "theory": ("t", "error", "left", "clock", "turn", "clock_growth", "turn_growth"),
 }
 
 STEPS = {"quick": tuple(2.0**-k for k in range(7)), "full": tuple(2.0 ** (-k / 2) for k in range(-6, 19))}
@@ -123,16 +110,15 @@ def theory_steps(order: int | None) -> tuple[float, ...]:
 
 
 def _against_theory(cell: dict, top, y0) -> list[dict]:
-    """Phase errors of a run, measured and predicted, and the distance of its states from the predicted ones (`left`)."""
+    """Errors of a run, the distance of its states from the predicted ones (`left`), and what is predicted of its phases."""
     rate, _, unit = top.scales(y0)
     try:
         predicted = predicted_phase(top, y0, cell["h"] * unit, METHODS[cell["method"]])
     except NoPrediction as reason:
         return [{"reason": str(reason)}]
     times, y, errors = _followed(cell, top, y0, states.log_counts(round(THEORY_SPAN / cell["h"]), per_octave=1))
-    time, angle = predicted.shifts(times)
-    columns = {"t": times * rate, **errors, "predicted_time": time * rate, "predicted_angle": angle}
-    columns["left"] = metrics.scaled_error(top, y0, y, predicted.states(times))
+    left = metrics.scaled_error(top, y0, y, predicted.states(times))
+    columns = {"t": times * rate, "error": errors["error"], "left": left}
     rates = {"clock": predicted.clock, "turn": predicted.turn * unit}
     rates |= {"clock_growth": predicted.clock_growth * unit, "turn_growth": predicted.turn_growth * unit * unit}
     rates = {name: states.rounded(value) for name, value in rates.items()}
@@ -209,8 +195,6 @@ def orders(method: str, points: pd.DataFrame) -> dict:
         "points": len(points),
         # at such large steps the terms after a very small leading one still show: see `orders.hides_leading_term`
         "hidden": hides_leading_term(float(points.h.min()), order - claimed),
-        "smallest error": float(points.error.to_numpy().min()),
-        "largest error": largest(points.error),
     }
 
 

@@ -18,7 +18,6 @@ ORDERS_APART = 1e3  # errors of engines at the same step that differ by more are
 OVERVIEW = {"1/60 s": 1 / 60, "1/1024 s": 1 / 1024}  # steps, s
 # one engine of each family of results, and two that run on graphics cards
 KNOWN = ("MuJoCo", "MJX", "Newton", "Simbody", "PhysX", "Jolt", "Havok", "Rapier", "Bullet (ammo.js)")
-GAMES = (*KNOWN[:1], *KNOWN[2:], "Exudyn", "Drake", "PyBullet")  # of the figure: MJX is as MuJoCo
 
 
 def title(name: str, version: str) -> str:
@@ -178,31 +177,4 @@ def _draw_steps(rows: pd.DataFrame, style):
     return fig
 
 
-@of_part()
-def _draw_games(rows: pd.DataFrame, style):
-    """Draw the errors of engines with steps of 1/60 s, by default and as their documents advise; the best on top."""
-    good = runs(rows, sweep=False)
-    good = good[(good.case == "slow") & (good.h == OVERVIEW["1/60 s"]) & good.engine.isin(GAMES)]
-    errors = good[good.setting.isin((DEFAULT, BEST))].pivot_table("position", "engine", "setting", "min")
-    if errors.empty:
-        return None
-    errors = errors.reindex(columns=[DEFAULT, BEST]).sort_values(DEFAULT)
-    places = np.arange(len(errors))
-    fig, ax = style.figure("page", 0.9 + 0.24 * len(errors))
-    ax.hlines(places, *errors.agg(["min", "max"], axis=1).to_numpy().T, color=style.GREY, linewidth=1.0, zorder=1)
-    ax.semilogx(errors[DEFAULT], places, "o", mfc="none", markersize=6.5, color="#D55E00", label=WORDS[DEFAULT])
-    ax.semilogx(errors[BEST], places, "o", color="#0072B2", label=WORDS[BEST])
-    ax.set_yticks(places, [style.plain(name) for name in errors.index])
-    ax.axvline(0.1, color=style.FAINT, linewidth=0.6, linestyle=":")
-    ax.set(xlabel="error of position after 2 s, m", ylim=(len(errors) - 0.5, -0.5), title="slow, steps of 1/60 s")
-    style.legend_below(fig)
-    far = int((errors[DEFAULT] > 0.1).sum())
-    fig.headline = f"{far} of {len(errors)} engines are more than 10 cm off after 2 s with default settings"
-    fig.caption = (
-        "Error of the centre of mass of a top of 1 m after 2 s, with the step of games. Dotted: 10 cm. The table says which "
-        "settings these are, and which motion smaller steps lead to."
-    )
-    return fig
-
-
-draw = drawn(steps=_draw_steps, games=_draw_games)
+draw = drawn(steps=_draw_steps)

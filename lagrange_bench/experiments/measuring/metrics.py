@@ -116,9 +116,8 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
 
     Returns
     -------
-    "time" (nutation phase, in units of t), "angle" (precession phase, in rad), "H", "J3", "C1", "C2" and "rank", each (N,).
-    A "rank" below 6 marks states whose flows or gradients are dependent (regular precession, sleeping). There "time" and
-    "angle" cannot be separated.
+    "time" (nutation phase, in units of t), "angle" (precession phase, in rad), "H", "J3", "C1", "C2", each (N,).
+    Where the flows or gradients are dependent (regular precession, sleeping) "time" and "angle" cannot be separated.
     """
     y = np.atleast_2d(_floats(y_exact))
     e = np.atleast_2d(_floats(error))
@@ -131,7 +130,7 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
     keep = s > 1e-7 * s[:, :1]
     coordinates = np.einsum("nji,nj->ni", U, e / unit) * keep / np.where(keep, s, 1.0)
     c = np.einsum("nji,nj->ni", Vt, coordinates) / np.where(length > 0, length, 1.0)[:, 0]
-    return dict(zip(("time", "angle", "H", "J3", "C1", "C2"), c.T, strict=True)) | {"rank": keep.sum(axis=-1)}
+    return dict(zip(("time", "angle", "H", "J3", "C1", "C2"), c.T, strict=True))
 
 
 def _torus_basis(top: LagrangeTop, y: Array) -> Array:
