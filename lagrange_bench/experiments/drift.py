@@ -43,7 +43,7 @@ MEASURED = {  # part → the numbers that each of its rows must have, see `reduc
 
 STEP = 0.125  # of the runs against time
 STEPS = (10**5, 10**7)  # how many steps, in the quick and in the full profile
-SIZES = {"quick": (1 / 4, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
+SIZES = {"quick": (1 / 8, 1 / 2, 1.0), "full": tuple(2.0**k for k in range(-6, 3))}  # steps tried against h
 SPAN = 10**4  # length of the runs against h
 H_STATES = {"quick": ("generic",), "full": ("generic", "figure1")}
 FRACTIONS = (0.51, 1.0, 1.3)  # long steps, in nutation periods
@@ -276,7 +276,7 @@ def _draw_h(rows: pd.DataFrame, style):
     state = rows.state.iloc[0]
     here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
     fig, ax = style.figure("page", 3.6)
-    near = style.nearest(here[here.status == "done"], "h", 1 / 8).set_index("method")
+    near = here[(here.status == "done") & (here.h == 1 / 8)].set_index("method")
     style.draw_methods(ax, here, "h", "worst", [*KNOWN, *style.best_of_families(near.worst)])
     style.legend_below(fig)
     style.ulp_line(ax)
