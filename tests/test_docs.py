@@ -56,7 +56,6 @@ AGREE = [  # what is printed, what is shown, and whether they agree
     ("error 1.78e-05", "error 1.75e-05", False),
     ("x3 = 0.6400000000000001", "x3 = 0.64", True),
     ("x3 = 0.6312345678901234", "x3 = 0.64", False),
-    ("0.12345678901", "0.12345678921", False),
     ("1000 steps", "1001 steps", False),
     ("energy −1.25", "energy 1.25", False),
     ("energy 1e-15", "momentum 1e-15", False),
@@ -90,29 +89,22 @@ def test_the_tables_of_what_was_measured_are_computed():
 def commands() -> dict[str, set[str]]:
     """Every command with its options, as argparse knows them; "" for the program itself."""
     top = cli.parser()
-    (sub,) = (action for action in top._actions if action.dest == "==SUPPRESS==" or hasattr(action, "_name_parser_map"))
+    (sub,) = (action for action in top._actions if hasattr(action, "_name_parser_map"))
     parsers = {"": top, **sub.choices}
     return {name: {o for action in p._actions for o in action.option_strings} for name, p in parsers.items()}
 
 
 def unknown(text: str) -> list[str]:
     """What a page says of `lagrange-bench` that is not so."""
-    known, wrong = commands(), []
-    for mention in re.findall(r"lagrange-bench +([^`\n|&#…]*)", text):
-        words = re.findall(r"\S+", mention)
-        if not words or not re.fullmatch(r"-?-?[a-z]\w*", words[0]):
-            continue  # no command: prose, or a placeholder
-        command = words[0] if not words[0].startswith("-") else ""
-        wrong += [] if command in known else [words[0]]
-        for word in words:
-            if re.match(r"--?[a-z]", word) and word.partition("=")[0].rstrip(".,;:)") not in known.get(command, ()):
-                wrong.append(f"{command} {word}")
-        if command == "run":
-            named = [w for w in words[1:2] if re.fullmatch(r"[a-z_]+", w)]
-            wrong += [f"run {w}" for w in named if w not in EXPERIMENTS and w not in ("my_study",)]
+    known = commands()
     everything = set().union(*known.values())
-    for option in re.findall(r"`(--[a-z][\w-]*)[^`]*`", text):
-        wrong += [] if option in everything else [option]
+    wrong = [option for option in re.findall(r"`(--[a-z][\w-]*)[^`]*`", text) if option not in everything]
+    for command, words in re.findall(r"lagrange-bench +((?:[a-z]\w*)?)(?!\w)([^`\n|&#…]*)", text):
+        wrong += [] if command in known else [command]
+        options = re.findall(r"(?<!\S)--?[a-z][\w-]*", words)
+        wrong += [f"{command} {option}" for option in options if option not in known.get(command, ())]
+        experiments = re.findall(r"^ ([a-z_]+)(?!\S)", words) if command == "run" else ()
+        wrong += [f"run {name}" for name in experiments if name not in (*EXPERIMENTS, "my_study")]
     return wrong
 
 

@@ -58,6 +58,7 @@ def test_packages_join(tmp_path):
     errors = {}
     for word, joined in (("method", "suzuki4"), ("potential", "well"), ("top", "mine")):
         listed, said = answer(f"{word}s")
+        assert all(line.startswith("lagrange-bench: warning: ") for line in said.splitlines())
         assert "is left out, for its name is taken" in said
         names = [each["name"] for each in listed]
         assert (names.count(joined), len(names)) == (1, len(set(names)))
