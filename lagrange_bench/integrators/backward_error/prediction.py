@@ -133,7 +133,8 @@ class PredictedPhase:
 
     Parameters
     ----------
-    top, y0, h : as in `predicted_phase`.
+    top, y0, h : LagrangeTop, array (6,), float
+        As in `predicted_phase`.
     step : (points, 6)
         The increments of p and o in a step, at equal distances over a nutation, in units of the top.
     S : (points, 2, 4)
