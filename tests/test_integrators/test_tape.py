@@ -56,10 +56,6 @@ def count(s, c, counters):
     return s[0], s[1], s[2], s[3] + 1.0, s[4], s[5]
 
 
-def counter():
-    return FixedStepper("count", 0.5, Kernel(count, failures={1: "told to"}), np.array([13.0]))
-
-
 START = np.array([0.0, 0, 0, 0, 0, 1])
 
 
@@ -78,15 +74,14 @@ def test_dividing_a_run_changes_nothing(name, module, stride, monkeypatch):
     assert stepper.work.steps == 2 * steps
 
 
-@pytest.mark.parametrize("stride", [4, 1 << 20])
-def test_a_failure_says_where(stride, monkeypatch):
-    monkeypatch.setattr(loops, "INTERRUPTIBLE", stride)
-    stepper = counter()
+def test_a_failure_says_where(monkeypatch):
+    monkeypatch.setattr(loops, "INTERRUPTIBLE", 4)
+    stepper = FixedStepper("count", 0.5, Kernel(count, failures={1: "told to"}), np.array([13.0]))
     for call in (lambda: stepper.advance(START, 40), lambda: stepper.record(START, 40, 5)):
         with pytest.raises(StepError, match=r"count at h = 0.5 \(own unit\), step 13: told to \(residual 1.2e-01\)"):
             call()
-    assert stepper.work.steps == 0  # what was not returned is not counted
-    assert counter().advance(START, 13)[3] == 13
+    assert stepper.advance(START, 13)[3] == 13
+    assert stepper.work.steps == 13  # what was not returned is not counted
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench.integrators import TOPS, LagrangeTop, prepare, two_point
+from lagrange_bench.integrators import TOPS, prepare, two_point
 from lagrange_bench.integrators.paper import lax
 from lagrange_bench.integrators.paper import one_point as op
 from lagrange_bench.integrators.paper import two_point as tp
@@ -71,19 +71,6 @@ def test_quadratic_algebra_of_the_dressing_matrix(p):
 
 def conjugates(top, y, lam, sheet=1):
     return tp.point(top, y, lam, sheet), tp.point(top, y, lam.conjugate(), sheet)
-
-
-def test_without_a_field_the_two_point_map_exists(p):
-    """At alpha = 0 J stays, all forms are one Poisson map, and its one-point factors do not exist."""
-    top = LagrangeTop(0.0)
-    first, second = tp.point(top, p.y, p.lam, p.sheet), tp.point(top, p.y, p.nu, p.sheet)
-    new, size = tp.explicit(top, p.y, first, second), chart_size(top, p.y, first, second)
-    for form in TWO.values():
-        p.same(form(top, p.y, first, second), new, size)
-    p.same(tp.pole_free(top, p.y, first[0], second[0], p.sheet), new, size)
-    p.same(new[:3], p.y[:3])
-    defect, scale = poisson_defect(lambda z: tp.pole_free(top, z, first[0], second[0], p.sheet), p.y)
-    assert defect <= p.tol * scale**2
 
 
 @pytest.mark.parametrize("name", TOPS)
