@@ -106,9 +106,8 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     assert run() == ["12.0", "1"]
 
 
-def test_a_person_is_told_of_long_compiling_once(monkeypatch):
-    monkeypatch.setattr(announce, "LONG", 0.0)
-
+@pytest.mark.parametrize(("person", "said"), [(True, r"compiling: \d+ s\n"), (False, "")])
+def test_a_person_is_told_of_long_compiling_once(person, said, monkeypatch):
     @compiled
     def inner(x):
         return x + 1.0
@@ -117,14 +116,12 @@ def test_a_person_is_told_of_long_compiling_once(monkeypatch):
     def outer(x):
         return inner(x) + 1.0
 
-    for person, quiet, said in ((True, False, r"compiling: \d+ s\n"), (True, True, ""), (False, False, "")):
-        stream = io.StringIO()
-        monkeypatch.setattr(stream, "isatty", lambda person=person: person)
-        monkeypatch.setattr(sys, "stderr", stream)
-        monkeypatch.setattr(announce, "quiet", quiet)
-        kind = float if said else complex
-        outer(kind(1.0) if not quiet else 1)
-        assert re.fullmatch(said, stream.getvalue())
+    stream = io.StringIO()
+    monkeypatch.setattr(announce, "LONG", 0.0)
+    monkeypatch.setattr(stream, "isatty", lambda: person)
+    monkeypatch.setattr(sys, "stderr", stream)
+    outer(1.0)
+    assert re.fullmatch(said, stream.getvalue())
 
 
 def test_compilation_switched_off_later_changes_nothing(monkeypatch):

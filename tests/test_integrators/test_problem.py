@@ -12,7 +12,6 @@ from lagrange_bench.integrators import cos, integrate, kirchhoff_body, reference
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import METHODS, available
-from tests.reference import free_body
 
 pytestmark = [
     pytest.mark.interpreted,  # compiled, a kernel would be needed for each pair
@@ -25,11 +24,6 @@ STEPS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96)
 
 def vibrating(t, y, p):
     return y[:3] @ y[:3] / 2 + (p[0] + p[1] * cos(p[2] * t)) * y[5]
-
-
-def field(t, y, p):
-    """What a top in a quadratic potential has, posed by hand."""
-    return y[:3] @ y[:3] / 2 + 1.3 * y[5] + p[0] * (y[3] * y[3] - y[4] * y[5])
 
 
 def kirchhoff(t, y, p):
@@ -57,7 +51,6 @@ AXIS = np.array((0.48, 0.6, -0.64))
 HAMILTONIANS = {  # formula, parameters, frame
     "free": (free, "so3", (1, 2, 3), "body"),
     "vibrating": (vibrating, "e3", (1.0, 0.3, 2.0), "space"),
-    "field": (field, "e3", (0.3,), "space"),
     "heavy": (heavy, "e3", (1.0, 1.5, 3.0, 0.5, 0.7), "body"),
     "kirchhoff": (kirchhoff, "e3", (1.0, 1.5, 3.0, 0.5, 0.6, 0.7, 0.1, 0.2, -0.1), "body"),
     "spins": (spins, 3, (0.7, 1.2, -0.8), "space"),
@@ -165,15 +158,6 @@ def test_a_hamiltonian_may_use_arrays():
         lambda t, y, p: np.dot(np.square(y[:3]), weights) + (p[0] * y[3:])[2],
     ):
         np.testing.assert_allclose(Problem("p", "e3", formula, (0.5,)).rhs(y), plain.rhs(y), rtol=1e-14, atol=1e-14)
-
-
-def test_a_symmetric_free_body_is_one_exact_flow():
-    """|J|² does nothing, J3² turns: one part, whose flow has no error for any step."""
-    body, y0 = free_body(2.0, 2.0, 5.0), np.array((0.3, -0.4, 1.2))
-    found = integrate(body, y0, h=50.0, steps=1, method="strang").y[-1]
-    angle = 50.0 * y0[2] * (1 / 2 - 1 / 5)
-    turned = np.array(((np.cos(angle), -np.sin(angle)), (np.sin(angle), np.cos(angle)))) @ y0[:2]
-    assert np.max(np.abs(found - (*turned, y0[2]))) < 1e-14
 
 
 def test_a_round_body_in_a_fluid_keeps_its_spin():

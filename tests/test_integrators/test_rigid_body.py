@@ -76,7 +76,7 @@ def test_rotation_and_state_that_part_are_refused():
 
 @pytest.mark.interpreted
 def test_a_body_that_flies():
-    """It turns as a free body and falls as a point; a state of its run continues it."""
+    """It turns as a free body and falls as a point."""
     facts = (2.0, (0.3, 0.0, 0.0), (0.4, 0.5, 0.7), (0.0, 1.0, -9.0))
     body, place, speed = RigidBody(*facts, fixed=False), np.array((1.0, 2.0, 3.0)), np.array((-4.0, 5.0, 6.0))
     y0 = body.state(**WHOLE, position=place, velocity=speed)
@@ -85,8 +85,6 @@ def test_a_body_that_flies():
     assert np.allclose(run.position, place + t * speed + t * t / 2 * np.array(facts[3]), rtol=1e-15)
     assert np.allclose(run.velocity, speed + t * np.array(facts[3]), rtol=1e-15)
     assert np.ptp(run.energy) < 1e-12 * abs(run.energy[0])
-    again = integrate(body, run.y[1], h=0.1, steps=10, method="gauss8")
-    assert np.allclose(again.y[-1], run.y[2], rtol=1e-14)
     assert np.max(run.error()) < 1e-7
     dense = integrate(body, y0, t=[0.5, 2.0], method="taylor")
     assert np.allclose(dense.y[-1, 7:], run.y[-1, 7:], rtol=1e-14)
