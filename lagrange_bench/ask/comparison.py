@@ -161,9 +161,6 @@ class Comparison:
                 if names and ax is not None:
                     panel.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
-                twins = [each for each in panel.figure.axes if each.bbox.bounds == panel.bbox.bounds]
-                if any(twin.get_title() == title for twin in twins if twin is not panel):
-                    title = ""  # twice in one place it would look bold
                 panel.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
             if names and ax is None:
                 style.legend_below(axes[0].figure)

@@ -1,7 +1,6 @@
 """Figures as files for a paper: any stored figure as SVG, PDF or PNG, as wide as a column or a page."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
@@ -37,13 +36,12 @@ def export(name: str, results: Path, path: Path, kind: str, width: str | None, c
         section = _section(experiment, results, choice)
         problems += section.notes[:1]
         if choice and section.rows.empty:
-            raise ValueError(_no_rows(experiment, choice))
+            raise ValueError(f"{experiment} has no rows of {', '.join((*choice.methods, *choice.tops))}")
         drawn = dict(_drawn(section, width))
         if name in drawn:
             done = replace_file(path, figures.FORMATS[kind](drawn[name]))
             caption = getattr(drawn[name], "caption", "")
-            remarks = [*([f"caption: {caption}"] if caption else []), *_remarks(section), *_without(name, section)]
-            return {path: done}, _methods_without_rows(section), remarks
+            return {path: done}, [], [*([f"caption: {caption}"] if caption else []), *_remarks(section)]
     if known := names(results, choice):
         raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"
@@ -59,7 +57,6 @@ def export_all(
     for i, experiment in enumerate(stored):
         drawn(i, len(stored))
         section = _section(experiment, results, choice)
-        problems += _methods_without_rows(section)
         remarks += _remarks(section)
         for width in widths:
             for name, figure in _drawn(section, width):
@@ -103,25 +100,10 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
 
 
 def _remarks(section: sections.Section) -> list[str]:
-    old = f"{section.experiment}: {section.old}: the same run with --again computes them again"
-    return [*section.notes, *([old] if section.old else [])]
-
-
-def _methods_without_rows(section: sections.Section) -> list[str]:
-    """The chosen methods that the figures of an experiment do not show, because it has no rows of them."""
-    chosen = replace(section.origin.choice, methods=tuple(section.without_rows))
-    return [_no_rows(section.experiment, chosen)] if section.without_rows else []
-
-
-def _without(name: str, section: sections.Section) -> list[str]:
-    """The chosen tops that a figure does not show, because its part of the experiment has no rows of them."""
-    rows, part = section.rows, name.removeprefix(f"{section.experiment}_")
-    rows = rows[rows["part"] == part] if part in set(rows.get("part", ())) else rows
-    stored = {*rows.get("state", ()), *rows.get("top", ())}
-    missing = [top for top in section.origin.choice.tops if top not in stored]
-    return [f"{name}: no rows of {', '.join(missing)}"] if missing else []
-
-
-def _no_rows(experiment: str, choice: Choice) -> str:
-    missing = ", ".join((*choice.methods, *choice.tops))
-    return f"{experiment} has no rows of {missing}: lagrange-bench run {experiment}{choice.words}"
+    """What is to be said of the rows of a figure."""
+    remarks = [*section.notes]
+    if section.old:
+        remarks.append(f"{section.experiment}: {section.old}: the same run with --again computes them again")
+    if section.without_rows:
+        remarks.append(f"{section.experiment}: no rows of {', '.join(section.without_rows)}")
+    return remarks

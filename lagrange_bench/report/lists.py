@@ -1,4 +1,4 @@
-"""What takes part, as tables: the methods, the tops they follow and the potentials the tops stand in."""
+"""What takes part, as tables: the methods, the tops they follow, and engines."""
 
 import pandas as pd
 
@@ -8,7 +8,7 @@ from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, WIDE
 from lagrange_bench.integrators.interface import INVARIANTS, Method
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
-from lagrange_bench.integrators.registry import ARCHIVE, METHODS, POTENTIALS, POTENTIALS_BUILT_IN
+from lagrange_bench.integrators.registry import ARCHIVE, METHODS
 
 # engines that most visitors know, one of each kind of result
 IN_SHORT = ("MuJoCo", "PhysX", "Jolt", "Rapier", "Simbody")
@@ -50,13 +50,6 @@ def tops() -> pd.DataFrame:
         *(("", f"{names[0]} …", "", "", what) for names, what in DRAWN.items()),
     ]
     return pd.DataFrame(rows, columns=columns)
-
-
-def built_in_potentials() -> pd.DataFrame:
-    """The potentials that come with the bench."""
-    potentials = [POTENTIALS[name] for name in POTENTIALS_BUILT_IN]
-    rows = [(p.name, ", ".join(p.parameters or ()) or "any number", p.note) for p in potentials]
-    return pd.DataFrame(rows, columns=["potential", "parameters", "V(x)"])
 
 
 def programs(rows: pd.DataFrame) -> pd.DataFrame:

@@ -231,10 +231,10 @@ def html(report: Report) -> str:
         packed=packed,
         answers=Markup(report.answers.to_json(orient="split", index=False, force_ascii=False).replace("</", "<\\/")),
         counts=_counts(report.claims),
-        claim_groups=_claim_groups(report),
+        claim_groups=list(claims.grouped(report.claims)),
         environment=environment_facts(report.sections),
         long=LONG,
-        lists={"Methods": lists.methods(), "Tops": lists.tops(), "Potentials": lists.built_in_potentials()},
+        lists={"Methods": lists.methods(), "Tops": lists.tops()},
         points=errata.POINTS,
         seed=errata.SEED,
         svg=_inline,
@@ -243,13 +243,6 @@ def html(report: Report) -> str:
         live=live.script(),
         **parts,
     )
-
-
-def _claim_groups(report: Report) -> list[tuple[str, list[Judged]]]:
-    """(heading, claims): by group; last, under no heading, those about experiments of which nothing is stored."""
-    missing = {section.experiment for section in report.sections if section.absent}
-    away = [judged for judged in report.claims if judged.claim.experiment in missing]
-    return [*claims.grouped([j for j in report.claims if j not in away]), *([("", away)] if away else [])]
 
 
 def prose(text: str) -> Markup:

@@ -16,7 +16,6 @@ from typing import NamedTuple
 import pandas as pd
 from markupsafe import Markup
 
-from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
@@ -62,13 +61,17 @@ class Section:
     origin: Origin = PUBLISHED
     source_ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.source_ages`
     notes: list[str] = field(default_factory=list)  # damaged lines of the journal
-    without_rows: list[str] = field(default_factory=list)  # methods asked for that it could have, and has no rows of
     errors: list[str] = field(default_factory=list)  # of the drawing
 
     @property
     def absent(self) -> bool:
         """Whether nothing of the experiment is stored, and there is no error and no note to show."""
         return self.rows.empty and not self.errors and not self.notes
+
+    @property
+    def without_rows(self) -> list[str]:
+        """The chosen methods that are not among its rows."""
+        return [name for name in self.origin.choice.methods if name not in set(self.rows.get("method", ()))]
 
     @property
     def command(self) -> str:
@@ -165,7 +168,6 @@ def read(section: Section, store: Store, module: ModuleType | None) -> None:
     if module is not None:
         section.rows = with_failures(section.rows, getattr(module, "MEASURED", {}))
         section.failures = _with_incomplete(section.failures, section.rows)
-        section.without_rows = without_rows(module, section.rows, store.choice)
 
 
 def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
@@ -177,13 +179,6 @@ def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame
     more = more.dropna(axis="columns", how="all").drop(columns=["status", "failure"])
     more = more.assign(error_type=kind, error_message=message, error_traceback="")
     return pd.concat([failures, more], ignore_index=True)
-
-
-def without_rows(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[str]:
-    """The chosen methods that an experiment could measure, and has no rows of."""
-    missing = [name for name in choice.methods if len(rows) and name not in set(rows.get("method", ()))]
-    known = {cell.get("method") for profile in PROFILES for cell in module.cells(profile)} if missing else ()
-    return [name for name in missing if name in known]
 
 
 def draw_figures(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[DrawnFigure]:

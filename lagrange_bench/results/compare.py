@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.experiments.catalogue import UnknownExperiment, declared, load_stored
+from lagrange_bench.experiments.catalogue import declared
 from lagrange_bench.results.store import Record, Store, _canonical, failure_text, find_results, restore
 
 # a column of a timing cell is a time if its name has one of these words, or if the experiment lists it in TIMES
@@ -74,11 +74,6 @@ def compare(old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0) -> Compa
         cells.missing["old"] = [record["cell"] for key, record in after.items() if key not in before]
         cells.missing["new"] = [record["cell"] for key, record in before.items() if key not in after]
         result.experiments[experiment] = cells
-        if cells.changed:
-            try:
-                load_stored(experiment)
-            except UnknownExperiment as error:
-                result.notes.append(f"all columns are compared, times too: {error}")
     if others:
         result.notes.append(f"{others} of the {both} cells in both were computed with other or unknown source code")
     return result

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 
 Record = dict[str, Any]
 
-SCHEMA = 1  # of the records
 ADDED = ("key", "status", "failure")  # columns that `rows` adds to the columns of a cell
 SAMPLES = re.compile(r"(^|_)samples(_|$)")  # names of row fields that may be lists of numbers: raw timings
 REFERENCE = Path(__file__).resolve().with_name("reference")  # the published rows, which come with the package
@@ -112,7 +111,7 @@ def make_record(experiment: str, version: int, position: int, cell: Mapping[str,
     if "sources" not in outcome:
         outcome |= sources.of_cell(experiment, cell).digests
     key = cell_key(experiment, version, cell, outcome.get("own_sources"))
-    head = {"schema": SCHEMA, "key": key, "experiment": experiment, "version": version, "position": position}
+    head = {"key": key, "experiment": experiment, "version": version, "position": position}
     return {"provenance": provenance.provenance(), **head, "cell": clean(cell), **outcome}
 
 
@@ -304,7 +303,7 @@ class Store:
     def read(self, experiment: str) -> tuple[list[Record], list[str]]:
         """Every record of an experiment, oldest first, and what is wrong with damaged lines.
 
-        StoreError if the journal cannot be read, or has records of another schema.
+        StoreError if the journal cannot be read.
         """
         path, records, problems = self.path(experiment), [], []
         try:
@@ -317,9 +316,6 @@ class Store:
             raise StoreError(f"cannot read {path}: {error.strerror}") from error
         for number, line in enumerate([*lines, last], 1):
             record = _parse(line)
-            if record is not None and record["schema"] != SCHEMA:
-                reason = f"of schema {record['schema']}, not {SCHEMA}: update lagrange-bench"
-                raise StoreError(f"{path}, line {number}: {reason}")
             if record is not None and record["experiment"] == experiment:
                 records.append(record)
             elif line:

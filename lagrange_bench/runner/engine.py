@@ -138,8 +138,6 @@ def run(
                 with cluster.Cluster(scheduler, limit) if scheduler else here as executor:
                     workers.compute_all(others, executor, bar.begin, finish)
             if timed:
-                if scheduler:
-                    summary.notes.append("timing cells ran one at a time on this machine, not on the scheduler's")
                 with workers.Local(1, limit) as executor:
                     workers.compute_all(timed, executor, bar.begin, finish)
         except KeyboardInterrupt:

@@ -54,8 +54,6 @@ def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], N
         task = bars.add_task("drawing", total=None)
 
         def advance(done: int, total: int) -> None:
-            if show and bars.disable and bars.tasks[task].total is None:
-                print(f"drawing {total} parts", file=sys.stderr, flush=True)
             bars.update(task, completed=done, total=total)
 
         yield advance

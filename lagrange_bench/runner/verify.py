@@ -58,7 +58,6 @@ def verify(folder: Path | None, sample: int, seed: int, longest: float, show: bo
     records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, here)
     if not records and not (old and set(result.stored) == {sources.SAME} and not result.notes):
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
-        reasons += [f"{len(result.notes) - SHOWN} more"] if len(result.notes) > SHOWN else []
         raise StoreError(f"no cell of {folder} was computed again: {'; '.join(reasons)}")
     if ages := sources.summary(result.stored):
         result.notes.append(ages)

@@ -103,7 +103,7 @@ def test_rows_never_choose_code(run, folder, monkeypatch):
     for words, code, said in (
         ("report --results results --output plain", 1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
         ("figure evilpkg.exp_squares --results results", 2, "unknown"),
-        ("compare results other", 1, "unknown experiment 'evilpkg.exp'"),
+        ("compare results other", 1, "changed in evilpkg.exp"),
         ("verify results --quiet --longest 10", 2, "unknown experiment 'unittest.__main__'"),
         ("verify own --quiet", 2, "not computed: 1 cells: evilpkg.method:POTENTIAL: not available here"),
     ):

@@ -112,25 +112,24 @@ def test_lines_that_are_no_record_are_skipped(filled):
     journal = filled.open("toy")
     assert len(journal.rows()) == len(filled.done("toy")[0]) == 5
     assert [f"line {n}: damaged" in text for n, text in enumerate(journal.problems, 6)] == [True] * (len(lines) + 1)
-    filled.append({**record(6), "schema": 2})
-    with pytest.raises(StoreError, match="line 12: of schema 2, not 1: update"):
-        filled.open("toy")
+
+
+ATTEMPTS = [  # how a cell ended, with which environment or sources; and the attempt whose rows are shown then
+    ("failed", "a", None),
+    ("done", "a", 1),
+    ("done", "a", 2),
+    ("failed", "a", 2),
+    ("failed", "b", None),
+    ("done", "b", 5),
+    ("failed", "a", None),
+]
 
 
 @pytest.mark.parametrize("field", ["key", "sources"])
 def test_the_last_success_counts_but_for_what_another_environment_or_source_made(tmp_path, field):
     """What worked with others is not shown for what fails with these, nor after a change back, and is computed again."""
     results = Store(tmp_path)
-    for attempt, (status, value, shown) in enumerate((
-        ("failed", "a", None),
-        ("failed", "a", None),
-        ("done", "a", 2),
-        ("done", "a", 3),
-        ("failed", "a", 3),
-        ("failed", "b", None),
-        ("done", "b", 6),
-        ("failed", "a", None),
-    )):  # fmt: skip
+    for attempt, (status, value, shown) in enumerate(ATTEMPTS):
         results.append({**record(attempt, status, i=1), field: value})
         (row,) = results.rows("toy").to_dict("records")
         assert (row["status"], row.get("square")) == (("done", shown**2) if shown else ("failed", None))
@@ -211,16 +210,15 @@ def test_provenance_is_flat_and_discreet():
     assert os.uname().nodename not in json.dumps(list(facts.values()))
 
 
-@pytest.mark.parametrize("clone", [True, False])
-def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, clone):
+def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path):
     """A folder of the same name here is a path, ./quick; the error of an absent run says where it would be."""
 
     def fill(folder):
         folder.mkdir(parents=True)
         (folder / "drift.jsonl").write_text("{}\n")
 
-    monkeypatch.setattr(provenance, "checkout", lambda: tmp_path / "clone" if clone else None)
-    local = tmp_path / ("clone/lagrange_bench/results/local" if clone else "results")
+    monkeypatch.setattr(provenance, "checkout", lambda: tmp_path / "clone")
+    local = tmp_path / "clone" / "lagrange_bench" / "results" / "local"
     fill(tmp_path / "quick")
     monkeypatch.chdir(tmp_path)
     assert store.find_results("reference") == store.find_results(None) == store.REFERENCE
@@ -228,10 +226,9 @@ def test_names_of_results_mean_the_same_from_any_folder(monkeypatch, tmp_path, c
     with pytest.raises(FileNotFoundError, match=f"no quick run yet in {local / 'quick'}: .* --profile quick"):
         store.find_results("quick")
     fill(local / "quick")
-    assert store.find_results("quick").samefile(local / "quick")
     assert (store.name_of(store.find_results("quick")), store.name_of(Path("quick"))) == ("quick", None)
-    with pytest.raises(FileNotFoundError, match=r": nowhere\. Known: reference, quick, full$"):
-        store.find_results(Path("nowhere"))
+    monkeypatch.setattr(provenance, "checkout", lambda: None)  # of an installed package
+    assert store.default_results("quick") == Path("results/quick")
 
 
 def test_every_column_is_explained():
@@ -255,16 +252,10 @@ def test_what_is_chosen_is_shown(tmp_path):
     named = (("rk4", "generic"), ("strang", "generic"), ("strang", "mine"))
     cells = [*({"method": name, "state": top} for name, top in named), {"part": "cost"}]
     Store(tmp_path).append(*(make_record("toy", 1, i, cell, rows=ROWS) for i, cell in enumerate(cells)))
-    for names, taken in (
-        ({"methods": ("strang",)}, [1, 2]),
-        ({"methods": ("rk4", "strang"), "tops": ("generic",)}, [0, 1]),
-        ({}, [0, 1, 2, 3]),
-    ):
-        choice = Choice(**names)
+    for choice, taken in ((Choice(("strang",)), [1, 2]), (Choice(("rk4", "strang"), ("generic",)), [0, 1])):
         assert [record["position"] for record in Store(tmp_path, choice).open("toy").latest] == taken
         choice.check(cells)
-    said = r"^--methods: no cell here has the method 'rk44'; did you mean 'rk4'\?$"
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=r"^--methods: no cell here has the method 'rk44'; did you mean 'rk4'\?$"):
         Choice(("rk44",)).check(cells)
     with pytest.raises(ValueError, match=r"^--tops: no cell here has the top 'xyz'\. Known: generic, mine$"):
         Choice(tops=("xyz",)).check(cells)
@@ -278,16 +269,11 @@ def test_a_figure_names_the_chosen_methods_that_it_lacks(run, tmp_path, monkeypa
         monkeypatch.setattr(module, "draw", lambda rows: {"h": style.figure("column")[0]})
     drawn = tmp_path / "drawn"
     words = ("--all", "--format", "svg", "--methods", "rk4,strang", "--results", tmp_path, "--output", drawn)
-    code, out, err = run("figure", *words)
-    assert (code, out[: len(str(drawn))]) == (1, str(drawn)), err
-    assert "not drawn: phase has no rows of strang: lagrange-bench run phase --methods strang\n" in err
+    code, _, err = run("figure", *words)
+    assert (code, "phase: no rows of strang\n" in err) == (0, True), err
     files = {f"{name}_h-{width}.svg" for name in ("drift", "phase") for width in style.WIDTHS}
     assert files == {path.name for path in drawn.iterdir()}
     assert len({path.read_bytes() for path in drawn.glob("drift_*")}) == len(style.WIDTHS), "each is drawn as wide"
-    other = {**cell, "part": "time", "state": "fast", "method": "rk4"}  # in another part
-    Store(tmp_path).append(make_record("phase", phase.VERSION, 1, other, rows=ROWS))
-    one = ("phase_h", "--tops", "generic,fast", "--results", tmp_path, "--output", drawn / "one.svg")
-    assert "phase_h: no rows of fast\n" in run("figure", *one)[2]
 
 
 def test_a_plug_in_stands_out_and_a_few_are_all_named():
