@@ -1,5 +1,6 @@
 """Tests for users' own methods: the assertions fail where they should, and name the top, the step and the value."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -24,10 +25,8 @@ def test_a_bound_that_is_exceeded_names_top_step_and_value():
     with pytest.raises(AssertionError) as caught:
         assert_drift(MINE, tops=("generic", "figure1"), h_scaled=(0.1, 0.2), steps=1000, H=16, J3=0)
     lines = str(caught.value).splitlines()
-    assert (len(lines), "mine" in METHODS) == (4, False), "J3 stays"
-    assert lines[1].startswith("mine: H is off by ")
-    assert lines[1].endswith(" on generic, h_scaled = 0.2: 16 allowed")
-    assert " ulps at step " in lines[1]
+    assert len(lines) == 4, "J3 stays"
+    assert re.fullmatch(r"mine: H is off by \S+ ulps at step \d+ on generic, h_scaled = 0.2: 16 allowed", lines[1])
 
 
 def test_drift_is_in_ulps_of_the_scale():
