@@ -12,7 +12,6 @@ import time
 
 import pytest
 from faults import TOY, comparable, nobody_left, squares, start, wait_for_lines
-from test_cli import STUDY
 
 from lagrange_bench.results.store import Store
 
@@ -62,12 +61,12 @@ def test_interrupt(tmp_path, words):
     assert nobody_left(run.pid)
 
 
-EDITS = (
-    STUDY
-    + """
+EDITS = """
 import os
 from pathlib import Path
 from own import helper
+
+VERSION = 1
 
 def cells(profile):
     return [{"i": 0}, {"i": 1, "edit": True}, {"i": 2}, {"i": 3, "timing": True}]
@@ -76,8 +75,10 @@ def measure(cell):
     if cell.get("edit") and "EDIT" in os.environ:
         Path(os.environ["EDIT"]).write_text("VALUE = 22\\n")
     return [{"value": float(helper.VALUE)}]
+
+def tables(rows): return {}
+def draw(rows): return {}
 """
-)
 
 
 def test_an_edit_in_the_middle_of_a_run_makes_no_false_row(folder, answer, run, monkeypatch):

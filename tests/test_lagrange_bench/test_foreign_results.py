@@ -71,10 +71,9 @@ def test_packages_join(tmp_path):
 MODULE = f"""
 from dataclasses import replace
 from pathlib import Path
-from lagrange_bench.integrators import METHODS, Potential
+from lagrange_bench.integrators import METHODS
 
 Path(__file__).with_name("ran").touch()
-POTENTIAL = Potential("evil", lambda x1, x2, x3, p: p[0] * x1)
 METHOD = replace(METHODS["strang"], name="evil", label="Evil Strang")
 {STUDY}"""
 
@@ -85,27 +84,23 @@ def test_rows_never_choose_code(run, folder, monkeypatch):
     (folder / "evilpkg").mkdir()
     for name in ("exp", "method"):
         (folder / "evilpkg" / f"{name}.py").write_text(MODULE)
-    cell = {"part": "time", "state": "generic", "h": 0.1, "steps": 10}
+    cell = {"part": "time", "state": "generic", "h": 0.1, "steps": 10, "method": "evilpkg.method:METHOD"}
     row = dict.fromkeys(INVARIANTS, 1e-9)
-    start = {"alpha": 1.0, "y0": "0.3,-0.4,1.2,0.48,0.6,0.64", "parameters": "0.1"}
-    in_field = {**cell, **start, "potential": "evilpkg.method:POTENTIAL", "method": "strang"}
-    for results, experiment, fields, measured in (
-        ("results", "evilpkg.exp", {"i": 0}, {"square": 0.1}),
-        ("results", "unittest.__main__", {"i": 0}, {"square": 0.1}),
-        ("results", "drift", {**cell, "method": "evilpkg.method:METHOD"}, row),
-        ("other", "evilpkg.exp", {"i": 0}, {"square": 0.2}),
-        ("own", "drift", in_field, row),
+    for results, experiment, version, fields, measured in (
+        ("results", "evilpkg.exp", 1, {"i": 0}, {"square": 0.1}),
+        ("results", "drift", load("drift").VERSION, cell, row),
+        ("other", "evilpkg.exp", 1, {"i": 0}, {"square": 0.2}),
+        ("own", "drift", load("drift").VERSION, cell, row),
     ):
         (folder / results).mkdir(exist_ok=True)
-        version = load("drift").VERSION if experiment == "drift" else 1
         rows = [{**measured, "t": t} for t in (1.0, 2.0, 4.0, 8.0)]  # enough for a line, which its label names
         Store(results).append(make_record(experiment, version, 0, fields, rows=rows))
     for words, code, said in (
         ("report --results results --output plain", 1, "not drawn: evilpkg.exp: unknown experiment 'evilpkg.exp'"),
         ("figure evilpkg.exp_squares --results results", 2, "unknown"),
         ("compare results other", 1, "changed in evilpkg.exp"),
-        ("verify results --quiet --longest 10", 2, "unknown experiment 'unittest.__main__'"),
-        ("verify own --quiet", 2, "not computed: 1 cells: evilpkg.method:POTENTIAL: not available here"),
+        ("verify results --quiet", 2, "unknown experiment 'evilpkg.exp'"),
+        ("verify own --quiet", 2, "not computed: 1 cells: evilpkg.method:METHOD: not available here"),
     ):
         found, out, err = run(*words.split())
         assert (found, said in out + err) == (code, True), err
