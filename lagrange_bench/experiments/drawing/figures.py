@@ -16,7 +16,7 @@ from lagrange_bench.experiments.drawing import style
 from lagrange_bench.support.files import replace_file
 
 WIDE = 360  # points: a wider figure gets a row of the page to itself
-DPI = {"column": 600, "page": 400}  # of a PNG: journals ask for this much in line art
+DPI = 600  # of a PNG: journals ask for this much in line art
 
 FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
@@ -69,7 +69,7 @@ def _printed(figure: Figure, kind: str) -> bytes:
                 line.set_gid(style.title(str(line.get_label())))
     buffer = io.BytesIO()
     with style.apply():
-        figure.set_dpi(DPI["page" if wide(figure) else "column"] if kind == "png" else style.RC["savefig.dpi"])
+        figure.set_dpi(DPI)
         getattr(CANVASES[kind](figure), f"print_{kind}")(buffer, metadata=dict.fromkeys(WITHOUT[kind]))
     return buffer.getvalue()
 

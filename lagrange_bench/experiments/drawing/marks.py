@@ -14,7 +14,7 @@ from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.font_manager import FontProperties
 
-from lagrange_bench.experiments.drawing.canvas import FAINT, INK, plain
+from lagrange_bench.experiments.drawing.canvas import FAINT, plain
 from lagrange_bench.experiments.drawing.looks import DASHES, OWN_DASHES, family, looks, of
 from lagrange_bench.experiments.drawing.tables import show
 from lagrange_bench.integrators.registry import METHODS
@@ -40,7 +40,8 @@ def draw_method(
         ax.set(**{f"{axis}scale": "log" for axis, is_log in zip("xy", log, strict=True) if is_log})
     if not str(look["label"]).startswith("_"):
         failed = mine[mine.status == "failed"][x].dropna()
-        failure_marks(ax, failed, method)
+        if not failed.empty:
+            failure_marks(ax, failed, look["color"])
         if good.empty and failed.empty and (mine.status == "failed").any():
             ax.plot([], [], "x", color=look["color"], label=look["label"])
 
@@ -107,16 +108,11 @@ def legend_below(fig: matplotlib.figure.Figure) -> None:
     fig.legend([entries[text] for text in texts], texts, loc="outside lower center", ncols=columns)
 
 
-def failure_marks(ax: Axes, x: Iterable[float], method: str | None = None) -> None:
+def failure_marks(ax: Axes, x: pd.Series, colour: str) -> None:
     """A cross at the top of the axes for every x at which a method failed."""
-    places = list(x)
-    if places:
-        colour = of(method)["color"] if method else INK
-        is_first = not any(line.get_gid() == "failed" for line in ax.get_lines())
-        label = "failed" if is_first else "_failed"
-        look: dict[str, Any] = {"color": colour, "clip_on": False, "zorder": 5}
-        at_top = ax.get_xaxis_transform()
-        ax.plot(places, [0.99] * len(places), "x", gid="failed", label=label, transform=at_top, **look)
+    is_first = not any(line.get_gid() == "failed" for line in ax.get_lines())
+    at_top: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "clip_on": False, "zorder": 5}
+    ax.plot(x, [0.99] * len(x), "x", gid="failed", label="failed" if is_first else "_failed", color=colour, **at_top)
 
 
 def ulp_line(ax: Axes) -> None:

@@ -32,16 +32,14 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
     return decorator
 
 
-def by_group(
-    columns: Sequence[str], part: str, caption: str, failed: bool = False
-) -> Callable[..., Callable[..., Any]]:
+def by_group(columns: Sequence[str], part: str, caption: str) -> Callable[..., Callable[..., Any]]:
     """As `of_part`, for a function of the values of `columns` and their rows. It makes the rest of a line; {} makes no line.
 
     If the rows lack one of the columns, there is no line.
     """
 
     def decorator(function: Callable[..., dict[str, Any]]) -> Callable[..., Any]:
-        @of_part(part, caption, failed)
+        @of_part(part, caption)
         @wraps(function)
         def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
             groups = rows.groupby(list(columns), sort=False) if set(columns) <= set(rows) else ()

@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 
 MISSING = "–"
-PAGE = 45  # rows that fit on a page of LaTeX
 WHOLE = 10**7  # whole numbers up to here are counts, even as floats
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GROUP = "\N{NARROW NO-BREAK SPACE}"
@@ -21,7 +20,6 @@ UNIT = re.compile(r"\bus\b")
 NUMBER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]?\d{1,3}(?!\w|\.\d)")
 DECIMAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 METHODS = ("method", "cheapest", "next", "best of the others")  # columns of methods: a paper wants labels, not keys
-ERROR = "standard error"  # a column with the errors of the numbers in the column before it
 
 
 class Cell(NamedTuple):
@@ -60,28 +58,20 @@ def markdown(frame: pd.DataFrame) -> str:
 
 
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
-    r"""A `tabular` to \input into a table float, with columns of siunitx; a `longtable` if it does not fit on a page."""
+    r"""A `tabular` to \input into a table float, with columns of siunitx."""
     from lagrange_bench.experiments.drawing.looks import label
 
     frame = frame.assign(**{name: frame[name].map(label, na_action="ignore") for name in METHODS if name in frame})
     numeric = [name for name in frame.columns if _is_numeric(frame[name])]
     columns = {name: [tex(value, name in numeric) for value in frame[name]] for name in frame.columns}
-    if ERROR in frame:
-        value = frame.columns[frame.columns.get_loc(ERROR) - 1]
-        columns[value] = [_with_error(*pair) for pair in zip(frame[value], frame[ERROR], strict=True)]
-        del columns[ERROR]
-    is_long = len(frame) > PAGE
     body = pd.DataFrame({_tex_text(heading(name)): texts for name, texts in columns.items()})
     table = body.style.hide(axis="index").to_latex(
         column_format="".join("S" if name in numeric else "l" for name in columns),
-        environment="longtable" if is_long else None,
-        caption=_tex_text(caption) if is_long and caption else None,
         hrules=True,
         siunitx=True,
     )
-    packages = "booktabs,siunitx,longtable" if is_long else "booktabs,siunitx"
     note = f"% {' '.join(caption.split())}\n" if caption else ""
-    return rf"% written by lagrange-bench report; needs \usepackage{{{packages}}}" + f"\n{note}{table}"
+    return f"% written by lagrange-bench report; needs \\usepackage{{booktabs,siunitx}}\n{note}{table}"
 
 
 def csv(frame: pd.DataFrame) -> str:
@@ -114,14 +104,6 @@ def tex(value: Any, is_among_numbers: bool = False) -> str:
     if mantissa.endswith("∞"):
         return "{$" + mantissa.replace("∞", r"\infty") + "$}"
     return mantissa.replace(" ", "") + ("" if exponent is None else f"e{exponent}")
-
-
-def _with_error(value: float, error: float) -> str:
-    """A number with its error in its last digit: 3.99(1)."""
-    if not (math.isfinite(value) and 0.0 < error < 1.0):
-        return tex(value, True)
-    digits = -math.floor(math.log10(error))
-    return f"{value:.{digits}f}({min(round(error * 10**digits), 9)})"
 
 
 def _digits(value: Any) -> tuple[str, int | None]:
