@@ -12,7 +12,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from lagrange_bench.experiments.drawing import style
-from lagrange_bench.experiments.drawing.tables import heading
+from lagrange_bench.experiments.drawing.tables import heading, show
 from lagrange_bench.experiments.drift import OWN
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.measuring.states import SCHEME_OPTIONS
@@ -161,7 +161,9 @@ class Comparison:
                 if names and ax is not None:
                     panel.legend()
                 title = self._title(list(dict.fromkeys(here["top"])))
-                panel.set(title=title, xlabel=self._label(x), ylabel=self._label(y), **limits)
+                zeros = self._is_error(y) and 0 < (here[y] == 0).sum() < here[y].count()
+                ylabel = self._label(y) + (f" (0 is drawn at {show(style.LEAST)})" if zeros else "")
+                panel.set(title=title, xlabel=self._label(x), ylabel=ylabel, **limits)
             if names and ax is None:
                 style.legend_below(axes[0].figure)
         return axes[0] if len(axes) == 1 else np.array(axes)

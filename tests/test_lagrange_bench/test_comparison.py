@@ -120,6 +120,8 @@ def test_any_column_against_any_other_a_panel_for_each_top():
     axes = made().plot("h_scaled", "H", tops=["fast", "generic"])
     assert [ax.get_title() for ax in axes] == ["fast top", "generic unit top"]
     assert axes[0].get_ylabel() == "relative error of H"
+    zero = Comparison(made().frame.assign(H=lambda rows: 1 - rows.h_scaled)).plot("h_scaled", "H", tops="fast")
+    assert zero.get_ylabel() == "relative error of H (0 is drawn at 10⁻¹⁷)"
     _, ax = plt.subplots()
     made().plot(ax=ax)
     assert (len(ax.get_lines()), ax.get_title()) == (4, "generic unit top, fast top")
