@@ -93,16 +93,6 @@ class Comparison:
         """The rows as a notebook shows them."""
         return str(self.frame._repr_html_())
 
-    def to_frame(self) -> pd.DataFrame:
-        """The rows as a frame of its own.
-
-        Returns
-        -------
-        DataFrame
-            A copy of `frame`.
-        """
-        return self.frame.copy()
-
     def plot(
         self,
         x: str | None = None,

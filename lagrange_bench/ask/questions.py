@@ -1,7 +1,7 @@
 """The questions of the bench, in one call each; the answer is a `Comparison`, which is a frame and draws figures.
 
     answer = work_precision(["rk4", "strang", METHOD], tops=["generic", (problem, y0)])
-    answer.to_frame()
+    answer.frame
     answer.plot(x="evals", y="error", xlim=(1e2, 1e5))
 
 All questions take

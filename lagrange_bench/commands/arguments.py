@@ -36,7 +36,7 @@ def _count(text: str) -> int:
     return int(value)
 
 
-LONGEST = 1e7  # s, of a --time-limit: four months
+LONGEST = 1e6  # s, of a --time-limit: the system counts milliseconds in 32 bits
 count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
 several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
 whole = in_range(int, -math.inf, math.inf, "a whole number")
@@ -86,8 +86,6 @@ def add_choice(command: argparse.ArgumentParser) -> None:
     for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
-    text = "also the methods of the archive (see methods --archive), which quick runs and figures of many methods leave out"
-    command.add_argument("--archive", action="store_true", help=text)
 
 
 def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
@@ -98,7 +96,7 @@ def choice_of(options: argparse.Namespace, results: Path | None = None) -> Any:
     from lagrange_bench.results.choice import Choice
     from lagrange_bench.results.store import Store
 
-    choice = Choice(options.methods, options.tops, options.archive)
+    choice = Choice(options.methods, options.tops)
     choice.include()
     if results is not None:
         store = Store(results)

@@ -90,8 +90,7 @@ def _drawn(section: sections.Section, width: str | None = None) -> Iterator[tupl
     if section.rows.empty:
         return
     try:
-        choice = section.origin.choice
-        with style.apply(width, choice.archive):
+        with style.apply(width):
             drawn = load_stored(section.experiment).draw(section.rows)
     except Exception as error:  # perhaps because of the rows
         reason = " ".join(sections.described(error).split())

@@ -274,15 +274,9 @@ def opened(sections: Sequence[Section]) -> list[tuple[Section, DrawnFigure]]:
 
 
 def environment_facts(sections: list[Section]) -> list[tuple[str, str]]:
-    """(fact, value) of where the rows come from; where experiments differ, each value names its own."""
-    facts: dict[str, dict[str, list[str]]] = {fact: {} for fact in FACTS}
+    """(fact, values) of where the rows come from."""
+    facts: dict[str, list[str]] = {fact: [] for fact in FACTS}
     for section in sections:
         for fact in section.provenance.columns.drop(list(MEASURED_WHEN), errors="ignore"):
-            for value in section.provenance[fact].astype(object).map(tables.show).unique():
-                facts.setdefault(fact, {}).setdefault(value, []).append(section.experiment)
-
-    def shown(values: dict[str, list[str]]) -> str:
-        several = len(values) > 1
-        return "; ".join(f"{value} ({', '.join(names)})" if several else value for value, names in values.items())
-
-    return [(fact, shown(values)) for fact, values in facts.items() if values]
+            facts.setdefault(fact, []).extend(section.provenance[fact].astype(object).map(tables.show).unique())
+    return [(fact, "; ".join(dict.fromkeys(values))) for fact, values in facts.items() if values]

@@ -149,7 +149,7 @@ def draw(experiment: str, store: Store) -> Section:
     if module is None:
         return section
     try:
-        section.figures = draw_figures(module, section.rows, store.choice)
+        section.figures = draw_figures(module, section.rows)
     except Exception as error:
         section.errors.append(f"figures cannot be drawn: {described(error)}")
     try:
@@ -181,15 +181,15 @@ def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame
     return pd.concat([failures, more], ignore_index=True)
 
 
-def draw_figures(module: ModuleType, rows: pd.DataFrame, choice: Choice) -> list[DrawnFigure]:
+def draw_figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
-    with style.apply(None, choice.archive):
+    with style.apply():
         drawn = module.draw(rows.copy())
         words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
         made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
     seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]
     if any(figures.wide(drawn[figure.name]) for figure in seen):
-        with style.apply("column", choice.archive):
+        with style.apply("column"):
             narrow = module.draw(rows.copy())
             for figure in seen:
                 figure.phone = figures.svg(narrow[figure.name])

@@ -14,7 +14,6 @@ class Choice:
 
     methods: tuple[str, ...] = ()
     tops: tuple[str, ...] = ()
-    archive: bool = False  # whether figures of many methods show those of the archive, too
 
     def __bool__(self) -> bool:
         """Whether the choice leaves any cell out."""
@@ -24,8 +23,7 @@ class Choice:
     def words(self) -> str:
         """The choice as options of a command."""
         options = {"--methods": self.methods, "--tops": self.tops}
-        words = "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
-        return words + " --archive" * self.archive
+        return "".join(f" {flag} {shlex.quote(','.join(names))}" for flag, names in options.items() if names)
 
     def takes(self, cell: Mapping[str, Any]) -> bool:
         """Whether a cell belongs to the choice."""

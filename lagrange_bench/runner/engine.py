@@ -115,7 +115,7 @@ def run(
     store, summary = Store(results), Summary(Path(results), profile)
     listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
     choice.check(cell for some in listed.values() for cell in some)
-    if profile == PROFILES[0] and cells is None and not (choice.methods or choice.archive):
+    if profile == PROFILES[0] and cells is None and not choice.methods:
         listed = {name: _without_archive(some) for name, some in listed.items()}
     files = sources.Sources()  # as they are when the run begins
     plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}

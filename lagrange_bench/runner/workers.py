@@ -6,7 +6,6 @@ same rows.
 """
 
 import faulthandler
-import gc
 import multiprocessing
 import os
 import signal
@@ -36,7 +35,6 @@ TRACEBACK = 4000  # characters kept of a traceback, from its end
 HOME = f"{Path(__file__).resolve().parents[2]}{os.sep}"
 DIED = "WorkerDied"
 GRACE = 30.0  # s after the limit of a cell until a worker without a parent ends itself
-LONGEST_WAIT = 1e6  # s; the system counts milliseconds in 32 bits
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +121,7 @@ class Worker:
         begin = perf_counter()
         try:
             self._pipe.send((limit, task.experiment, task.cell))
-            if self._pipe.poll(min(limit, LONGEST_WAIT)):
+            if self._pipe.poll(limit):
                 return self._pipe.recv()  # type: ignore[no-any-return]
         except (EOFError, OSError):
             return failure(DIED, self._end(), "", perf_counter() - begin)
@@ -168,14 +166,13 @@ def _serve(pipe: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.environ.update(dict.fromkeys(THREADS, "1"))
     announce.quiet = True  # the parent shows the progress
-    gc.set_threshold(10_000)  # Numba makes many objects: collecting garbage would take a twentieth of a compilation
     os.dup2(2, 1)  # compiled libraries print warnings on stdout, which belongs to the data
     threading.Thread(target=_end_with_parent, daemon=True).start()
     with suppress(EOFError, OSError):  # the parent is gone
         while True:
             limit, *task = pipe.recv()
             # if the parent is killed while this process is in compiled code, `_end_with_parent` cannot run
-            faulthandler.dump_traceback_later(min(limit, LONGEST_WAIT) + GRACE, exit=True)
+            faulthandler.dump_traceback_later(limit + GRACE, exit=True)
             pipe.send(compute(*task))
             faulthandler.cancel_dump_traceback_later()
 

@@ -80,7 +80,7 @@ BAD = {  # words → what the line must name
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
     "run --results ''": "argument --results: must name a file or folder; got an empty word",  # $RESULTS, where it is not set
-    "judge run.csv --case bruels --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+07",
+    "judge run.csv --case bruels --step 1/0": "--step: must be a positive number such as 0.5 or 1/60, at most 1e+06",
     "case kovalevskaya --code c": "no closed form",
 }
 

@@ -29,7 +29,7 @@ def closed():
 
 
 def test_drift_is_that_of_a_run_in_both_units_of_time():
-    frame = drift([NAMED, "rk4"], ["generic", BODY], h=0.1, steps=8.0).to_frame()
+    frame = drift([NAMED, "rk4"], ["generic", BODY], h=0.1, steps=8.0).frame
     run = integrate(GENERIC.top, GENERIC.state, 0.1, 8, "rk4", every=1)
     here = frame[(frame.method == "rk4") & (frame.top == "generic")]
     change = np.abs(run.invariants() - run.invariants()[0]) / GENERIC.top.invariant_scales(GENERIC.state)
@@ -43,12 +43,12 @@ def test_drift_is_that_of_a_run_in_both_units_of_time():
 
 
 def test_a_method_that_fails_is_a_row_with_the_reason():
-    (failed,) = drift(["backlund"], "generic", h_scaled=1e17, steps=3).to_frame().itertuples()
+    (failed,) = drift(["backlund"], "generic", h_scaled=1e17, steps=3).frame.itertuples()
     assert (failed.status, "|h| is over" in failed.failure) == ("failed", True)
 
 
 def test_phase_splits_the_error_where_there_is_a_torus():
-    frame = phase(["rk4"], ["generic", OWN], h_scaled=0.1, steps=20).to_frame()
+    frame = phase(["rk4"], ["generic", OWN], h_scaled=0.1, steps=20).frame
     on_torus, own = frame[frame.top == "generic"], frame[frame.top == "mine"]
     assert on_torus[["time", "angle", "off", "error"]].notna().all(axis=None)
     assert own.error.between(1e-12, 1e-3).all()
@@ -56,17 +56,17 @@ def test_phase_splits_the_error_where_there_is_a_torus():
 
 
 def test_order_of_a_method_on_a_top_and_on_a_problem():
-    frame = order([NAMED, "rk4"], ["fast", OWN]).to_frame()
+    frame = order([NAMED, "rk4"], ["fast", OWN]).frame
     measured = frame.groupby(["method", "top"]).order.first().round(0)
     assert measured.to_dict() == {(m, top): p for m, p in (("named", 2), ("rk4", 4)) for top in ("fast", "mine")}
-    answer = order(["backlund", "rk45"]).to_frame()
+    answer = order(["backlund", "rk45"]).frame
     assert answer.groupby("method").order.last().to_dict() == {"backlund": "exact", "rk45": "own steps"}
 
 
 @pytest.mark.parametrize("tops", ["moderate_tide", BODY])
 def test_races_count_what_an_error_costs(short_races, tops):
     answer = work_precision(["rk4"], tops, t_scaled=10, longest=0.005)
-    frame = answer.to_frame()
+    frame = answer.frame
     assert frame.groupby("method").error.min().between(1e-15, 1e-9).all()
     done = frame[frame.seconds.notna()]
     assert np.allclose(done.total, done.seconds + done.setup_seconds)
@@ -107,7 +107,7 @@ def test_tops_by_name_and_by_object():
         (OWN, ["mine"]),
         ((GENERIC.top, GENERIC.state), ["LagrangeTop(alpha=1.0)"]),
     ):
-        assert drift(["rk4"], tops, steps=1).to_frame().top.tolist() == names
+        assert drift(["rk4"], tops, steps=1).frame.top.tolist() == names
 
 
 def test_any_column_against_any_other_a_panel_for_each_top():

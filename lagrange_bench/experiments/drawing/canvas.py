@@ -9,7 +9,7 @@ import unicodedata
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib
 import matplotlib.figure
@@ -58,15 +58,8 @@ TICKS |= {"major.width": 0.6, "minor.width": 0.4, "major.size": 3, "minor.size":
 RC |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.items()}
 
 
-class Settings(NamedTuple):
-    """Of the figures drawn inside `apply`."""
-
-    width: str | None = None
-    archive: bool = False
-
-
-USUAL = Settings()
-SETTINGS: ContextVar[Settings] = ContextVar("settings of figures", default=USUAL)
+# of the figures drawn inside `apply`: "column" or "page"; None: each has its own
+WIDTH: ContextVar[str | None] = ContextVar("width of figures", default=None)
 
 
 class Figure(matplotlib.figure.Figure):
@@ -77,22 +70,21 @@ class Figure(matplotlib.figure.Figure):
 
 
 @contextmanager
-def apply(width: str | None = None, archive: bool = False) -> Iterator[None]:
+def apply(width: str | None = None) -> Iterator[None]:
     """Use this style inside the block, to draw and to save, whatever the user's matplotlibrc says.
 
-    width : "column" or "page", for every figure drawn inside; None: each has its own. archive : whether figures of many methods
-    show the archive, too. ValueError : another width.
+    width : "column" or "page", for every figure drawn inside; None: each has its own. ValueError : another width.
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before = SETTINGS.set(Settings(width, archive))
+    before = WIDTH.set(width)
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(RC)
             yield
     finally:
-        SETTINGS.reset(before)
+        WIDTH.reset(before)
 
 
 def figure(
@@ -108,7 +100,7 @@ def figure(
     width : "column" (3.4 in), "page" (7 in) or inches. height : inches. Inside `apply("column")` the panels stand one below the
     other, and share their axes or not.
     """
-    width = SETTINGS.get().width or width
+    width = WIDTH.get() or width
     rows, columns = nrows, ncols
     if width == "column" and ncols > 1:
         rows, columns = nrows * ncols, 1
@@ -126,7 +118,7 @@ def panels(
     titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each title, `columns` to a row. heights : inches, of the figure without rows, and of a row."""
-    columns = 1 if SETTINGS.get().width == "column" else min(columns, len(titles))
+    columns = 1 if WIDTH.get() == "column" else min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
     fig, grid = figure("page", heights[0] + heights[1] * rows, rows, columns, squeeze=False, **shared)
     axes, spare = list(grid.flat[: len(titles)]), grid.flat[len(titles) :]

@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from lagrange_bench.experiments.drawing.canvas import SETTINGS, plain, printable, title
+from lagrange_bench.experiments.drawing.canvas import plain, printable, title
 from lagrange_bench.integrators.registry import BUILT_IN, MANY, METHODS, find_stored, without_archive
 
 # family → (colours, markers), in registry order within the family; no crosses: they show where a method failed
@@ -75,7 +75,7 @@ def ordered(methods: Iterable[str]) -> list[str]:
 
 def shown(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows that figures show: of many methods the archive is left out, except methods that stand out."""
-    if SETTINGS.get().archive or "method" not in rows:
+    if "method" not in rows:
         return rows
     names = [*without_archive(rows.method.dropna()), *_standing_out()]
     return rows[rows.method.isna() | rows.method.isin(names)]
