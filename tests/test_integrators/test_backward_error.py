@@ -10,9 +10,8 @@ import pytest
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.experiments.phase import theory_steps
 from lagrange_bench.integrators import METHODS, TOPS, LagrangeTop, exact, integrate, predicted_phase, prepare
-from lagrange_bench.integrators.backward_error.prediction import PREDICTED, local_error
+from lagrange_bench.integrators.backward_error.prediction import local_error
 from lagrange_bench.integrators.backward_error.steps import STEPS
-from tests.installed import FOR_TOPS
 
 TOP, Y0 = LagrangeTop(0.9), np.array([0.5, -0.7, 0.3, 0.6, -0.3, 0.5])
 SLOW, Z0 = LagrangeTop(0.9 / 4), Y0 / (2, 2, 2, 1, 1, 1)  # the same in the units of `Units`
@@ -31,12 +30,6 @@ def test_the_series_of_a_step_is_the_step(name):
     assert size > 5e-15
     assert np.max(np.abs(series(name, SLOW, Z0, h) - step)) < 1e-3 * size + 2e-15
     assert np.max(np.abs(series(name, SLOW, Z0, 0.9 * h) - step)) > 0.1 * size, "negative control"
-
-
-def test_what_is_predicted_are_methods_with_a_fixed_step():
-    stepping = {name for name, method in FOR_TOPS.items() if method.control == "step" and method.order}
-    assert stepping >= PREDICTED
-    assert PREDICTED - set(STEPS) == {"backlund_paper", "backlund_textbook"}, "by T(λ) and Θ(λ)"
 
 
 RUNS = [  # a method, its step, steps, its error at least, what theory leaves at most: as a share, or at all

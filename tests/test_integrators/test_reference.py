@@ -16,24 +16,14 @@ Y0 = np.array((0.3, -0.4, 1.2, 0.48, 0.6, 0.64))
 FALLING = (2.0, 0.0, 0.0, 1.0)  # strength and place of a charge on the sphere that attracts
 
 
-def everything(x1, x2, x3, p):
-    """Division by a double, whose reciprocal is not rounded to one, and by what varies; with constants only."""
-    return x1 * x1 / 0.6 + sqrt(p[0]) * x2 / (2 - x3) - sqrt(2 + x1) * x2 - (-x3) / x2**3 - p[0] / 3 * x1
-
-
-def its_gradient(x1, x2, x3, p):
-    return (
-        x1 / 0.3 - x2 / (2 * sqrt(2 + x1)) - p[0] / 3,
-        sqrt(p[0]) / (2 - x3) - sqrt(2 + x1) - 3 * x3 / x2**4,
-        sqrt(p[0]) * x2 / (2 - x3) ** 2 + x2**-3,
-    )
-
-
 KINDS = {
     **POTENTIALS,
     "none": Potential("none", lambda x1, x2, x3, p: 0.0),
     "square": Potential("square", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2),
-    "everything": Potential("everything", everything, its_gradient),
+    # heyoka must not turn a division by a double into a product with its rounded reciprocal
+    "divided": Potential(
+        "divided", lambda x1, x2, x3, p: x1 * x1 / 0.6 - (-x3) / p[0], lambda x1, x2, x3, p: (x1 / 0.3, 0.0, 1 / p[0])
+    ),
 }
 
 
@@ -42,7 +32,7 @@ def top(kind, alpha=1.0, parameters=()):
 
 
 QUADRATIC, CHARGED = top("square", 1.0, (0.3,)), top("charge", 1.0, (-0.125, 2.0, 0.1, 0.2))
-EVERYTHING = top("everything", 1.0, (0.7,))
+DIVIDED = top("divided", 1.0, (0.7,))
 DRIVEN = Problem(
     "driven",
     "e3",
@@ -103,7 +93,7 @@ def invariants(problem, found):
 
 
 @pytest.mark.parametrize(
-    "problem", [QUADRATIC, CHARGED, EVERYTHING, DRIVEN], ids=["quadratic", "charge", "everything", "driven"]
+    "problem", [QUADRATIC, CHARGED, DIVIDED, DRIVEN], ids=["quadratic", "charge", "divided", "driven"]
 )
 def test_the_engines_agree_and_keep_energy_and_casimirs(quadruple, problem):
     """And their estimates bound how far they are apart."""
@@ -114,9 +104,7 @@ def test_the_engines_agree_and_keep_energy_and_casimirs(quadruple, problem):
     assert (one.engine, two.engine) == ("heyoka", "flint")
     if problem is DRIVEN:  # its energy changes
         return
-    later = invariants(problem, one)
-    if problem is not EVERYTHING:  # that one ends in a pole
-        later += invariants(problem, reference.solution(problem, Y0, [15.0, -15.0]))
+    later = invariants(problem, one) + invariants(problem, reference.solution(problem, Y0, [15.0, -15.0]))
     assert largest([a - b for row in later for a, b in zip(row, later[0], strict=True)]) < 1e-28
 
 

@@ -6,10 +6,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-from lagrange_bench import METHODS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, Work, metrics
-from lagrange_bench.experiments import ensemble
+from lagrange_bench import METHODS, POTENTIALS, TOPS, LagrangeTop, PerturbedTop, Potential, StepError, Work
 from lagrange_bench.experiments.measuring import check
-from lagrange_bench.integrators import exact, integrate, prepare
+from lagrange_bench.integrators import integrate, prepare
 from lagrange_bench.integrators.methods import taylor, taylor_fixed
 from lagrange_bench.integrators.problem.potentials import TIDE
 from tests.installed import in_uniform_fields, installed
@@ -65,13 +64,3 @@ def test_numbers_that_the_force_does_not_contain():
         for field in ((TIDE, (0.3, 1.0, 0.0, 0.0)), (idle, (0.3, 5.0, 6.0)))
     ]
     assert np.max(np.abs(ends[1] - ends[0])) < 1e-15
-
-
-def test_batches_of_heyoka_meet_their_tolerance():
-    """In the experiment `ensemble`, whose rival they are; the last register is not full."""
-    installed("taylor")
-    alphas, states = ensemble.alphas_and_states(6)
-    for tol, low, high in ((1e-6, 1e-10, 1e-3), (EPS, 0.0, 1e-12)):
-        for alpha, y0, end in zip(alphas, states, ensemble.follow_in_batches(alphas, states, 20.0, tol)(), strict=True):
-            top = LagrangeTop(alpha)
-            assert low < metrics.scaled_error(top, y0, end, exact.solution(top, y0, [20.0])[0]) < high

@@ -5,7 +5,6 @@ from functools import partial, reduce
 
 import numpy as np
 import pytest
-from mpmath import mp
 from scipy.integrate import solve_ivp
 
 from lagrange_bench.integrators.paper import generating_functions as gf
@@ -126,11 +125,7 @@ def test_maps_are_poisson_only_with_v_of_the_state(p, n):
     for f, terms in ((partial(one_point, lam=lam), 1000), (partial(two_point, lam=lam), 100)):
         error, size = defect(f, magnet, spins)
         p.same(error, 0 * error, terms * size)
-    for frozen in (
-        partial(one_point, lam=lam, v=v),
-        partial(two_point, lam=lam, v=v),
-    ):
-        assert largest(defect(frozen, magnet, spins)[0]) > 1e-4
+        assert largest(defect(partial(f, v=v), magnet, spins)[0]) > 1e-4
 
 
 def magnet(n):
@@ -172,11 +167,6 @@ def test_the_exact_step_is_the_flow(n, site, alpha, h):
 
 
 def test_only_differences_of_sites_count():
-    m, spins = magnet(3)
-    with mp.workdps(50):
-        for far in (2.0**40, -(mp.mpf(2) ** 100)):
-            moved = replace(m, sites=tuple(a + far for a in m.sites))
-            assert np.array_equal(moved.exact_step(spins, 5.0), m.exact_step(spins, 5.0))
     apart, spins = GaudinMagnet((-5e7, 1e8, 1e8 + 0.5, 1e8 + 2), 0.7, site=2), magnet(4)[1]
     image = apart.exact_step(spins, 5.0)
     assert np.max(np.abs(image - flow(apart, spins, np.eye(4)[2], 5.0))) < 1e-11
