@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagrange_bench import CASES, Case
+from lagrange_bench import Case
 from lagrange_bench.integrators import integrate
 from lagrange_bench.integrators.cases.standalone import standalone
-from lagrange_bench.integrators.problem import kinds
 from tests.test_integrators.test_rigid_body import free_bodies, heavy_bodies, with_state
 
 COMPILE = ("cc", "-std=c99", "-Wall", "-Werror")
@@ -54,21 +53,11 @@ def followed(tmp_path):
     return follow
 
 
-CLOSED = [name for name, case in CASES.items() if kinds.free_body(case.body) or kinds.symmetric_body(case.body)]
-
-
 def assert_near(found, q, omega, x):
     q = q * np.sign(np.sum(q * found[0], axis=1))[:, None]
     for numbers, right in zip(found, (q, omega, x), strict=True):
         size = np.max(np.linalg.norm(right, axis=1)) or 1.0
         np.testing.assert_allclose(numbers, right, rtol=0, atol=1e-13 * size)
-
-
-@both
-@pytest.mark.parametrize("name", CLOSED)
-def test_the_named_cases(name, language, followed):
-    rows = np.loadtxt(DOCS / "cases" / f"{name}.csv", delimiter=",", skiprows=6)
-    assert_near(followed(CASES[name], language, rows[:, 0]), rows[:, 4:8], rows[:, 17:], rows[:, 1:4])
 
 
 @both

@@ -73,13 +73,20 @@ def conjugates(top, y, lam, sheet=1):
     return tp.point(top, y, lam, sheet), tp.point(top, y, lam.conjugate(), sheet)
 
 
+MORE = {  # of the paper's figures; a double root of Q
+    "figure1": [0.02j],
+    "figure2": [500 + 5000j],
+    "homoclinic": [-0.5 + 1j],
+}
+
+
 @pytest.mark.parametrize("name", TOPS)
 def test_the_pole_free_form_is_the_map_that_is_sold(name):
-    """All named tops, vertical ones too, and the λ of the paper's figures: real, |w| = Im λ, C1 … J3 to 1e-12."""
+    """All named tops, vertical ones too: real, |w| = Im λ, C1 … J3 to 1e-12."""
     top, y = TOPS[name].top, TOPS[name].state
     rate, length, _ = top.scales(y)
     lams = [(0.2 + 0.3j) * length / rate, 0.05j * length / rate, (-3 + 2j) * length / rate]
-    for lam in [*lams, *({"figure1": [0.02j], "figure2": [500 + 5000j]}.get(name, []))]:
+    for lam in [*lams, *MORE.get(name, [])]:
         for sheet in (1, -1):
             image = tp.real_form(top, y, lam, sheet)
             assert image.dtype == float
