@@ -75,6 +75,7 @@ def test_every_help_has_examples_that_are_understood(run, command):
 BAD = {  # words → what the line must name
     "integrat": "unknown 'integrat'; did you mean 'integrate'?",
     "integrate --method heyoka --h 1 --steps 1": "unknown method 'heyoka'; did you mean 'taylor'?",
+    "integrate --top magnet --method backlund --h 1 --steps 1": "(these take it: backlund_splitting, taylor, ",
     "integrate --h 1 --steps 1 --output x.txt": "--output x.txt: the name must end in .csv",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
@@ -237,22 +238,17 @@ def test_summary(run, answer):
     assert energy["largest_drift"] > 1.1 * abs(energy["drift"]) > 0
 
 
-def test_a_problem_of_ones_own(answer, run, folder):
-    (folder / "posed.py").write_text(
-        "from lagrange_bench import Problem\nP = Problem('own', 'so3', lambda t, y, p: y[0] ** 2 + y[2])\n"
-    )
-    words = ("integrate", "--problem", "posed:P", "--state", "0.3,-0.4,1.2", "--h", "0.01", "--steps", "10")
-    data = answer(*words, "--method", "rk4")
-    assert (set(data["invariants"]), len(data["y_final"]), data["error"]["final"] < 1e-9) == ({"H", "C"}, 3, True)
-    code, _, err = run(*words, "--method", "backlund")
-    assert (code, "(these take it: taylor, " in err) == (2, True)
-
-
-def test_where_and_when_a_trajectory_is(answer):
+def test_where_and_when_a_trajectory_is(answer, tmp_path):
     state = "-0.3,0.4,-1.2,-0.48,.6,64e-2"
-    data = answer("integrate", "--state", state, "--alpha", "-2", "--h", "-1e-1", "--steps", "5", "--every", "1")
-    assert (data["alpha"], data["y0"]) == (-2.0, [-0.3, 0.4, -1.2, -0.48, 0.6, 0.64])
-    assert data["t"] == [-0.1 * n for n in range(6)]
+    words = ("integrate", "--state", state, "--alpha", "-2", "--h", "-1e-1", "--steps", "5", "--every", "1")
+    data = answer(*words)
+    assert (data["y0"], data["t"]) == ([-0.3, 0.4, -1.2, -0.48, 0.6, 0.64], [-0.1 * n for n in range(6)])
+    potential = ("--potential", "tide", "--parameters", "-0.1,0,0,1", "--method", "strang")
+    data = answer(*words, *potential, "--output", tmp_path / "run.csv")
+    top = PerturbedTop(LagrangeTop(-2.0), POTENTIALS["tide"], (-0.1, 0.0, 0.0, 1.0))
+    assert data["y_final"] == integrate(top, data["y0"], -0.1, 5, "strang").y[-1].tolist()
+    header = ('potential: "tide"', "parameters: [-0.1, 0.0, 0.0, 1.0]", "alpha: -2.0", f'numpy: "{np.__version__}"')
+    assert {f"# {line}" for line in header} <= set((tmp_path / "run.csv").read_text("utf-8").splitlines())
     data = answer("integrate", "--times", "-1:0.1:12")
     assert np.allclose(data["t"], np.linspace(-1, 0.1, 12), rtol=1e-14)
     expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)
@@ -275,13 +271,3 @@ def test_a_file_is_replaced_whole_and_not_in_silence(run, tmp_path, monkeypatch)
     code, _, err = run(*SHORT, "--output", path)
     assert (code, err.count("\n"), path.read_bytes() == before) == (2, 1, True), err
     assert (link.is_symlink(), sorted(tmp_path.iterdir())) == (True, [link, path]), "no pieces are left"
-
-
-def test_a_potential_on_any_top(answer, tmp_path):
-    words, path = ("--potential", "tide", "--parameters", "-0.1,0,0,1"), tmp_path / "run.csv"
-    words += ("--method", "strang", "--h", "0.1", "--steps", "5", "--alpha", "2", "--state", "0,1,2,0.6,0,0.8")
-    data = answer("integrate", *words, "--output", path)
-    top = PerturbedTop(LagrangeTop(2.0), POTENTIALS["tide"], (-0.1, 0.0, 0.0, 1.0))
-    assert data["y_final"] == integrate(top, data["y0"], 0.1, 5, "strang").y[-1].tolist()
-    header = ('potential: "tide"', "parameters: [-0.1, 0.0, 0.0, 1.0]", "alpha: 2.0", f'numpy: "{np.__version__}"')
-    assert {f"# {line}" for line in header} <= set(path.read_text("utf-8").splitlines())
