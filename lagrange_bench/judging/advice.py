@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -28,10 +29,10 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) ->
     head = {name: values[:MOST] for name, values in rows.items()}
     if "matrix" in head and np.nanmedian(np.linalg.det(head["matrix"].reshape(-1, 3, 3))) < 0:
         return [say("left-handed matrix")], ""
-    diagnosis, convention = _diagnosis(frames, head, found), frames.convention
+    diagnosis, options = _diagnosis(frames, head, found), frames.options
     findings = diagnosis.findings()
-    if (convention.up or convention.axis) and any(finding.cause in AXES for finding in findings):
-        as_in_case = Frames(frames.rigid_body, replace(convention, up=None, axis=None), frames.digit, frames.case)
+    if (options.up or options.axis) and any(finding.cause in AXES for finding in findings):
+        as_in_case = Frames(frames.rigid_body, replace(options, up=None, axis=None), frames.digit, frames.case)
         others = _diagnosis(as_in_case, head, found).findings()
         if len(others) < len(findings):  # without the user's axes, fewer things are wrong
             return [other._replace(text=f"{other.text[:-1]}, without --up and --axis.") for other in others], ""
@@ -46,7 +47,7 @@ def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> 
         R=frames.matrices(rows),
         omega=frames.omega(rows) if "omega" in rows else None,
         x=next(frames.positions(rows), None),
-        frame=frames.convention.omega_frame,
+        frame=frames.frame,
         angles=rows["angles"] if is_angles else None,
     )
     hidden = Floor(
@@ -70,7 +71,7 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
     """
     if any(not finding.option.startswith("--") for finding in findings):
         return ""
-    rows, changes = dict(rows), dict[str, str]()
+    rows, changes = dict(rows), dict[str, Any]()
     for word, value in re.findall(r"--(\w+)[ =](\S+)", " ".join(finding.option for finding in findings)):
         name, _, unit = value.partition("=")
         if word == "units":
@@ -83,12 +84,12 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
         elif word == "columns" and name == "angle1":
             rows["angles"] = rows.pop("rotation vector")
         elif word == "columns":  # the other order of quaternions
-            changes["quat"] = "xyzw" if frames.convention.quat == "wxyz" else "wxyz"
+            changes["quat"] = "xyzw" if frames.options.quat == "wxyz" else "wxyz"
         elif word in ("quat", "angles", "up", "axis", "omega"):
             changes[word if word != "omega" else "omega_frame"] = value
         else:
             return ""
-    other = Frames(frames.rigid_body, replace(frames.convention, **changes), frames.digit, frames.case)
+    other = Frames(frames.rigid_body, replace(frames.options, **changes), frames.digit, frames.case)
     if other.case is None:
         other.refer(rows)
     errors, _, _ = other.by_the_better_clock(rows)
