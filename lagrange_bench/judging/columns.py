@@ -291,9 +291,9 @@ def _choose(
     _order_angles(chosen, header, options, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
-            words = " ".join(header[i] for i in group.places)
+            listed = " ".join(header[i] for i in group.places)
             either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
-            notes.append(f"{words} are no quaternion: {either}")
+            notes.append(f"{listed} are no quaternion: {either}")
     for what, word in options.units.items():
         if chosen and not {*OF_UNITS.get(what, chosen)} & {*chosen}:
             raise ValueError(f"--units {what}={word}: the file has no {what}, but {', '.join(chosen)}")

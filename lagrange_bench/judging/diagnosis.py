@@ -549,15 +549,10 @@ class Diagnosis:
                 self.flight(y)
             return
         floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
-        models = ff.places(rows.t, y, R, right, start, not body.fixed)
-        if any(
-            each.cause in ("body-axes", "moments", "gravity") for each in self.found
-        ):  # of another body, or of another fall
-            models = (model for model in models if model.value[0] not in ("point", "gravity"))
-        choice = choose(models, floor)
+        is_other = any(each.cause in ("body-axes", "moments", "gravity") for each in self.found)
+        choice = choose(ff.places(rows.t, y, R, right, start, body, is_other), floor)
         if choice.winner is not None:
-            word, value = choice.winner.value
-            self.add(ff.of_place(word, value, body), *choice.misfits)
+            self.add(choice.winner.value, *choice.misfits)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
 from lagrange_bench.judging.fits import Model, factor_of, maps
-from lagrange_bench.judging.vectors import NEAR, ONE, Array, is_axes, rotvec, size, steps, to_body, to_world
+from lagrange_bench.judging.vectors import NEAR, ONE, Array, common, is_axes, rotvec, size, steps, to_body, to_world
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
@@ -39,9 +39,13 @@ HALVES = {
     "half a step late": "the row before into its own, as in leapfrog and semi-implicit Euler",
     "half a step early": "its row into the next, as in leapfrog",
 }
-# when ω is of another time: its cost
+# when ω is of another time: its cost; and the cost of any part of a step
 TIMES = {ON_TIME: 0.0, **dict.fromkeys(HALVES, 1.0), "one row late": 1.5, "one row early": 1.5}
+PART_OF_STEP = 1.5
 TRANSPOSED = "transposed"
+# the cost of the other frame of ω beside another reading of rotations: both together are likelier than ω in signed axes, which
+# turn the body as well
+READ_ANEW = 0.4
 
 
 class Spin(NamedTuple):
@@ -105,10 +109,24 @@ def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[
             if time == ON_TIME:
                 targets.append((BEFORE, to_body(A[k - 1], in_world), 0.5))
             for other, target, extra in targets:
-                cost = price + TIMES[time] + extra + (1.0 if other != frame else 0.0)
+                frame_cost = 0.0 if other == frame else READ_ANEW if price else 1.0
+                cost = price + TIMES[time] + extra + frame_cost
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
                     misfit = max(model.misfit, BLURS * blur)
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
+                if time == ON_TIME and other != BEFORE:
+                    late, misfit = lateness(t[k], omega[k], target)
+                    said = f"{abs(late):.3g} s {'late' if late > 0 else 'early'}"
+                    yield Model(cost + PART_OF_STEP, max(misfit, BLURS * blur), Spin(reading, other, said, ONE))
+
+
+def lateness(t: Array, omega: Array, rate: Array) -> tuple[float, float]:
+    """By how much ω is late, s, if ω = Θ' − τ Θ'' with |τ| below a step, and the misfit of that; NaN if it is not."""
+    slope, off = np.gradient(rate, t, axis=0), rate - omega
+    near = common(off)
+    late = float(np.sum(off[near] * slope[near]) / np.sum(slope[near] ** 2))
+    is_part = abs(late) < float(np.median(np.diff(t)))
+    return late, size(off - late * slope) / size(rate) if is_part else math.nan
 
 
 def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
@@ -119,8 +137,10 @@ def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
         yield say("omega-frame", frame=spin.frame)
     if spin.time in HALVES:
         yield say("omega-half-step", time=spin.time, step=HALVES[spin.time])
-    elif spin.time != ON_TIME:
+    elif "row" in spin.time:
         yield say("omega-row", time=spin.time)
+    elif spin.time != ON_TIME:
+        yield say("omega-half-step part", time=spin.time)
     factor = factor_of(spin.M)
     M = spin.M / factor
     if abs(abs(factor) - 1) > NEAR / 4:
