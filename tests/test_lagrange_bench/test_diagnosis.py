@@ -84,6 +84,10 @@ def test_semi_implicit_euler_is_named_by_its_step():
     assert (half.cause, explicit.cause) == ("omega-half-step", "explicit-step")
     late = float(explicit.text.partition("that of ")[2].partition(" s before")[0])
     assert late == pytest.approx(1 / 120, rel=0.05)
+    every_second = Rows(*(column[::2] for column in program(integrator="euler")[0][:4]))
+    (part, explicit) = found(every_second)
+    assert (part.cause, explicit.cause) == ("omega-half-step", "explicit-step")
+    assert float(part.text.split()[2]) == pytest.approx(1 / 120, rel=0.05)
 
 
 def test_a_fall_along_y_is_told_without_a_start():
