@@ -1,4 +1,4 @@
-"""A matrix of mistakes, and which of them `diagnose` names: python tests/mistakes.py RUNS SEED prints how many.
+"""A matrix of mistakes, and which of them `Diagnosis` names: python tests/mistakes.py RUNS SEED prints how many.
 
 Bodies × what a program does wrong or a reader misreads × integrators × digits, drawn by a seed. The exact motion is by DOP853.
 """
@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import Case, RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
-from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
+from lagrange_bench.judging.diagnosis import Diagnosis, Floor, Rows
 from lagrange_bench.judging.vectors import SIGNED, to_body, to_world
 
 Array = np.ndarray
@@ -71,7 +71,7 @@ class Mistake(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The arguments of `diagnose`, and the causes that name each mistake."""
+    """The arguments of `Diagnosis`, and the causes that name each mistake."""
 
     rows: Rows
     other_readings: dict[str, Array]
@@ -81,7 +81,7 @@ class Run(NamedTuple):
     causes: list[set[str]]
 
     def findings(self) -> list[Any]:
-        return diagnose(self.rows, self.other_readings, self.body, self.exact, self.floor)
+        return Diagnosis(self.rows, self.other_readings, self.body, self.exact, self.floor).findings()
 
 
 # ------------------------------------------------------------------------------------------------------------- motions

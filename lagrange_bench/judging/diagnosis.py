@@ -95,40 +95,23 @@ class Floor(NamedTuple):
 ALL_DIGITS = Floor()
 
 
-def diagnose(
-    rows: Rows,
-    other_readings: Mapping[str, Array],
-    body: RigidBody,
-    exact: ff.Exact | None = None,
-    floor: Floor = ALL_DIGITS,
-) -> list[Finding]:
-    """What is wrong with rows, in at most three findings, the first cause first; [] if nothing is clear.
-
-    Parameters
-    ----------
-    rows : Rows
-        In the axes of the case. At most 2000 first rows are looked at; rows with a NaN are left out.
-    other_readings : dict of (N, 3, 3)
-        Other readings of the rotations: the option → matrices. That they may be transposed need not be said.
-    body : RigidBody
-        The body that moves.
-    exact : function, optional
-        Times (n,) → positions, matrices, and ω in the body of the exact motion, if the start is known; NaN where they are not.
-    floor : Floor
-        The errors that the digits of the file hide.
-    """
-    with np.errstate(all="ignore"):
-        return Diagnosis(rows, other_readings, body, exact, floor).findings()
-
-
 class Diagnosis:
-    """Rows as the findings so far mend them.
+    """Rows of a body as the findings so far mend them.
 
-    W, B : what takes their rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
+    At most 2000 first rows are looked at, in the axes of the case; rows with a NaN are left out. other_readings : the option →
+    matrices (N, 3, 3) of the rotations as it reads them; that they may be transposed need not be said. exact : times (n,) →
+    positions, matrices, and ω in the body of the exact motion, NaN where they are not known; None without a start. floor : the
+    errors that the digits of the file hide.
+    W, B : what takes the rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
     """
 
     def __init__(
-        self, rows: Rows, other_readings: Mapping[str, Array], body: RigidBody, exact: ff.Exact | None, floor: Floor
+        self,
+        rows: Rows,
+        other_readings: Mapping[str, Array],
+        body: RigidBody,
+        exact: ff.Exact | None = None,
+        floor: Floor = ALL_DIGITS,
     ):
         good = np.isfinite(rows.t)
         for part in (rows.R, rows.omega, rows.x):
@@ -143,8 +126,9 @@ class Diagnosis:
         self.body, self.exact, self.floor = body, exact, floor
         self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
 
+    @np.errstate(all="ignore")
     def findings(self) -> list[Finding]:
-        """The findings, by one fit after the other."""
+        """What is wrong, in at most three findings, the first cause first; [] if nothing is clear."""
         if len(self.rows.t) < FEWEST:
             return []
         self.time_unit()

@@ -177,9 +177,7 @@ def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
 def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
     """|Θ/dt − ω| from the row before to each row, rad/s, (N,): 0 in the first, and where a turn may be the other way round.
 
-    None where that may be most turns. Θ leads from one attitude to the next. The mean of ω is of fourth order in dt by Magnus:
-
-        ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    None where that may be most turns. Θ leads from one attitude to the next, ω is the mean between them.
     """
     errors, turn = np.zeros(len(t)), steps(R)
     good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
@@ -188,12 +186,20 @@ def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
         return None
     if frame == "world":
         turn = np.einsum("nij,nj->ni", R[:-1], turn)
-    dt, first, second = np.diff(t, axis=0), omega[:-1], omega[1:]
-    change = np.diff(np.gradient(omega, t[:, 0], axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
-    twist = np.cross(first, second) * (1 if frame == "body" else -1)
-    mean = (first + second) / 2 + dt / 12 * (twist - change)
-    errors[1:] = np.where(clear, np.linalg.norm(turn / dt - mean, axis=1), 0.0)
+    off = turn / np.diff(t, axis=0) - means(t[:, 0], omega, frame)
+    errors[1:] = np.where(clear, np.linalg.norm(off, axis=1), 0.0)
     return errors
+
+
+def means(t: Array, omega: Array, frame: str) -> Array:
+    """The mean ω between two rows, (N − 1, 3), of fourth order in dt by Magnus: it turns one attitude to the next.
+
+    (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    """
+    dt, first, second = np.diff(t)[:, None], omega[:-1], omega[1:]
+    change = np.diff(np.gradient(omega, t, axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
+    twist = np.cross(first, second) * (1 if frame == BODY else -1)
+    return np.asarray((first + second) / 2 + dt / 12 * (twist - change))
 
 
 def disagreement(t: Array, R: Array, omega: Array, frame: str) -> float:
@@ -203,12 +209,9 @@ def disagreement(t: Array, R: Array, omega: Array, frame: str) -> float:
 
 
 def turned(t: Array, omega: Array) -> Array:
-    """The rotations (N, 3, 3) that ω in the body turns from 1: R' = R ω, by Magnus's series of fourth order."""
-    dt = np.diff(t)[:, None]
-    change = np.diff(np.gradient(omega, t, axis=0), axis=0)
-    mean = (omega[1:] + omega[:-1]) / 2 + dt / 12 * (np.cross(omega[:-1], omega[1:]) - change)
+    """The rotations (N, 3, 3) that ω in the body turns from 1: R' = R ω."""
     R = [np.eye(3)]
-    for step in Rotation.from_rotvec(dt * mean).as_matrix():
+    for step in Rotation.from_rotvec(np.diff(t)[:, None] * means(t, omega, BODY)).as_matrix():
         R.append(R[-1] @ step)
     return np.array(R)
 

@@ -1,4 +1,4 @@
-"""`diagnose`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
+"""`Diagnosis`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
 
 import hashlib
 from importlib.metadata import version
@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, Case, RigidBody
-from lagrange_bench.judging.diagnosis import Rows, diagnose
+from lagrange_bench.judging.diagnosis import Diagnosis, Rows
 from lagrange_bench.judging.fits import Model, choose, maps
 
 FRESH = int(hashlib.sha256(version("lagrange-bench").encode()).hexdigest()[:8], 16)  # other runs in each release
@@ -29,7 +29,7 @@ def program(case=START, integrator="exact", **physics):
 
 
 def found(rows, case=START, exact=None):
-    return diagnose(rows, {}, case.body, exact)
+    return Diagnosis(rows, {}, case.body, exact).findings()
 
 
 @pytest.mark.parametrize("with_case", [True, False])
