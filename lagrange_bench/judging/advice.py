@@ -12,6 +12,7 @@ import numpy as np
 from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
 from lagrange_bench.judging.findings import Finding, say
+from lagrange_bench.judging.fits_frames import Exact
 from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames
 from lagrange_bench.judging.names import unit_of
 
@@ -29,18 +30,19 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) ->
     head = {name: values[:MOST] for name, values in rows.items()}
     if "matrix" in head and np.nanmedian(np.linalg.det(head["matrix"].reshape(-1, 3, 3))) < 0:
         return [say("left-handed matrix")], ""
-    diagnosis, options = _diagnosis(frames, head, found), frames.options
+    exact, options = None if frames.case is None else frames.exact, frames.options
+    diagnosis = diagnosis_of(frames, head, found, exact)
     findings = diagnosis.findings()
     if (options.up or options.axis) and any(finding.cause in AXES for finding in findings):
         as_in_case = Frames(frames.rigid_body, replace(options, up=None, axis=None), frames.digit, frames.case)
-        others = _diagnosis(as_in_case, head, found).findings()
+        others = diagnosis_of(as_in_case, head, found, exact).findings()
         if len(others) < len(findings):  # without the user's axes, fewer things are wrong
             return [other._replace(text=f"{other.text[:-1]}, without --up and --axis.") for other in others], ""
     return findings, "" if findings else diagnosis.agreement()
 
 
-def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> Diagnosis:
-    """The rows in these frames, and other ways to read them."""
+def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, exact: Exact | None) -> Diagnosis:
+    """The rows in these frames, and other ways to read them. exact : the motion at any times, None without a start."""
     floor, is_angles = found.floor, "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
     known = Rows(
         t=rows["time"][:, 0],
@@ -60,7 +62,6 @@ def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> 
     if found.wxyz:
         w, x, y, z = found.wxyz
         other_order = f"--columns qw={z},qx={w},qy={x},qz={y}"
-    exact = None if frames.case is None else frames.exact
     return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden)
 
 

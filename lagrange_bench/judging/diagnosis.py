@@ -359,6 +359,13 @@ class Diagnosis:
         if choice.winner is None:
             in_body = self.in_body(omega)
             self.is_clear = choice.now.misfit < UNCLEAR
+            if in_body is not None and choice.now.misfit > WORTH:
+                part = choose((choice.now, fk.lateness(rows.t[2:-2], in_body[2:-2], rate)), max(floor, fk.BLURS * blur))
+                if part.winner is not None:
+                    late = part.winner.value
+                    side = "late" if late > 0 else "early"
+                    self.add(say("omega-half-step part", late=abs(late), side=side), *part.misfits)
+                    return rate
             if in_body is not None and choice.now.misfit < TURNS:
                 return in_body[2:-2]
             return rate if self.is_clear else None

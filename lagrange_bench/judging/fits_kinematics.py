@@ -39,9 +39,8 @@ HALVES = {
     "half a step late": "the row before into its own, as in leapfrog and semi-implicit Euler",
     "half a step early": "its row into the next, as in leapfrog",
 }
-# when ω is of another time: its cost; and the cost of any part of a step
+# when ω is of another time: its cost
 TIMES = {ON_TIME: 0.0, **dict.fromkeys(HALVES, 1.0), "one row late": 1.5, "one row early": 1.5}
-PART_OF_STEP = 1.5
 TRANSPOSED = "transposed"
 # the cost of the other frame of ω beside another reading of rotations: both together are likelier than ω in signed axes, which
 # turn the body as well
@@ -114,19 +113,15 @@ def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
                     misfit = max(model.misfit, BLURS * blur)
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
-                if time == ON_TIME and other != BEFORE:
-                    late, misfit = lateness(t[k], omega[k], target)
-                    said = f"{abs(late):.3g} s {'late' if late > 0 else 'early'}"
-                    yield Model(cost + PART_OF_STEP, max(misfit, BLURS * blur), Spin(reading, other, said, ONE))
 
 
-def lateness(t: Array, omega: Array, rate: Array) -> tuple[float, float]:
-    """By how much ω is late, s, if ω = Θ' − τ Θ'' with |τ| below a step, and the misfit of that; NaN if it is not."""
+def lateness(t: Array, omega: Array, rate: Array) -> Model:
+    """The model that ω in the body is late by τ, s, less than a step: ω = Θ' − τ Θ''; the value is τ."""
     slope, off = np.gradient(rate, t, axis=0), rate - omega
     near = common(off)
     late = float(np.sum(off[near] * slope[near]) / np.sum(slope[near] ** 2))
     is_part = abs(late) < float(np.median(np.diff(t)))
-    return late, size(off - late * slope) / size(rate) if is_part else math.nan
+    return Model(1.0, size(off - late * slope) / size(rate) if is_part else math.nan, late)
 
 
 def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
@@ -137,10 +132,8 @@ def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
         yield say("omega-frame", frame=spin.frame)
     if spin.time in HALVES:
         yield say("omega-half-step", time=spin.time, step=HALVES[spin.time])
-    elif "row" in spin.time:
-        yield say("omega-row", time=spin.time)
     elif spin.time != ON_TIME:
-        yield say("omega-half-step part", time=spin.time)
+        yield say("omega-row", time=spin.time)
     factor = factor_of(spin.M)
     M = spin.M / factor
     if abs(abs(factor) - 1) > NEAR / 4:
