@@ -13,6 +13,7 @@ import numpy as np
 
 from lagrange_bench.integrators.checks import check_choice
 from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.files import write_file
 
 if TYPE_CHECKING:
@@ -55,10 +56,18 @@ def plot(run: Any, what: str, ax: Axes | None, look: dict[str, Any]) -> Axes:
     return ax
 
 
+def _axis(run: Any) -> Array:
+    """The axis x of a top, or the unit vector along the axis of a symmetric body, at all times, (N, 3)."""
+    problem = run.problem
+    if problem.space.name == "e3":
+        return run.states[:, 3:6]
+    if not kinds.rigid_body(problem) or problem.symmetry is None:
+        raise ValueError(f"what: {problem!r} has no axis on a sphere")
+    return run.rotation.apply(problem.axes[problem.symmetry])
+
+
 def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
-    if run.problem.space.name != "e3":
-        raise ValueError(f"what: {run.problem!r} has no axis x")
-    x = run.states[:, 3:]
+    x = _axis(run)
     radius = float(np.linalg.norm(x[0]))
     around, half = np.linspace(0, 2 * np.pi, 25), np.linspace(0, np.pi, 13)
     sphere = (

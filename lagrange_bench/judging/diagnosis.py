@@ -95,23 +95,40 @@ class Floor(NamedTuple):
 ALL_DIGITS = Floor()
 
 
-class Diagnosis:
-    """Rows of a body as the findings so far mend them.
+def diagnose(
+    rows: Rows,
+    other_readings: Mapping[str, Array],
+    body: RigidBody,
+    exact: ff.Exact | None = None,
+    floor: Floor = ALL_DIGITS,
+) -> list[Finding]:
+    """What is wrong with rows, in at most three findings, the first cause first; [] if nothing is clear.
 
-    At most 2000 first rows are looked at, in the axes of the case; rows with a NaN are left out. other_readings : the option →
-    matrices (N, 3, 3) of the rotations as it reads them; that they may be transposed need not be said. exact : times (n,) →
-    positions, matrices, and ω in the body of the exact motion, NaN where they are not known; None without a start. floor : the
-    errors that the digits of the file hide.
-    W, B : what takes the rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
+    Parameters
+    ----------
+    rows : Rows
+        In the axes of the case. At most 2000 first rows are looked at; rows with a NaN are left out.
+    other_readings : dict of (N, 3, 3)
+        Other readings of the rotations: the option → matrices. That they may be transposed need not be said.
+    body : RigidBody
+        The body that moves.
+    exact : function, optional
+        Times (n,) → positions, matrices, and ω in the body of the exact motion, if the start is known; NaN where they are not.
+    floor : Floor
+        The errors that the digits of the file hide.
+    """
+    with np.errstate(all="ignore"):
+        return Diagnosis(rows, other_readings, body, exact, floor).findings()
+
+
+class Diagnosis:
+    """Rows as the findings so far mend them.
+
+    W, B : what takes their rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
     """
 
     def __init__(
-        self,
-        rows: Rows,
-        other_readings: Mapping[str, Array],
-        body: RigidBody,
-        exact: ff.Exact | None = None,
-        floor: Floor = ALL_DIGITS,
+        self, rows: Rows, other_readings: Mapping[str, Array], body: RigidBody, exact: ff.Exact | None, floor: Floor
     ):
         good = np.isfinite(rows.t)
         for part in (rows.R, rows.omega, rows.x):
@@ -126,9 +143,8 @@ class Diagnosis:
         self.body, self.exact, self.floor = body, exact, floor
         self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
 
-    @np.errstate(all="ignore")
     def findings(self) -> list[Finding]:
-        """What is wrong, in at most three findings, the first cause first; [] if nothing is clear."""
+        """The findings, by one fit after the other."""
         if len(self.rows.t) < FEWEST:
             return []
         self.time_unit()
@@ -359,13 +375,6 @@ class Diagnosis:
         if choice.winner is None:
             in_body = self.in_body(omega)
             self.is_clear = choice.now.misfit < UNCLEAR
-            if in_body is not None and choice.now.misfit > WORTH:
-                part = choose((choice.now, fk.lateness(rows.t[2:-2], in_body[2:-2], rate)), max(floor, fk.BLURS * blur))
-                if part.winner is not None:
-                    late = part.winner.value
-                    side = "late" if late > 0 else "early"
-                    self.add(say("omega-half-step part", late=abs(late), side=side), *part.misfits)
-                    return rate
             if in_body is not None and choice.now.misfit < TURNS:
                 return in_body[2:-2]
             return rate if self.is_clear else None
@@ -540,10 +549,15 @@ class Diagnosis:
                 self.flight(y)
             return
         floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
-        is_other = any(each.cause in ("body-axes", "moments", "gravity") for each in self.found)
-        choice = choose(ff.places(rows.t, y, R, right, start, body, is_other), floor)
+        models = ff.places(rows.t, y, R, right, start, not body.fixed)
+        if any(
+            each.cause in ("body-axes", "moments", "gravity") for each in self.found
+        ):  # of another body, or of another fall
+            models = (model for model in models if model.value[0] not in ("point", "gravity"))
+        choice = choose(models, floor)
         if choice.winner is not None:
-            self.add(choice.winner.value, *choice.misfits)
+            word, value = choice.winner.value
+            self.add(ff.of_place(word, value, body), *choice.misfits)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""

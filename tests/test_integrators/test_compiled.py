@@ -1,4 +1,4 @@
-"""Compilation and its cache: it is never stale, and it may fail to be written."""
+"""Compilation and its cache: it is never stale, it may fail to be written, and damaged files are not loaded."""
 
 import io
 import os
@@ -104,6 +104,31 @@ def test_an_edited_callee_in_another_room_is_compiled_again(tree):
     assert run(EDIT) == ["18.0", "0"]
     assert run() == ["12.0", "0"]
     assert run() == ["12.0", "1"]
+
+
+DAMAGES = (
+    ("nbi", lambda content: b""),
+    ("nbi", lambda content: content[: len(content) // 2]),
+    ("nbc", lambda content: content[: len(content) // 2]),
+    ("nbc", lambda content: bytes(byte ^ 0x5A for byte in content)),
+)
+
+
+def test_damaged_machine_code_is_compiled_anew(tmp_path):
+    """Numba would end in a raw error, or in a segmentation fault."""
+
+    def run():
+        return python(SMALL + "print(sum(turned.stats.cache_hits.values()))", cache=tmp_path).split()
+
+    number, hits = run()
+    assert hits == "0"
+    for kind, damage in DAMAGES:
+        damaged = list(tmp_path.rglob(f"*.{kind}"))
+        assert damaged
+        for file in damaged:
+            file.write_bytes(damage(file.read_bytes()))
+        assert run() == [number, "0"]
+    assert run() == [number, "1"], "the cache is whole again"
 
 
 @pytest.mark.parametrize(("person", "said"), [(True, r"compiling: \d+ s\n"), (False, "")])

@@ -35,19 +35,19 @@ def test_order_conditions(s):
     assert max(largest(B), largest(C)) < 1e-32
 
 
-def newton_reference(top, y, h, s):
-    """The step by Newton's iteration on all 6s equations Y = y + h A f(Y)."""
+def newton_reference(top, y, h, s, start=None):
+    """The step by Newton's iteration on all 6s equations Y = y + h A f(Y), from stages `start`; and det(1 − h A f') there."""
     _, b, mu = map(np.array, gauss_coefficients.tableau(s))
     A = (mu * b).astype(float)
-    Y = np.tile(y, (s, 1))
+    Y = np.tile(y, (s, 1)) if start is None else start
     for _ in range(60):
         F = np.stack([top.jacobian(z) for z in Y])
         D = np.eye(6 * s) - h * np.einsum("ij,jkl->ikjl", A, F).reshape(6 * s, 6 * s)
         change = np.linalg.solve(D, (Y - y - h * A @ top.rhs(Y)).ravel()).reshape(s, 6)
         Y = Y - change
         if np.max(np.abs(change)) < 1e-14 * np.max(np.abs(Y)):
-            return y + h * b.astype(float) @ top.rhs(Y)
-    raise AssertionError("Newton's iteration does not converge")
+            return y + h * b.astype(float) @ top.rhs(Y), np.linalg.det(D)
+    return None, 0.0
 
 
 def steps_to_take():
@@ -67,8 +67,8 @@ def test_step_is_what_the_tableau_says(name):
     for top, y, h in steps_to_take():
         if name == "implicit_midpoint" and h > 1 and isinstance(top, LagrangeTop):
             continue  # there the step has three solutions; see test_midpoint_solves_its_equation
-        middle = newton_reference(top, y, h, STAGES[name])
-        expected = newton_reference(top, middle, h, STAGES[name])
+        middle = newton_reference(top, y, h, STAGES[name])[0]
+        expected = newton_reference(top, middle, h, STAGES[name])[0]
         z = prepare(top, y, h, name).advance(y, 2)
         assert metrics.scaled_error(top, y, z, expected) < 64 * EPS, (top, h)
 
@@ -91,14 +91,22 @@ def test_no_step_is_an_error(name):
 
 
 @pytest.mark.parametrize("name", ["implicit_midpoint", "gauss4"])
-def test_equations_that_are_not_solved_are_refused(name):
-    """Of random long steps some are not."""
-    unsolved = 0
-    for y in starts(20):
+def test_solutions_beyond_a_fold_are_refused(name):
+    """A step that is taken has det(1 − h A f') > 0; of random long steps some lie beyond, and some are not solved."""
+    top, folded, unsolved = CHARGED, 0, 0
+    for k, y in enumerate(starts(400)):
+        if folded and k > 20:
+            break
         try:
-            prepare(CHARGED, y, 8.0, name).advance(y, 1)
+            z = prepare(top, y, 8.0, name).advance(y, 1)
         except StepError as error:
+            folded += "several solutions" in str(error)
             unsolved += "not solved after 500 iterations" in str(error)
+            continue
+        expected, det = newton_reference(top, y, 8.0, STAGES[name])
+        if expected is not None and metrics.scaled_error(top, y, z, expected) < 1e-9:
+            assert det > 0
+    assert folded > 0
     assert unsolved > 0
 
 

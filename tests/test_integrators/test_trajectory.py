@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib import pyplot as plt
+from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, RigidBody, exact, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble
@@ -207,5 +208,11 @@ def test_directions_are_the_axis_and_the_principal_axes(runs):
     assert np.allclose(top[:, 0], runs["top"].y[:, 3:] / np.linalg.norm(NAMED.state[3:]))
     along = runs["body"].position / np.linalg.norm(BODY.com)
     assert np.allclose(np.max(np.abs(np.einsum("nki,ni->nk", body, along)), axis=1), 1.0)
-    with pytest.raises(ValueError, match="has no axis x"):
-        runs["body"].plot("axis")
+    ax = runs["body"].plot("axis", plt.figure().add_subplot(projection="3d", azim=60.0))
+    assert np.allclose(np.transpose(ax.lines[0].get_data_3d()), along)  # nothing of it is behind the sphere
+    plt.close(ax.figure)
+    turn = Rotation.from_rotvec((0.3, 0.5, 0.7)).as_matrix()
+    tilted = RigidBody(1.0, 0.1 * turn[:, 2], turn @ np.diag((0.1, 0.1, 0.2)) @ turn.T)
+    ax = integrate(tilted, tilted.state(rotation=np.eye(3), omega_body=(1, 2, 3)), 0.01, 4, "rk4").plot("axis")
+    assert abs(np.ravel(ax.lines[-1].get_data_3d()) @ turn[:, 2]) == pytest.approx(1.0)
+    plt.close(ax.figure)

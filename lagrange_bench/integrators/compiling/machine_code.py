@@ -1,8 +1,11 @@
-"""Kernels, compiled by Numba, and a cache of their machine code that is never out of date.
+"""Kernels, compiled by Numba, and a cache of their machine code that is never out of date and never loaded damaged.
 
 Numba saves the code of a function under its name, and notices a change in the file of the function, but not in the functions
 that it calls. So the cache has one folder for each state of `integrators`, named by the digest of all files there. If a file is
 edited while a process runs, this process neither saves nor loads code of the kernels that it has not compiled yet.
+
+A power loss leaves files that are empty or cut, and Numba loads them without looking. So each kernel has a seal beside its files:
+a digest of their content. If it is missing or wrong, the files are removed, and the kernel is compiled anew.
 
 LAGRANGE_BENCH_CACHE names another folder of caches; if it is empty, there is no cache.
 """
@@ -52,14 +55,21 @@ class CompiledFunction(CPUDispatcher):
         return super().__reduce__() if self.digest is None else (identified, (self.digest,))
 
     def compile(self, signature: Any) -> Any:
-        """As Numba's, without an error if the machine code cannot be saved."""
+        """As Numba's, but the machine code is saved and loaded under a seal; without an error if it cannot be saved."""
         self._begin_to_save()
+        compiled_before = self._times_compiled()
         once = "compiling, once on this machine, about 5 s"
         with announce.long_work(once if self._saves else "compiling"):
+            if self._saves:
+                self._remove_damaged()
             try:
-                return super().compile(signature)
+                entry = super().compile(signature)
             except OSError:  # it was compiled before Numba tried to save it
-                return super().compile(signature)
+                entry = super().compile(signature)
+        if self._saves and self._times_compiled() > compiled_before:
+            with contextlib.suppress(OSError):
+                self._seal.write_text(self._digest_of_files())
+        return entry
 
     def _begin_to_save(self) -> None:
         """Let Numba save the machine code in the folder of caches, as if the file of the function were there, if it can be."""
@@ -74,6 +84,30 @@ class CompiledFunction(CPUDispatcher):
             self.py_func.__qualname__ = function.__qualname__
             self.enable_caching()
             self.py_func = function
+
+    def _times_compiled(self) -> int:
+        return sum(self.stats.cache_misses.values())
+
+    @property
+    def _seal(self) -> Path:
+        return Path(str(self.stats.cache_path)) / f"{self.digest}.sha256"
+
+    def _files(self) -> list[Path]:
+        return sorted(self._seal.parent.glob(f"*_{self.digest}-*.nb[ic]"))
+
+    def _digest_of_files(self) -> str:
+        total = hashlib.sha256()
+        for path in self._files():
+            content = path.read_bytes()
+            total.update(f"{path.name} {len(content)} ".encode() + content)
+        return total.hexdigest()
+
+    def _remove_damaged(self) -> None:
+        """Remove the files of this kernel if their seal is missing or wrong."""
+        with contextlib.suppress(OSError):  # another process removes them, too
+            if not self._seal.exists() or self._seal.read_text(errors="replace") != self._digest_of_files():
+                for path in self._files():
+                    path.unlink()
 
 
 @cache

@@ -55,6 +55,9 @@ SCHEMES = {
     ),
 }  # fmt: skip
 
+PROCESSED = tuple(name for name, one in SCHEMES.items() if one.c)
+
+
 # ------------------------------------------------------------------------------------ correctors
 
 SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h

@@ -43,7 +43,7 @@ from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Stepper, Work
 from lagrange_bench.integrators.methods import backlund, step_halving
 from lagrange_bench.integrators.methods import backlund_kernel as kernels
-from lagrange_bench.integrators.methods.backlund_schemes import SCHEMES, Scheme, ends_of
+from lagrange_bench.integrators.methods.backlund_schemes import PROCESSED, SCHEMES, Scheme, ends_of
 from lagrange_bench.integrators.methods.backlund_step_size import (
     NAME,
     highest_frequency,
@@ -82,7 +82,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         conserves_J3, timed, numbers = 2 in V.constant, V.timed, np.array((alpha, start, *problem.numbers))
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
-        gradients = (bool(chosen.c) + bool(chosen.d)) if modified else 0
+        gradients = (1 + bool(chosen.d)) if modified else 0
         groups = []
         for g, time in enumerate(times):
             kick_W = chosen.c[g] * -(h * h * h) if gradients > 0 else 0.0
@@ -104,7 +104,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
-        preprocess, postprocess = ends_of(chosen, h, corrected and bool(chosen.c))
+        preprocess, postprocess = ends_of(chosen, h, corrected)
         step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
         kernel = loops.Kernel(
             step, kernels.restorer(conserves_J3), kernels.RESTORE_EVERY, kernels.FAILURES, rhs_per_step=n, timed=timed
@@ -140,18 +140,19 @@ def prepare(
     h: float,
     *,
     scheme: str = "strang",
-    corrector: bool = True,
-    modified_kick: bool = True,
+    corrector: bool | None = None,
+    modified_kick: bool | None = None,
 ) -> Stepper:
     """Kicks by V, and exact flows of the top without V. In a uniform field, V = 0, every scheme is the exact step.
 
     Parameters
     ----------
     scheme : a name of SCHEMES.
-    corrector, modified_kick : of "strang" and "processed6". "aba864" has none.
+    corrector, modified_kick : True by default for "strang" and "processed6". Other schemes have none.
     """
     check_choice(scheme, "scheme", SCHEMES)
-    corrected, modified = check_flag(corrector, "corrector"), check_flag(modified_kick, "modified_kick")
+    corrected = _belongs("corrector", corrector, scheme)
+    modified = _belongs("modified_kick", modified_kick, scheme)
     if kinds.uniform(problem):
         stepper = _renamed(backlund.prepare_exact, problem, y0, h)
         stepper.name = NAME
@@ -159,6 +160,14 @@ def prepare(
     warn_strong(problem, y0)
     warn_long(problem, y0, h)
     return ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
+
+
+def _belongs(name: str, value: bool | None, scheme: str) -> bool:
+    """Whether a part of a processed scheme is taken."""
+    flag = scheme in PROCESSED if value is None else check_flag(value, name)
+    if flag and scheme not in PROCESSED:
+        raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
+    return flag
 
 
 def _renamed(function: Callable[..., Any], *arguments: Any) -> Any:

@@ -14,7 +14,8 @@ itself. It ends when the residual stagnates: what a tolerance leaves has a direc
 the rest of a slow fixed point, because a rounded iteration stops on the side it comes from.
 
 In a uniform field the stage equations of a top have one solution for h²|alpha||x| below UNIQUE, and longer steps are refused. In
-general no bound is known.
+general no bound is known. A step is also refused if det(1 − h A f') < 0: the determinant is 1 at h = 0, and has passed through 0,
+a fold of the equations.
 
 Vectors over the stages hold one stage after the other. Matrices of stages are stored by columns.
 
@@ -54,9 +55,10 @@ UNIQUE = {2: 11.8, 3: 18.6, 4: 27.3}
 # largest |h|, in time scales of the top: beyond, differences lose as many digits as h has
 LONGEST = 1e6
 
-NOT_CONVERGED = 1
+NOT_CONVERGED, FOLDED = 1, 2
 FAILURES = {
     NOT_CONVERGED: f"the stage equations are not solved after {LIMIT} iterations; take a smaller |h|",
+    FOLDED: "the stage equations have several solutions, and a wrong one was found; take a smaller |h|",
 }
 
 
@@ -176,7 +178,10 @@ def kernel(stages: int, system: System) -> Any:
 
     @jit
     def linearise(c, counters, Y, D, pivots, weights):
-        """Factor D = ν − h b f'(Y), each row over the binade of its vector, so that units do not choose the pivots."""
+        """Factor D = ν − h b f'(Y), each row over the binade of its vector, so that units do not choose the pivots.
+
+        Returns the sign of its determinant.
+        """
         slopes = stack(SLOPES_SIZE)
         for i in range(S):
             t = time(c, counters, c[NODES + i])
@@ -192,6 +197,11 @@ def kernel(stages: int, system: System) -> Any:
                 for k in range(m):
                     D[row + k] *= weights[a]
         factor(m, D, pivots)
+        sign = 1.0
+        for k in range(m):
+            if (D[m * k + k] < 0.0) != (int(pivots[k]) != k):
+                sign = -sign
+        return sign
 
     @jit
     def solve(s, c, K, counters):
@@ -208,7 +218,7 @@ def kernel(stages: int, system: System) -> Any:
             )  # what has no size does not move; of an infinite size, not a number
             if 0.0 < total < math.inf:
                 per_size[a], weights[a] = 1.0 / total, math.ldexp(1.0, -math.frexp(total)[1])
-        last, factored = math.inf, False
+        last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
             size = residual(s, c, counters, K, Y, R, per_size)
             if not size < math.inf:
@@ -216,10 +226,11 @@ def kernel(stages: int, system: System) -> Any:
             if size == 0.0 or (size >= last and size <= SMALL):
                 for i in range(m):
                     K[i] += R[i]
+                if sign < 0.0:
+                    counters[loops.FAILURE] = FOLDED
                 return k + 1
             if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
-                linearise(c, counters, Y, D, pivots, weights)
-                factored = True
+                sign, factored = linearise(c, counters, Y, D, pivots, weights), True
             if factored:
                 for i in range(m):
                     r[i] = R[i] * weights[i % n]
