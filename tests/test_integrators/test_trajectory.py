@@ -170,12 +170,6 @@ def test_motions_of_bodies_that_failed_are_nan_in_tables(tmp_path):
         _ = together.motion(1).position
 
 
-def test_no_times_give_no_states_whatever_is_asked():
-    run = integrate(NAMED.top, NAMED.state, t=[])
-    assert (run.invariants().shape, run.error().shape, len(run.to_frame(invariants=True))) == ((0, 4), (0,), 0)
-    assert integrate_ensemble(NAMED.top, [NAMED.state], t=[]).invariants().shape == (0, 1, 4)
-
-
 def test_a_file_that_cannot_be_written(runs, tmp_path):
     with pytest.raises(OSError, match="cannot be written"):
         runs["top"].save("/dev/null/run.csv")
