@@ -19,7 +19,6 @@ from tests.installed import in_uniform_fields
 from tests.mutants import ROOT
 from tests.reference import free_body
 
-ALL = {"H", "J3", "C1", "C2"}
 HONEST = in_uniform_fields(METHODS["rk45_fixed"])
 
 
@@ -45,48 +44,53 @@ class Wrapped(Stepper):
         return self.inner.record(y, n, every)
 
 
-class Bent(Wrapped):
-    """After each step the state goes through `bend`, which takes the state and h."""
+class Off(Wrapped):
+    """A good stepper whose result of a call is spoiled: spoil(y, h, steps)."""
 
-    def __init__(self, name, bend, *where):
+    def __init__(self, name, spoil, *where):
         super().__init__(*where, name)
-        self.bend = bend
+        self.spoil = spoil
+
+    def advance(self, y, n):
+        return self.spoil(self.inner.advance(y, n), self.h, n)
+
+    def record(self, y, n, every):
+        rows = self.inner.record(y, n, every)
+        return np.array([self.spoil(row, self.h, every * k) if k else row for k, row in enumerate(rows)])
+
+
+class Bent(Off):
+    """Spoiled after each step, so it has no memory."""
 
     advance = Stepper.advance
 
     def record(self, y, n, every):
         rows = [y]
-        for k in range(1, n + 1):
-            y = self.bend(self.inner.advance(y, 1), self.h)
-            if k % every == 0:
-                rows.append(y)
-        return np.array(rows)
+        for _ in range(n):
+            rows.append(Off.advance(self, rows[-1], 1))
+        return np.array(rows[::every])
+
+
+def off(name, spoil, **changes):
+    return in_uniform_fields(METHODS[name], prepare=partial(Off, name, spoil), **changes)
+
+
+def longer(size):
+    """A map that makes x longer by a relative size."""
+    return lambda y: y * (1, 1, 1, 1 + size, 1 + size, 1 + size)
 
 
 BENDS = [
-    (lambda y, h: y + 1e-8 * np.array((-y[4], y[3], 0, 0, 0, 0)), {"H"}),  # a kick across
-    (lambda y, h: y + 1e-8 * np.eye(6)[2], {"H", "J3", "C2"}),  # more spin
-    (lambda y, h: y * (1, 1, 1, 1 + 1e-8, 1 + 1e-8, 1 + 1e-8), {"H", "C1", "C2"}),  # another length
+    (lambda y, h, n: y + 1e-8 * np.array((-y[4], y[3], 0, 0, 0, 0)), {"H"}),  # a kick across
+    (lambda y, h, n: y + 1e-8 * np.eye(6)[2], {"H", "J3", "C2"}),  # more spin
+    (lambda y, h, n: longer(1e-8)(y), {"H", "C1", "C2"}),
 ]
 
 
 @pytest.mark.parametrize(("bend", "lost"), BENDS, ids=["kick", "spin", "length"])
 def test_a_map_wrong_by_1e_8_loses_its_invariants(bend, lost):
-    record = in_uniform_fields(METHODS["implicit_midpoint"], prepare=partial(Bent, "implicit_midpoint", bend))
+    record = off("implicit_midpoint", bend)
     assert wrong(check.conserves(record, True, check.STATES[:1], 1000)) == {f"conserves {name}" for name in lost}
-
-
-def test_a_wrong_top_is_caught():
-    """All four invariants kept, symmetric and Poisson; only the truth tells that it follows another top."""
-    honest = METHODS["backlund"].prepare
-    liar = replace(METHODS["backlund"], prepare=lambda top, y, h: honest(LagrangeTop(top.alpha * (1 + 1e-9)), y, h))
-    assert not next(check.solution(liar, True)).passed
-
-
-@pytest.mark.parametrize(("ulps", "kept"), [(0.1, True), (1, False)])
-def test_a_rounding_that_always_goes_the_same_way_is_caught(ulps, kept):
-    biased = off("strang", lambda y, h, n: longer(ulps * 2.0**-53 * n)(y))
-    assert by_claim(check.conserves(biased, False))["conserves C1"].passed is kept
 
 
 @pytest.mark.parametrize(("limit", "passed"), [(0.3, None), (0.05, False)])
@@ -107,9 +111,7 @@ def test_a_run_that_stops_leaves_the_verdicts_on_the_others(limit, passed):
 
 LIES = [
     ("implicit_midpoint", {"poisson": True, "order": None}, {"Poisson map", "exact in time"}),
-    ("rk45_fixed", {"conserves": ALL}, {"conserves H", "conserves C1", "conserves C2", "conserves in long steps"}),
-    ("backlund_textbook", {"conserves": ALL}, {"conserves in long steps"}),
-    ("taylor_fixed", {"order": 21}, {"order 21"}),
+    ("rk45_fixed", {"conserves": {"H", "J3"}}, {"conserves H", "conserves in long steps"}),
 ]
 
 
@@ -207,7 +209,6 @@ BEHAVIOUR = [  # claim that fails, what is overridden
     ("negative h is as accurate", {"__init__": lambda self, top, y0, h: Wrapped.__init__(self, top, y0, abs(h))}),
     ("record has the start in row 0", after(lambda self, y, n, rows: np.multiply(rows[0], 2.0, out=rows[0]))),
     ("record ends where advance does", after(lambda self, y, n, rows: np.multiply(rows[1:], 1 + 3e-16, out=rows[1:]))),
-    ("work counts steps", after(lambda self, y, n, rows: setattr(self.work, "steps", self.work.steps - n))),
     ("work counts steps", after(lambda self, y, n, rows: setattr(self.work, "steps", self.work.steps + n))),
     ("finite, or a StepError", at_a_failure(np.nan)),
     ("finite, or a StepError", at_a_failure(ZeroDivisionError())),
@@ -242,7 +243,7 @@ def short(monkeypatch):
     monkeypatch.setattr(check, "extremes", lambda method, quick, names: ())
 
 
-def in_fields(bend=lambda y, h: y, order=2, **more):
+def in_fields(bend=lambda y, h, n: y, order=2, **more):
     """Strang's splitting, right in a uniform field, bent in others."""
     claims = Claims(symmetric=True, poisson=True, conserves={*CLAIMED}, **more)
     prepare = partial(Bent, "strang", bend)
@@ -250,21 +251,18 @@ def in_fields(bend=lambda y, h: y, order=2, **more):
 
 
 def test_claims_in_a_potential_are_judged(short):
-    right = {v.claim.partition(": ")[2] for v in check.in_field(in_fields(), quick=True) if v.passed}
+    assert not wrong(check.in_field(in_fields(), quick=True))
     claims = {"order 2", "symmetric", "Poisson map", *(f"conserves {name}" for name in CLAIMED)}
-    assert claims - {"conserves C2"} <= right
     for record, caught in (
-        (in_fields(lambda y, h: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]]), claims),
+        (in_fields(lambda y, h, n: y + 0.1 * h * h * y[[1, 2, 0, 4, 5, 3]]), claims),
         (in_fields(order=4, conserves_if_quadratic={"H"}), {"order 4", "conserves H"}),
     ):
         assert wrong(check.in_field(record, quick=True)) == {f"in a field: {claim}" for claim in caught}
 
 
-def test_methods_are_judged_where_they_go(short):
+def test_a_method_is_not_judged_where_it_does_not_go(short):
     verdicts = check.in_field(METHODS["theta_functions"], quick=True)
     assert [(v.claim, v.passed) for v in verdicts] == [("in a field", None), ("on a vibrating pivot", None)]
-    verdicts = by_claim(check.in_field(replace(in_fields(), needs=kinds.quadratic_top), quick=True))
-    assert verdicts["in a field: conserves C1"].how.partition(";")[0].endswith("2 states")
 
 
 BODY, START = free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
@@ -272,7 +270,6 @@ SPINS = Problem(
     "spins", 2, lambda t, y, p: p[0] * (y[0] * y[3] + y[1] * y[4] + y[2] * y[5]) + y[2] + 2.0 * y[5], (1.0,)
 )
 TRUE = {
-    "body": ("strang", BODY, START),
     "spins": ("rkmk4", SPINS, (1.0, 0.0, 0.2, 0.3, -0.5, 0.6)),
     "pivot": ("rk4", vibrating_pivot(1.0, 0.02, 3.0), (0.3, -0.2, 1.1, 0.4, 0.1, 0.9)),
 }
@@ -354,33 +351,9 @@ EPS = 2.0**-52
 HALF, TWICE = 0.5, 2.0
 
 
-def longer(size):
-    """A map that makes x longer by a relative size."""
-    return lambda y: y * (1, 1, 1, 1 + size, 1 + size, 1 + size)
-
-
-class Off(Wrapped):
-    """A good stepper whose result of a call is spoiled: spoil(y, h, steps)."""
-
-    def __init__(self, name, spoil, *where):
-        super().__init__(*where, name)
-        self.spoil = spoil
-
-    def advance(self, y, n):
-        return self.spoil(self.inner.advance(y, n), self.h, n)
-
-    def record(self, y, n, every):
-        rows = self.inner.record(y, n, every)
-        return np.array([self.spoil(row, self.h, every * k) if k else row for k, row in enumerate(rows)])
-
-
-def off(name, spoil, **changes):
-    return in_uniform_fields(METHODS[name], prepare=partial(Off, name, spoil), **changes)
-
-
 def order_off(by):
     """Spoils a step of the exact motion by an error of order 2 + `by`."""
-    return lambda y, h: longer(1e-3 * abs(h) ** (3 + by))(y)
+    return lambda y, h, n: longer(1e-3 * abs(h) ** (3 + by))(y)
 
 
 ONE = ("generic",)
@@ -411,10 +384,7 @@ BOUNDS = {  # claim → (check, record that is off by so many times the bound)
         True,
         ONE,
     ),
-    "order 2": lambda times: check.order(
-        in_uniform_fields(METHODS["backlund"], order=2, prepare=partial(Bent, "backlund", order_off(times * 0.15))),
-        True,
-    ),
+    "order 2": lambda times: check.order(off("backlund", order_off(times * 0.15), order=2), True),
 }
 
 

@@ -103,7 +103,3 @@ def test_times_are_stored_in_their_units(place, monkeypatch):
 def test_curves_of_exact_methods_go_on_to_a_state_every_unit():
     curves = {cell["method"]: cell.get("state_every") for cell in work_precision.cells("full")}
     assert (curves["backlund"], curves["theta_functions"], curves["strang"]) == (1.0, 1.0, None)
-
-
-def test_labels_name_the_units():
-    assert cost.PRICES == {"ns_per_step": "ns per step", "setup_us": "set-up of a stepper, µs"}
