@@ -131,7 +131,7 @@ def test_cells_of_an_engine_that_is_not_there_are_skipped(engine, monkeypatch, t
         engine(name, name)
         Store(tmp_path).append(make_record("engines", engines.VERSION, 0, {**ABSENT, "engine": name}, rows=[row]))
     with pytest.raises(StoreError, match="not computed: 4 cells: no-such-engine, x1, x2 and others: not available"):
-        verify.verify(tmp_path, 10, seed=0, longest=3.0, jobs=None, show=False, old=False)
+        verify.verify(tmp_path, 10, seed=0, longest=3.0, show=False, old=False)
 
 
 def test_followed_bodies(engine):
