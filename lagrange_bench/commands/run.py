@@ -87,8 +87,7 @@ def run(options: argparse.Namespace) -> Answer:
         choice=choice,
         cells={file.experiment: file.cells} if file else None,
     )
-    drawn = _draw(file.experiment, results, choice) if file else []
-    lines = [str(summary), *(f"drawn: {path}" for path in drawn if path.suffix == ".svg")]
+    lines = [str(summary)]
     command, place = shlex.join(["lagrange-bench", *options.words]), shlex.quote(name_of(results) or str(results))
     if summary.exit_code:
         lines.append(f"again, the failed cells only: {command}")
@@ -98,7 +97,6 @@ def run(options: argparse.Namespace) -> Answer:
     modules = "".join(f" --module {module}" for module in _own_modules(names, file.cells if file else ()))
     report = f"lagrange-bench report --results {place}{modules}{choice.words}"
     data = {**vars(summary), "results": str(results), "exit_code": summary.exit_code, "next": report}
-    data["drawn"] = list(map(str, drawn))
     return Answer("\n".join([*lines, f"next: {report}"]), data, summary.exit_code)
 
 
@@ -107,12 +105,3 @@ def _own_modules(experiments: Iterable[str], cells: Iterable[dict[str, Any]]) ->
     named = (str(cell.get(word, "")) for cell in cells for word in ("method", "potential"))
     own = [*(name for name in experiments if "." in name), *(name.partition(":")[0] for name in named if ":" in name)]
     return list(dict.fromkeys(own))
-
-
-def _draw(name: str, results: Path, choice: Any) -> list[Path]:
-    """The figures and tables of an experiment; none if all its cells were skipped."""
-    from lagrange_bench.report import sections
-    from lagrange_bench.results.store import Store
-
-    stored = Store(results, choice).open(name).latest
-    return sections.write_experiment(name, results, results / "page", choice) if stored else []

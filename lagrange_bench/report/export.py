@@ -8,11 +8,7 @@ from lagrange_bench.experiments.drawing import figures, style
 from lagrange_bench.report import origin, sections
 from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store
-from lagrange_bench.support.files import replace_file
 from lagrange_bench.support.words import suggestion
-
-# each file with what was done, what cannot be drawn and why, remarks on the rows
-Written = tuple[dict[Path, str], list[str], list[str]]
 
 
 def names(results: Path, choice: Choice) -> list[str]:
@@ -20,10 +16,10 @@ def names(results: Path, choice: Choice) -> list[str]:
     return [name for experiment in _stored(results)[0] for name, _ in _drawn(_section(experiment, results, choice))]
 
 
-def export(name: str, results: Path, path: Path, kind: str, width: str | None, choice: Choice = ALL) -> Written:
-    """Writes one figure.
+def export(name: str, results: Path, path: Path, width: str | None, choice: Choice = ALL) -> list[str]:
+    """Writes one figure, and returns remarks: whether an old file was replaced, its caption, what is to be said of its rows.
 
-    name : as in the page, `phase_h` for instance. kind : svg, pdf or png. width : "column", "page" or None, as drawn.
+    name : as in the page, `phase_h` for instance. path : ends in .svg, .pdf or .png. width : "column", "page" or None, as drawn.
 
     Raises
     ------
@@ -39,31 +35,13 @@ def export(name: str, results: Path, path: Path, kind: str, width: str | None, c
             raise ValueError(f"{experiment} has no rows of {', '.join((*choice.methods, *choice.tops))}")
         drawn = dict(_drawn(section, width))
         if name in drawn:
-            done = replace_file(path, figures.FORMATS[kind](drawn[name]))
+            done = figures.write(path, drawn[name])
             caption = getattr(drawn[name], "caption", "")
-            return {path: done}, [], [*([f"caption: {caption}"] if caption else []), *_remarks(section)]
+            return [done, *([f"caption: {caption}"] if caption else []), *_remarks(section)]
     if known := names(results, choice):
         raise ValueError(f"unknown figure {name!r}{suggestion(name, known)} Known: {', '.join(known)}")
     why = "; ".join(problems) or "nothing is stored"
     raise ValueError(f"{name!r} cannot be drawn from {results}: {why}")
-
-
-def export_all(
-    results: Path, folder: Path, kind: str | None, width: str | None, choice: Choice, drawn: sections.Drawn
-) -> Written:
-    """Writes every figure as `NAME-WIDTH.KIND` into a folder; kind, width : None for all of them."""
-    kinds, widths = [kind] if kind else figures.FORMATS, [width] if width else style.WIDTHS
-    (stored, problems), written, remarks = _stored(results), dict[Path, str](), list[str]()
-    for i, experiment in enumerate(stored):
-        drawn(i, len(stored))
-        section = _section(experiment, results, choice)
-        remarks += _remarks(section)
-        for width in widths:
-            for name, figure in _drawn(section, width):
-                for kind in kinds:
-                    path = folder / f"{name}-{width}.{kind}"
-                    written[path] = replace_file(path, figures.FORMATS[kind](figure))
-    return written, problems, remarks
 
 
 def _stored(results: Path) -> tuple[list[str], list[str]]:

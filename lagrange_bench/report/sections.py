@@ -21,7 +21,6 @@ from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
-from lagrange_bench.results.choice import ALL, Choice
 from lagrange_bench.results.store import Store, StoreError
 from lagrange_bench.support.files import write_file
 
@@ -215,14 +214,6 @@ def write(section: Section, output: Path) -> list[Path]:
         files[f"{name}.tex"] = tables.latex(table.frame, table.caption)
         files[f"{name}.csv"] = tables.csv(table.frame)
     return [write_file(output / name, text) for name, text in files.items()]
-
-
-def write_experiment(experiment: str, results: Path, output: Path, choice: Choice = ALL) -> list[Path]:
-    """Draws one experiment's figures and tables into `output`. ValueError: it cannot be drawn."""
-    section = draw(experiment, Store(results, choice))
-    if section.errors:
-        raise ValueError("; ".join(section.errors))
-    return write(section, output)
 
 
 def packed(text: str) -> Markup:

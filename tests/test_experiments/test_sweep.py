@@ -90,7 +90,7 @@ def test_the_experiment_draws_tops_of_the_file(run, write, tmp_path, in_process)
     assert code == 0, err
     rows = Store(tmp_path / "out").rows("drift")
     assert set(zip(rows.state, rows.status, strict=True)) == {("heavy", "done")}
-    assert any("Strang" in path.read_text() for path in (tmp_path / "out" / "page" / "figures").glob("*.svg")), out
     assert run("report", "--results", tmp_path / "out", "--quiet")[0] == 0
+    assert any("Strang" in path.read_text() for path in (tmp_path / "out" / "page" / "figures").glob("*.svg")), out
     page = (tmp_path / "out" / "page" / "index.html").read_text("utf-8")
     assert ("redraw: " in page, "recompute: " in page) == (True, False), "it would add the cells of a profile"

@@ -59,7 +59,7 @@ RC |= {f"{axis}tick.{name}": value for axis in "xy" for name, value in TICKS.ite
 
 
 # of the figures drawn inside `apply`: "column" or "page"; None: each has its own
-WIDTH: ContextVar[str | None] = ContextVar("width of figures", default=None)
+_WIDTH: ContextVar[str | None] = ContextVar("width of figures", default=None)
 
 
 class Figure(matplotlib.figure.Figure):
@@ -77,14 +77,14 @@ def apply(width: str | None = None) -> Iterator[None]:
     """
     if width is not None and width not in WIDTHS:
         raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
-    before = WIDTH.set(width)
+    before = _WIDTH.set(width)
     try:
         with matplotlib.rc_context():
             matplotlib.rcdefaults()
             matplotlib.rcParams.update(RC)
             yield
     finally:
-        WIDTH.reset(before)
+        _WIDTH.reset(before)
 
 
 def figure(
@@ -100,7 +100,7 @@ def figure(
     width : "column" (3.4 in), "page" (7 in) or inches. height : inches. Inside `apply("column")` the panels stand one below the
     other, and share their axes or not.
     """
-    width = WIDTH.get() or width
+    width = _WIDTH.get() or width
     rows, columns = nrows, ncols
     if width == "column" and ncols > 1:
         rows, columns = nrows * ncols, 1
@@ -118,7 +118,7 @@ def panels(
     titles: Sequence[str], columns: int, heights: tuple[float, float], xlabel: str, ylabel: str, **shared: Any
 ) -> tuple[Figure, list[Axes]]:
     """A figure with a panel for each title, `columns` to a row. heights : inches, of the figure without rows, and of a row."""
-    columns = 1 if WIDTH.get() == "column" else min(columns, len(titles))
+    columns = 1 if _WIDTH.get() == "column" else min(columns, len(titles))
     rows = math.ceil(len(titles) / columns)
     fig, grid = figure("page", heights[0] + heights[1] * rows, rows, columns, squeeze=False, **shared)
     axes, spare = list(grid.flat[: len(titles)]), grid.flat[len(titles) :]
