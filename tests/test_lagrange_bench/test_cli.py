@@ -50,7 +50,7 @@ from lagrange_bench.__main__ import main
 for name in {list(CASES)!r}:
     assert main(["case", name, "--until", "0.5", "--every", "0.1", "--output", f"{{name}}.csv"]) == 0
     assert main(["judge", f"{{name}}.csv", "--case", name, "--quiet"]) == 0
-    assert main(["case", name, "--code", "c", "--output", f"{{name}}.c"]) == 2 * (name == "kovalevskaya")
+    assert main(["case", name, "--code", "c", "--output", f"{{name}}.c"]) == (2 if name == "kovalevskaya" else 0)
 """
     done = python("-c", program, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
