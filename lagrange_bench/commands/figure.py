@@ -35,7 +35,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.report import export
     from lagrange_bench.results.store import find_results
-    from lagrange_bench.runner import progress
 
     results = find_results(options.results)
     choice = choice_of(options, results)
@@ -45,6 +44,5 @@ def run(options: argparse.Namespace) -> Answer:
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})
     path = options.output or Path(f"{options.name}.svg")
     check_target("--output", path, PICTURES)
-    with progress.drawing(results, show=not (options.quiet or options.json)):
-        remarks = export.export(options.name, results, path, options.width, choice)
+    remarks = [f"drawn from {results}", *export.export(options.name, results, path, options.width, choice)]
     return Answer(str(path), {"written": [str(path)], "notes": remarks, "results": str(results)}, remarks=remarks)

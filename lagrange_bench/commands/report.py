@@ -41,14 +41,14 @@ def run(options: argparse.Namespace) -> Answer:
     output = options.output or (Path("page") if installed else results / "page")
     choice = choice_of(options, results)
     page.refuse_foreign(output)  # before the drawing
-    with progress.drawing(results, show=not (options.quiet or options.json)) as drawn:
+    with progress.drawing(show=not (options.quiet or options.json)) as drawn:
         report = page.assemble(results, choice, drawn)
         path = page.write(report, output).resolve()
     notes = [f"{s.experiment}: no rows of {', '.join(s.without_rows)}" for s in report.sections if s.without_rows]
     notes += [report.old] if report.old else []
     notes += [f"refuted: {judged.claim.text}" for judged in report.claims if judged.verdict.word == claims.REFUTED]
     summary = f"{path.stat().st_size / 1e6:.1f} MB" + (f", claims: {page.fare(report.claims)}" if report.claims else "")
-    remarks = [*(f"not drawn: {error}" for error in report.errors), *notes, summary]
+    remarks = [f"drawn from {results}", *(f"not drawn: {error}" for error in report.errors), *notes, summary]
     if options.open:
         webbrowser.open(path.as_uri())
     data = {"page": str(path), "results": str(results), "not_drawn": report.errors, "notes": notes}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shlex
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -62,15 +61,11 @@ def find(folder: Path, choice: Choice = ALL) -> Origin:
     return Origin(named(folder), name, choice)
 
 
-def described(origin: Origin, sources: Sequence[pd.DataFrame]) -> str:
-    """Folder, profile, dates, machine and commit in one line. sources : provenance of each experiment."""
+def described(origin: Origin) -> str:
+    """Folder, profile and choice in one line."""
     words = [origin.folder, *([f"{origin.profile} profile"] if origin.profile else [])]
     chosen = {"methods": origin.choice.methods, "tops": origin.choice.tops}
-    words += [f"only the {what} {', '.join(names)}" for what, names in chosen.items() if names]
-    if stored := [source for source in sources if len(source)]:
-        cells = pd.concat(stored, ignore_index=True)
-        words += [days(cells), _few(cells["cpu"].dropna(), "", "machines"), _few(commits(cells), "commit ", "commits")]
-    return "; ".join(filter(None, words))
+    return "; ".join(words + [f"only the {word} {', '.join(names)}" for word, names in chosen.items() if names])
 
 
 def days(cells: pd.DataFrame) -> str:
@@ -81,8 +76,3 @@ def days(cells: pd.DataFrame) -> str:
 def commits(cells: pd.DataFrame) -> pd.Series:
     """The commit of each cell, short, and whether the tree had changes."""
     return cells["commit"].fillna("unknown").str.slice(0, 12) + cells["dirty"].map({True: " with changes"}).fillna("")
-
-
-def _few(values: pd.Series, before: str, what: str) -> str:
-    different = sorted(set(values))
-    return f"{len(different)} {what}" if len(different) > 2 else before + ", ".join(different)

@@ -94,7 +94,7 @@ def assemble(results: Path, choice: Choice = ALL, drawn: Drawn = lambda done, to
     for section in sections:
         section.origin = source
     old = _old(sections)
-    drawn_from = "; ".join(filter(None, (origin.described(source, [s.provenance for s in sections]), old)))
+    drawn_from = "; ".join(filter(None, (origin.described(source), old)))
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old=old)
     rows = {section.experiment: section.rows for section in sections}

@@ -4,7 +4,6 @@ import contextlib
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from pathlib import Path
 from time import monotonic
 from typing import Any
 
@@ -48,18 +47,11 @@ def follow(totals: Mapping[str, int], show: bool = True) -> Iterator[Cells]:
 
 
 @contextlib.contextmanager
-def drawing(results: Path, show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Show progress through the parts of a page, then where its rows come from. Call the result with (done, total)."""
+def drawing(show: bool = True) -> Iterator[Callable[[int, int], None]]:
+    """Show progress through the parts of a page. Call the result with (done, total)."""
     with _bars(show=show) as bars:
         task = bars.add_task("drawing", total=None)
-
-        def advance(done: int, total: int) -> None:
-            bars.update(task, completed=done, total=total)
-
-        yield advance
-    if show:
-        place = results.relative_to(Path.cwd()) if results.is_relative_to(Path.cwd()) else results
-        print(f"drawn from {place}", file=sys.stderr, flush=True)
+        yield lambda done, total: bars.update(task, completed=done, total=total)
 
 
 @contextlib.contextmanager
