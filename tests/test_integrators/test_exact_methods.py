@@ -53,10 +53,13 @@ def test_steps_that_come_back_drift_unpinned(top, y0, periods):
     assert np.max(drift(top, y0, pinned)) < 4 * EPS
 
 
-def test_at_a_root_of_q_the_map_keeps_the_invariants():
-    """A simple one, to all digits."""
-    top, y = TOPS["generic"].top, TOPS["generic"].state
-    assert np.max(drift(top, y, two_point(top, y, -0.07159512589181724 + 0.6718896187898421j))) < 4e-15
+@pytest.mark.parametrize(
+    ("name", "lam"), [("figure2", 500 + 5000j), ("generic", -0.07159512589181724 + 0.6718896187898421j)]
+)
+def test_far_away_and_at_a_root_of_q_the_map_keeps_the_invariants(name, lam):
+    """The root is a simple one, to all digits."""
+    top, y = TOPS[name].top, TOPS[name].state
+    assert np.max(drift(top, y, two_point(top, y, lam))) < 4e-15
 
 
 @pytest.mark.parametrize("h", [1e-300, 1e-12, 1e10, -1e13])
