@@ -22,7 +22,7 @@ from lagrange_bench.integrators.registry import METHODS
 TIME, STEP = "time · (|J| + √(|α||x|))", "step h · (|J| + √(|α||x|))"  # axes in the units of the top
 LEAST = 1e-17  # where an error of 0 is drawn
 WORDS = {"span_scaled": "t", "span": "t", "h_scaled": "h"}  # column → its word in the names of lines
-WIDTH = 16  # font sizes: the width of an entry of a legend
+ENTRY = 16  # font sizes: the width of an entry of a legend
 
 
 def draw_method(
@@ -103,7 +103,7 @@ def legend_below(fig: matplotlib.figure.Figure) -> None:
     places = {of(name)["label"]: i for i, name in enumerate(METHODS)}
     texts = sorted(entries, key=lambda text: places.get(text, len(places)))
     size = FontProperties(size=rcParams["legend.fontsize"]).get_size_in_points()
-    columns = max(int(72 * fig.get_figwidth() / (WIDTH * size)), 1)
+    columns = max(int(72 * fig.get_figwidth() / (ENTRY * size)), 1)
     fig.set_figheight(fig.get_figheight() + 1.5 * size / 72 * math.ceil(len(texts) / columns))
     fig.legend([entries[text] for text in texts], texts, loc="outside lower center", ncols=columns)
 
