@@ -1,4 +1,4 @@
-"""A matrix of mistakes, and which of them `diagnose` names: python tests/mistakes.py RUNS SEED prints how many.
+"""A matrix of mistakes, and which of them `Diagnosis` names: python tests/mistakes.py RUNS SEED prints how many.
 
 Bodies × what a program does wrong or a reader misreads × integrators × digits, drawn by a seed. The exact motion is by DOP853.
 """
@@ -17,7 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench import Case, RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
-from lagrange_bench.judging.diagnosis import Floor, Rows, diagnose
+from lagrange_bench.judging.advice import diagnosis_of
+from lagrange_bench.judging.columns import Trajectory
+from lagrange_bench.judging.diagnosis import Diagnosis
+from lagrange_bench.judging.frames import Frames, Options
 from lagrange_bench.judging.vectors import SIGNED, to_body, to_world
 
 Array = np.ndarray
@@ -71,17 +74,10 @@ class Mistake(NamedTuple):
 
 
 class Run(NamedTuple):
-    """The arguments of `diagnose`, and the causes that name each mistake."""
+    """What `judge` reads, and the causes that name each mistake."""
 
-    rows: Rows
-    other_readings: dict[str, Array]
-    body: RigidBody
-    exact: Motion | None
-    floor: Floor
+    read: Diagnosis
     causes: list[set[str]]
-
-    def findings(self) -> list[Any]:
-        return diagnose(self.rows, self.other_readings, self.body, self.exact, self.floor)
 
 
 # ------------------------------------------------------------------------------------------------------------- motions
@@ -397,9 +393,9 @@ def run(rng: Any, names: Iterable[str], with_case: bool) -> Run:
             continue  # in this run it changes nothing
         if changes_omega(right, columns):
             break
-    rows, other_readings, floor = read(columns, int(rng.choice([5, 6, 7, 9, 12, 17])))
     exact = exact_motion(Program(case), 1.3 * t[-1] + 4) if with_case else None
-    return Run(rows, other_readings, case.body, exact, floor, [causes_of(name, with_case) for name in names])
+    digits = int(rng.choice([5, 6, 7, 9, 12, 17]))
+    return Run(read(columns, digits, case.body, exact), [causes_of(name, with_case) for name in names])
 
 
 def written(rng: Any, program: Program, t: Array, names: set[str]) -> Columns:
@@ -438,37 +434,31 @@ def rounded(v: Array, digits: int) -> Array:
     return np.round(v * unit) / unit
 
 
-def read(c: Columns, digits: int) -> tuple[Rows, dict[str, Array], Floor]:
-    """The columns as a file has them, and as a reader reads them."""
+def read(c: Columns, digits: int, body: RigidBody, exact: Motion | None, without: str = "") -> Diagnosis:
+    """The columns as a file has them and `judge` reads them, without one of R, omega and x if that is said."""
     digit = 10.0**-digits if digits < 17 else 1e-16
-    omega, x, other_readings, angles = rounded(c.omega, digits), rounded(c.x, digits), dict[str, Array](), None
-    sequence, _, wrong = c.kind.partition(" ")
+    (sequence, _, wrong), said = c.kind.partition(" "), None
     if sequence == "matrix":
-        R = rounded(c.R, digits)
+        group, values = sequence, c.R.reshape(-1, 9)
     elif sequence in ("wxyz", "xyzw"):
-        q = rounded(Rotation.from_matrix(c.R).as_quat(scalar_first=sequence == "wxyz"), digits)
-        R = Rotation.from_quat(q, scalar_first=True).as_matrix()
-        other_readings["--quat xyzw"] = Rotation.from_quat(q).as_matrix()
+        group, values = "quaternion", Rotation.from_matrix(c.R).as_quat(scalar_first=sequence == "wxyz")
     else:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # near a pole
-            angles = np.unwrap(Rotation.from_matrix(c.R).as_euler(sequence), axis=0)
-        angles = angles if c.angles is None else c.angles
-        angles = rounded(np.degrees(angles) if wrong == "degrees" else angles, digits)
+            values = np.unwrap(Rotation.from_matrix(c.R).as_euler(sequence), axis=0)
+        group, values = "angles", values if c.angles is None else c.angles
+        values = np.degrees(values) if wrong == "degrees" else values
         said = sequence.swapcase() if wrong == "swapped" else sequence
-        R = Rotation.from_euler(said, angles).as_matrix()
-        for option, axes, values in (
-            ("--units angle=deg", said, np.radians(angles)),
-            (f"--angles {said.swapcase()}", said.swapcase(), angles),
-            (f"--angles {said.swapcase()} --units angle=deg", said.swapcase(), np.radians(angles)),
-        ):
-            other_readings[option] = Rotation.from_euler(axes, values).as_matrix()
-    widest = 1.0 if angles is None else float(np.abs(angles).max())
-    floor = Floor(0.0, digit * widest, digit * np.abs(omega).max(), digit * np.abs(x).max())
-    return Rows(c.t, R, omega, x, c.frame, angles), other_readings, floor
+    rows = {"time": c.t[:, None], group: rounded(values, digits)}
+    rows |= {"omega": rounded(c.omega, digits), "position": rounded(c.x, digits)}
+    floor = {name: digit * np.abs(rows[name]).max() for name in ("omega", "position")}
+    floor[group] = digit * (np.abs(rows[group]).max() if group == "angles" else 1.0)
+    rows.pop({"R": group, "omega": "omega", "x": "position"}.get(without), None)
+    frames = Frames(body, Options(quat="wxyz", omega_frame=c.frame, angles=said), digit)
+    return diagnosis_of(frames, rows, Trajectory({}, c.t, floor=floor), exact)
 
 
-def right_run(rng: Any) -> Run:
+def right_run(rng: Any) -> Diagnosis:
     """A right run of any kind: also steady, planar or resting, of few rows or far apart, of few digits, with noise of sensors."""
     style = str(rng.choice(["any", "any", "steady", "planar", "resting", "noise", "far", "few", "slow"]))
     case = draw_case(rng, ("free", "flying") if style in ("steady", "resting") else ("free", "flying", "heavy", "top"))
@@ -493,13 +483,9 @@ def right_run(rng: Any) -> Run:
         omega = omega + noise * rng.choice([0.1, 1.0]) * (speed or 1.0) * rng.normal(size=(len(t), 3))
         x = x + noise * rng.normal(size=(len(t), 3))
     kind = str(rng.choice(["wxyz", "matrix", rng.choice(SEQUENCES)]))
-    rows, other_readings, floor = read(Columns(t, R, omega, x, frame, kind, None), int(rng.integers(3, 18)))
-    gone = str(rng.choice(["R", "omega", "x", "", "", ""]))
-    if gone == "R":
-        rows, other_readings = rows._replace(R=None, angles=None), {}
-    elif gone:
-        rows = rows._replace(**{gone: None})
-    return Run(rows, other_readings, case.body, exact if rng.random() < 0.5 else None, floor, [])
+    digits, gone = int(rng.integers(3, 18)), str(rng.choice(["R", "omega", "x", "", "", ""]))
+    known = exact if rng.random() < 0.5 else None
+    return read(Columns(t, R, omega, x, frame, kind, None), digits, case.body, known, gone)
 
 
 # --------------------------------------------------------------------------------------------------------------- power
@@ -507,7 +493,7 @@ def right_run(rng: Any) -> Run:
 
 def named(one: Run) -> bool:
     """Whether each mistake is among the findings."""
-    found = {finding.cause for finding in one.findings()}
+    found = {finding.cause for finding in one.read.findings()}
     return all(found & causes for causes in one.causes)
 
 

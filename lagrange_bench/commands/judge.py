@@ -107,7 +107,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench import judging
-    from lagrange_bench.judging import columns, frames, judgement
+    from lagrange_bench.judging import frames, judgement
 
     bounds = options.bounds
     if options.steps and len(options.steps) != len(options.files):
@@ -115,11 +115,10 @@ def run(options: argparse.Namespace) -> Answer:
     check_target("--draw", options.draw, PICTURES)
     request = judging.request_of(options.case, options.body, options.start)
     body, known = options.case or options.body, request.start == "case"
-    convention = frames.Convention(options.quat or "wxyz", options.omega or "body", options.up, options.axis)
-    names = ("columns", "units", "angles", "where", "step", "t0", "quat", "since", "until")
-    written = columns.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
+    names = ("columns", "units", "angles", "where", "step", "t0", "quat", "since", "until", "up", "axis")
+    written = frames.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
     with announce.long_work(f"comparing with the motion of {body}"):
-        judged = [judging.judge_file(path, request, convention, written) for path in options.files]
+        judged = [judging.judge_file(path, request, written) for path in options.files]
     orders = judgement.orders(judged, options.steps or [each.step for each in judged])
     until = request.case.until if known else -math.inf
     until = until if options.until is None else options.until

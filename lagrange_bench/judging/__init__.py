@@ -16,8 +16,8 @@ from lagrange_bench.integrators import CASES, Case, RigidBody, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judging.advice import findings_of, so_read
-from lagrange_bench.judging.columns import Options, Trajectory, read
-from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Convention, Frames, curve
+from lagrange_bench.judging.columns import Trajectory, read
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Frames, Options, blurred, curve
 from lagrange_bench.judging.judgement import Error, Judgement
 from lagrange_bench.judging.start import started
 
@@ -29,8 +29,6 @@ STARTS = ("case", "first-row", "fit")
 START, SINGLE = 1e-9, 2e-7
 # likewise: a start that is off by more is none of the case
 RIGHT = 0.05
-# the first rows that are looked at for what is odd, and how many of all others
-HEAD, OTHERS = 2000, 4000
 UNEXPLAINED = "No usual mistake explains this start: are the columns what they are taken for?"
 UNEXPLAINED += " If the run starts elsewhere: --start first-row."
 
@@ -102,24 +100,22 @@ def judge(
     ValueError
         Other shapes, times that do not increase, a name that is not known.
     """
-    request, convention = request_of(case, body, start), Convention(quat or "wxyz", omega_frame or "body", up, axis)
+    request, options = request_of(case, body, start), Options(quat=quat, omega_frame=omega_frame, up=up, axis=axis)
     if isinstance(t, str | Path):
         if position is not None or rotation is not None or omega is not None:
             raise ValueError("a file has its own positions, rotations and ω")
-        return judge_file(Path(t), request, convention, Options(quat=quat, omega_frame=omega_frame, **written))
+        return judge_file(Path(t), request, replace(options, **written))
     if written:
         raise ValueError(f"{next(iter(written))} is for files")
-    return _judged(request, convention, _of_arrays(t, position, rotation, omega))
+    return _judged(request, options, _of_arrays(t, position, rotation, omega))
 
 
-def judge_file(path: Path, request: Request, convention: Convention, written: Options) -> Judgement:
-    """The judgement of a file. written : what the user says of it."""
+def judge_file(path: Path, request: Request, options: Options) -> Judgement:
+    """The judgement of a file. options : what the user says of it."""
     case = request.case
     try:
-        found = read(path, written, case.points, case.body.com if case.body.fixed else (0, 0, 0))
-        frame = written.omega_frame or found.frame or ("world" if "momentum" in found.arrays else "body")
-        angles, quat = found.angles or convention.angles, found.quat or convention.quat
-        judgement = _judged(request, replace(convention, angles=angles, quat=quat, omega_frame=frame), found)
+        found = read(path, options, case.points, case.body.com if case.body.fixed else (0, 0, 0))
+        judgement = _judged(request, options, found)
     except (ValueError, EOFError) as error:
         raise ValueError(f"{path}: {error}") from None
     return replace(judgement, file=str(path), notes=[*found.notes, *judgement.notes], columns=found.columns)
@@ -178,14 +174,16 @@ def _of_arrays(
     return Trajectory(arrays, times - times[0])
 
 
-def _judged(request: Request, convention: Convention, found: Trajectory) -> Judgement:
-    """The judgement of rows."""
+def _judged(request: Request, options: Options, found: Trajectory) -> Judgement:
+    """The judgement of rows. What the user does not say, the names of columns do, or it is as usual."""
+    frame = options.omega_frame or found.frame or ("world" if "momentum" in found.arrays else "body")
+    options = replace(options, quat=found.quat or options.quat or "wxyz", omega_frame=frame)
     is_case, floor, notes = request.start == "case", found.floor, list[str]()
     written, case = found.arrays["time"][:, 0], request.case
     rows = {**found.arrays, "time": (written if is_case else found.elapsed)[:, None]}
     _check_times(rows["time"][:, 0], written)
     with np.errstate(all="ignore"):
-        frames = Frames(case.body, convention, floor.get("matrix", 0.0), case if is_case else None)
+        frames = Frames(case.body, options, floor.get("matrix", 0.0), case if is_case else None)
         rows = frames.with_omega(rows)
         if not is_case:
             frames.refer(rows)
@@ -193,16 +191,13 @@ def _judged(request: Request, convention: Convention, found: Trajectory) -> Judg
         if request.start in ("first-row", "fit"):
             case, text = started(request.start, case, frames, rows)
             notes.append(f"The motion starts at t = {written[0]:.9g} s {text}.")
-            frames = Frames(case.body, convention, frames.digit, case)
-        errors, rows["time"], clock = frames.by_the_better_clock(rows)
-        remark = so_read(frames, rows, errors, findings) if findings else remark
+            frames = Frames(case.body, options, frames.digit, case)
+        errors, exact, clock = frames.by_the_better_clock(rows)
+        remark, t = so_read(frames, rows, errors, findings) if findings else remark, rows["time"][:, 0]
         if not errors:
             raise ValueError("a body without a start is judged by rotations with ω, by ω in the body, or by positions")
-        seen = {name: values[_some(len(written))] for name, values in rows.items()}
-        exact = None if frames.case is None else frames.exact(seen["time"][:, 0])
-        turned = frames.count_turns(seen, exact)
-        blur = {} if exact is None else frames.blurred(seen["time"][:, 0], exact, floor.get("time", 0.0))
-    t = rows["time"][:, 0]
+        turned, rounding = frames.count_turns(rows, exact), floor.get("time", 0.0)
+        blur = blurred(t, exact, rounding) if exact is not None and rounding else {}
     measured = {name: Error(float(error.max()), float(error[-1])) for name, error in errors.items()}
 
     def floors_of(known: Floors) -> dict[str, float]:
@@ -253,11 +248,6 @@ def _check_times(t: Array, written: Array) -> None:
         i = int(wrong[0])
         before = f" after {written[i - 1]:.12g}" if i else ""
         raise ValueError(f"row {i + 1}: the time is {written[i]:.12g}{before}; times must be numbers that increase")
-
-
-def _some(n: int) -> Array:
-    """The first rows, some of all others, and the last one."""
-    return np.unique(np.concatenate((np.arange(min(n, HEAD)), np.linspace(0, n - 1, min(n, OTHERS)).astype(int))))
 
 
 def _odd_rows(t: Array, errors: Mapping[str, Array], known_until: float) -> Iterator[str]:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
 from lagrange_bench.judging.findings import Finding, say
+from lagrange_bench.judging.fits_frames import Exact
 from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames
 from lagrange_bench.judging.names import unit_of
 
@@ -28,25 +30,26 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) ->
     head = {name: values[:MOST] for name, values in rows.items()}
     if "matrix" in head and np.nanmedian(np.linalg.det(head["matrix"].reshape(-1, 3, 3))) < 0:
         return [say("left-handed matrix")], ""
-    diagnosis, convention = _diagnosis(frames, head, found), frames.convention
+    exact, options = None if frames.case is None else frames.exact, frames.options
+    diagnosis = diagnosis_of(frames, head, found, exact)
     findings = diagnosis.findings()
-    if (convention.up or convention.axis) and any(finding.cause in AXES for finding in findings):
-        as_in_case = Frames(frames.rigid_body, replace(convention, up=None, axis=None), frames.digit, frames.case)
-        others = _diagnosis(as_in_case, head, found).findings()
+    if (options.up or options.axis) and any(finding.cause in AXES for finding in findings):
+        as_in_case = Frames(frames.rigid_body, replace(options, up=None, axis=None), frames.digit, frames.case)
+        others = diagnosis_of(as_in_case, head, found, exact).findings()
         if len(others) < len(findings):  # without the user's axes, fewer things are wrong
             return [other._replace(text=f"{other.text[:-1]}, without --up and --axis.") for other in others], ""
     return findings, "" if findings else diagnosis.agreement()
 
 
-def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> Diagnosis:
-    """The rows in these frames, and other ways to read them."""
+def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, exact: Exact | None) -> Diagnosis:
+    """The rows in these frames, and other ways to read them. exact : the motion at any times, None without a start."""
     floor, is_angles = found.floor, "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
     known = Rows(
         t=rows["time"][:, 0],
         R=frames.matrices(rows),
         omega=frames.omega(rows) if "omega" in rows else None,
         x=next(frames.positions(rows), None),
-        frame=frames.convention.omega_frame,
+        frame=frames.frame,
         angles=rows["angles"] if is_angles else None,
     )
     hidden = Floor(
@@ -59,7 +62,6 @@ def _diagnosis(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> 
     if found.wxyz:
         w, x, y, z = found.wxyz
         other_order = f"--columns qw={z},qx={w},qy={x},qz={y}"
-    exact = None if frames.case is None else frames.exact
     return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden)
 
 
@@ -70,7 +72,7 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
     """
     if any(not finding.option.startswith("--") for finding in findings):
         return ""
-    rows, changes = dict(rows), dict[str, str]()
+    rows, changes = dict(rows), dict[str, Any]()
     for word, value in re.findall(r"--(\w+)[ =](\S+)", " ".join(finding.option for finding in findings)):
         name, _, unit = value.partition("=")
         if word == "units":
@@ -83,12 +85,12 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
         elif word == "columns" and name == "angle1":
             rows["angles"] = rows.pop("rotation vector")
         elif word == "columns":  # the other order of quaternions
-            changes["quat"] = "xyzw" if frames.convention.quat == "wxyz" else "wxyz"
+            changes["quat"] = "xyzw" if frames.options.quat == "wxyz" else "wxyz"
         elif word in ("quat", "angles", "up", "axis", "omega"):
             changes[word if word != "omega" else "omega_frame"] = value
         else:
             return ""
-    other = Frames(frames.rigid_body, replace(frames.convention, **changes), frames.digit, frames.case)
+    other = Frames(frames.rigid_body, replace(frames.options, **changes), frames.digit, frames.case)
     if other.case is None:
         other.refer(rows)
     errors, _, _ = other.by_the_better_clock(rows)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from lagrange_bench.judging.frames import Options
 from lagrange_bench.judging.names import (
     EXPECTED,
     ROLES,
@@ -46,35 +47,13 @@ WHOLE = 1e-3  # quaternions are as near to length 1
 STAMP = re.compile(r"[-+]?(?=[\d.]{16})\d{9,}(\.\d+)?")
 
 
-@dataclass(frozen=True)
-class Options:
-    """What the user says of a file.
-
-    columns : name → word of the header, or index from 0. units : group → unit. angles : the axes of three angles, as SciPy names
-    them. where : column → the word in its rows that are read. step : s, where there are no times. t0 : s, the first time. quat :
-    the order of quaternions without names. omega_frame : of ω.
-    since, until : s, only rows from this time on, and up to it.
-    """
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    units: Mapping[str, str] = field(default_factory=dict)
-    angles: str | None = None
-    where: Mapping[str, str] = field(default_factory=dict)
-    step: float | None = None
-    t0: float | None = None
-    quat: str | None = None
-    omega_frame: str | None = None
-    since: float | None = None
-    until: float | None = None
-
-
 @dataclass
 class Trajectory:
     """The rows of a body.
 
     arrays : group of columns → numbers (n, columns) in SI units; what is missing is NaN. elapsed : (n,), s, since the first row,
     with the digits of the file. quat : order of the quaternions, if their names tell it: wxyz if a name says which is the
-    scalar, xyzw if they are counted from 1. frame : of ω, if its name tells it. angles : their axes. floor : half a unit of the
+    scalar, xyzw if they are counted from 1. frame : of ω, if its name tells it. floor : half a unit of the
     last printed digit; first_floor : of numbers as large as those of the first row. columns : the groups and their names, and
     what is not used, to be read. wxyz : the names of the parts of quaternions, where they decide.
     """
@@ -83,7 +62,6 @@ class Trajectory:
     elapsed: Array
     quat: str | None = None
     frame: str | None = None
-    angles: str | None = None
     floor: dict[str, float] = field(default_factory=dict)
     first_floor: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
@@ -123,7 +101,7 @@ def read(
         raise ValueError(_nothing(notes, table.names))
     factors: dict[int, float] = {}
     words: list[str] = []
-    found = Trajectory({}, np.empty(0), angles=options.angles, notes=notes)
+    found = Trajectory({}, np.empty(0), notes=notes)
     for kind, group in chosen.items():
         factors |= _factors(kind, group, header, names, table, options, notes)
         words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
@@ -273,28 +251,23 @@ def _choose(
 ) -> dict[str, Group]:
     """One group for each quantity; ValueError where two may be it."""
     for group in groups:
+        words = [header[i] or f"{i}" for i in group.places]
         if group.kind == "quaternion or position":
-            _, x, y, z = group.places
             if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
-                group.kind, words = "quaternion", " ".join(header[i] for i in group.places)
-                if group.rank:
-                    advice = f"else say --columns px={x},py={y},pz={z}."
-                    notes.append(f"{words} is taken for a quaternion, for it has length 1; {advice}")
+                group.kind = "quaternion"
+                notes += _taken(group, words, "quaternion, for it has length 1", "p", words[1:])
             else:
-                group.kind, group.places, group.order = "position", [x, y, z], "x y z"
+                group.kind, group.places, group.order = "position", group.places[1:], "x y z"
         if group.kind == "gyro" and not any(other.kind == "omega" for other in groups):
-            words = " ".join(header[i] for i in group.places)
             group.kind = "omega"
-            notes.append(f"{words} are taken for the rates of a gyro; else name ω: --columns wx=…,wy=…,wz=….")
+            notes += _taken(group, words, "gyro", "w", "………")
         if group.kind == "three of a rotation" and options.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
-            group.kind = "position" if _are_places(group, groups, sample) else "rotation vector"
-            first, second, third = (header[i] for i in group.places)
-            if group.rank and (group.kind == "position" or first != "rx"):  # rx is its name here
-                p = "r" if group.kind == "position" else "p"
-                advice = f"else say --columns {p}x={first},{p}y={second},{p}z={third}."
-                notes.append(f"{first} {second} {third} is taken for a {group.kind}; {advice}")
+            is_place = _are_places(group, groups, sample)
+            group.kind = "position" if is_place else "rotation vector"
+            if is_place or words[0] != "rx":  # rx is its name here
+                notes += _taken(group, words, group.kind, "r" if is_place else "p", words)
     chosen: dict[str, Group] = {}
     for kind in JUDGED:
         same = [group for group in groups if group.kind == kind]
@@ -318,9 +291,9 @@ def _choose(
     _order_angles(chosen, header, options, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
-            words = " ".join(header[i] for i in group.places)
+            listed = " ".join(header[i] for i in group.places)
             either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
-            notes.append(f"{words} are no quaternion: {either}")
+            notes.append(f"{listed} are no quaternion: {either}")
     for what, word in options.units.items():
         if chosen and not {*OF_UNITS.get(what, chosen)} & {*chosen}:
             raise ValueError(f"--units {what}={word}: the file has no {what}, but {', '.join(chosen)}")
@@ -353,6 +326,12 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
         return [Group("time", [stamps["s"], stamps["n"]], clocks[0].stem, "t t", 1)]
     plain = ([group for group in clocks if group.stem in stems] for stems in ([("t",), ("time",)], [("timestamp",)]))
     return next((groups for groups in plain if len(groups) == 1), [])
+
+
+def _taken(group: Group, words: Sequence[str], kind: str, letter: str, names: Sequence[str]) -> list[str]:
+    """What columns are taken for, and how to name them, or others, as something else; nothing where the user names them."""
+    other = ",".join(f"{letter}{axis}={name}" for axis, name in zip("xyz", names, strict=True))
+    return [f"{' '.join(words)} is taken for a {kind}; else say --columns {other}."] if group.rank else []
 
 
 def _are_places(group: Group, groups: Sequence[Group], sample: Sequence[Sequence[str]]) -> bool:

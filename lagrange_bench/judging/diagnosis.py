@@ -95,40 +95,23 @@ class Floor(NamedTuple):
 ALL_DIGITS = Floor()
 
 
-def diagnose(
-    rows: Rows,
-    other_readings: Mapping[str, Array],
-    body: RigidBody,
-    exact: ff.Exact | None = None,
-    floor: Floor = ALL_DIGITS,
-) -> list[Finding]:
-    """What is wrong with rows, in at most three findings, the first cause first; [] if nothing is clear.
-
-    Parameters
-    ----------
-    rows : Rows
-        In the axes of the case. At most 2000 first rows are looked at; rows with a NaN are left out.
-    other_readings : dict of (N, 3, 3)
-        Other readings of the rotations: the option → matrices. That they may be transposed need not be said.
-    body : RigidBody
-        The body that moves.
-    exact : function, optional
-        Times (n,) → positions, matrices, and ω in the body of the exact motion, if the start is known; NaN where they are not.
-    floor : Floor
-        The errors that the digits of the file hide.
-    """
-    with np.errstate(all="ignore"):
-        return Diagnosis(rows, other_readings, body, exact, floor).findings()
-
-
 class Diagnosis:
-    """Rows as the findings so far mend them.
+    """Rows of a body as the findings so far mend them.
 
-    W, B : what takes their rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
+    At most 2000 first rows are looked at, in the axes of the case; rows with a NaN are left out. other_readings : the option →
+    matrices (N, 3, 3) of the rotations as it reads them; that they may be transposed need not be said. exact : times (n,) →
+    positions, matrices, and ω in the body of the exact motion, NaN where they are not known; None without a start. floor : the
+    errors that the digits of the file hide.
+    W, B : what takes the rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
     """
 
     def __init__(
-        self, rows: Rows, other_readings: Mapping[str, Array], body: RigidBody, exact: ff.Exact | None, floor: Floor
+        self,
+        rows: Rows,
+        other_readings: Mapping[str, Array],
+        body: RigidBody,
+        exact: ff.Exact | None = None,
+        floor: Floor = ALL_DIGITS,
     ):
         good = np.isfinite(rows.t)
         for part in (rows.R, rows.omega, rows.x):
@@ -143,8 +126,9 @@ class Diagnosis:
         self.body, self.exact, self.floor = body, exact, floor
         self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
 
+    @np.errstate(all="ignore")
     def findings(self) -> list[Finding]:
-        """The findings, by one fit after the other."""
+        """What is wrong, in at most three findings, the first cause first; [] if nothing is clear."""
         if len(self.rows.t) < FEWEST:
             return []
         self.time_unit()
@@ -213,24 +197,19 @@ class Diagnosis:
     def speed_ratio(self) -> float:
         """How fast the rows turn or move by their own times, over how fast by the exact motion, by ω, or by gravity."""
         rows, start = self.rows, slice(0, 4)
-        dt = np.diff(rows.t[start])[:, None]
+        now, right, dt = math.nan, math.nan, np.diff(rows.t[start])[:, None]
         if self.exact is not None:
             moment = 1e-6 * min(1.0, float(dt[0, 0]))
             x, _, omega = self.exact(np.array([0.0, moment]))
             if rows.R is not None:
-                return size(steps(rows.R[start]) / dt) / (float(np.linalg.norm(omega[0])) or math.nan)
-            if rows.x is not None:
-                return (
-                    size(np.diff(rows.x[start], axis=0) / dt)
-                    * moment
-                    / (float(np.linalg.norm(x[1] - x[0])) or math.nan)
-                )
-            return math.nan
-        if rows.R is not None and rows.omega is not None:
-            return size(fk.rates(rows.t, rows.R)[0]) / (size(rows.omega) or math.nan)
-        if rows.x is not None and not self.body.fixed:
+                now, right = size(steps(rows.R[start]) / dt), float(np.linalg.norm(omega[0]))
+            elif rows.x is not None:
+                now, right = size(np.diff(rows.x[start], axis=0) / dt), float(np.linalg.norm(x[1] - x[0])) / moment
+        elif rows.R is not None and rows.omega is not None:
+            now, right = size(fk.rates(rows.t, rows.R)[0]), size(rows.omega)
+        elif rows.x is not None and not self.body.fixed:
             return self.fall(rows.x)
-        return math.nan
+        return now / right if right else math.nan
 
     def times_and_frames(self, exact: ff.Exact) -> None:
         """A constant of the times, or the reading and the axes of the rotations; whatever is clearer, then times once more."""
@@ -375,6 +354,13 @@ class Diagnosis:
         if choice.winner is None:
             in_body = self.in_body(omega)
             self.is_clear = choice.now.misfit < UNCLEAR
+            if in_body is not None and choice.now.misfit > WORTH:
+                part = choose((choice.now, fk.lateness(rows.t[2:-2], in_body[2:-2], rate)), max(floor, fk.BLURS * blur))
+                if part.winner is not None:
+                    late = part.winner.value
+                    side = "late" if late > 0 else "early"
+                    self.add(say("omega-half-step part", late=abs(late), side=side), *part.misfits)
+                    return rate
             if in_body is not None and choice.now.misfit < TURNS:
                 return in_body[2:-2]
             return rate if self.is_clear else None
@@ -549,15 +535,10 @@ class Diagnosis:
                 self.flight(y)
             return
         floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
-        models = ff.places(rows.t, y, R, right, start, not body.fixed)
-        if any(
-            each.cause in ("body-axes", "moments", "gravity") for each in self.found
-        ):  # of another body, or of another fall
-            models = (model for model in models if model.value[0] not in ("point", "gravity"))
-        choice = choose(models, floor)
+        is_other = any(each.cause in ("body-axes", "moments", "gravity") for each in self.found)
+        choice = choose(ff.places(rows.t, y, R, right, start, body, is_other), floor)
         if choice.winner is not None:
-            word, value = choice.winner.value
-            self.add(ff.of_place(word, value, body), *choice.misfits)
+            self.add(choice.winner.value, *choice.misfits)
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""

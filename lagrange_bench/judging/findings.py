@@ -41,6 +41,8 @@ body-axes moments | the body has other axes, {axes} of the rows, or its moments 
 omega-lag | ω is in the frame of the body of the row before: {mend} | turn ω by the rotation of its own row
 omega-frame | ω is in the {frame} frame: {mend}, from Python omega_frame | --omega {frame}
 omega-half-step | ω is {time}: it is what turns {step} | take the mean of two rows, or shift the times of ω by half a step
+omega-half-step part | ω is {late:.3g} s {side}, a part of the time between two rows: rotation and ω are of different moments of a
+    step | write ω and rotation of one time
 omega-row | ω is {time}: {mend} | write ω and rotation of one time
 omega-unit | omega is in {name}: {mend} | --units omega={unit}
 omega-unit unnamed | ω has the factor {factor:.4g} | another unit of ω

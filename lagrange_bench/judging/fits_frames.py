@@ -165,29 +165,39 @@ def clocks(t: Array, parts: Parts, exact: Exact) -> Iterator[Model]:
         yield Model(1.0, distance(parts, exact(t + rows * h)), rows * h)
 
 
-def places(t: Array, x: Array, R: Array | None, right: Array, start: Array, is_flying: bool) -> Iterator[Model]:
-    """Models of the positions x, in axes of the case. The value is a word and what it found.
+def places(
+    t: Array, x: Array, R: Array | None, right: Array, start: Array, body: RigidBody, is_other: bool
+) -> Iterator[Model]:
+    """Models of the positions x, in axes of the case. The value is what is wrong, in findings.
 
-    right : the exact positions, or those that the rotations give; start : the one at t = 0.
+    right : the exact positions, or those that the rotations give; start : the one at t = 0. is_other : another body or another
+    gravity is found, so neither a point of the body nor the fall says more.
     """
     length = size(right) or 1.0
-    for model in maps(x, right, LENGTHS.values()):
-        yield Model(model.cost, model.misfit, ("axes", model.value))
+
+    def model(cost: float, off: Array, *wrong: Finding) -> Model:
+        return Model(cost, size(off) / length, wrong)
+
+    for each in maps(x, right, LENGTHS.values()):
+        yield each._replace(value=of_places(each.value, body))
     shift = (right - x).mean(0)
-    yield Model(0.0, size(right - x) / length, ("axes", ONE))
+    yield model(0.0, right - x)
     if start.any():
-        yield Model(1.0, size(right - x - start) / length, ("displacement", start))
-    yield Model(1.5, size(right - x - shift) / length, ("origin", shift))
-    if R is not None:
-        off = x - right if is_flying else x
+        yield model(1.0, right - x - start, say("displacement"))
+    yield model(1.5, right - x - shift, say("origin", shift=f"({numbers(-shift)}) m"))
+    if R is not None and not is_other:
+        off = x if body.fixed else x - right
         point = to_body(R, off).mean(0)
-        yield Model(1.5, size(off - R @ point) / length, ("point", point))
-    if is_flying:
+        is_fixed = np.abs(point).max() <= 1e-9
+        named = "the fixed point" if is_fixed else f"the point ({numbers(point)}) m of the body"
+        yield model(1.5, off - R @ point, say("origin point", point=named))
+    if not body.fixed:
         T = (t - t[0])[:, None] ** 2 / 2
         fall = ((x - right) * T).sum(0) / (T**2).sum()
-        yield Model(1.0, size(x - right - T * fall) / length, ("gravity", fall))
+        if not is_other:
+            yield model(1.0, x - right - T * fall, of_gravity(body.gravity + fall, body))
         slowed = drag((x - right) / length, travelled(t, x - start) / length)
-        yield slowed._replace(value=("linear-damping", slowed.value))
+        yield slowed._replace(value=say("linear-damping", rate=slowed.value))
 
 
 def travelled(t: Array, x: Array) -> Array:
@@ -227,27 +237,13 @@ def of_shift(shift: float, first: float, step: float) -> Finding:
     return say("rows-late", rows=f"{abs(k)} {count} {side}")
 
 
-def of_place(word: str, value: Array, body: RigidBody) -> Iterator[Finding]:
-    """What is wrong with positions."""
-    if word == "linear-damping":
-        yield say("linear-damping", rate=value)
-    elif word == "displacement":
-        yield say("displacement")
-    elif word == "origin":
-        yield say("origin", shift=f"({numbers(-value)}) m")
-    elif word == "point":
-        is_fixed = np.abs(value).max() <= 1e-9
-        yield say(
-            "origin point", point="the fixed point" if is_fixed else f"the point ({numbers(value)}) m of the body"
-        )
-    elif word == "gravity":
-        yield of_gravity(body.gravity + value, body)
-    else:
-        factor = factor_of(value)
-        M = value / factor
-        if abs(abs(factor) - 1) > NEAR / 4:
-            yield of_unit("length-unit", abs(factor), LENGTHS)
-        if np.linalg.det(value) < 0:
-            yield say("left-handed", axes=triple(np.sign(factor) * M))
-        elif not np.allclose(M, ONE, atol=NEAR):
-            yield of_axes("world", M, body.up)
+def of_places(A: Array, body: RigidBody) -> Iterator[Finding]:
+    """What is wrong with positions that a map makes right."""
+    factor = factor_of(A)
+    M = A / factor
+    if abs(abs(factor) - 1) > NEAR / 4:
+        yield of_unit("length-unit", abs(factor), LENGTHS)
+    if np.linalg.det(A) < 0:
+        yield say("left-handed", axes=triple(np.sign(factor) * M))
+    elif not np.allclose(M, ONE, atol=NEAR):
+        yield of_axes("world", M, body.up)

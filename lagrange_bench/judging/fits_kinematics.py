@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
 from lagrange_bench.judging.fits import Model, factor_of, maps
-from lagrange_bench.judging.vectors import NEAR, ONE, Array, is_axes, rotvec, size, steps, to_body, to_world
+from lagrange_bench.judging.vectors import NEAR, ONE, Array, common, is_axes, rotvec, size, steps, to_body, to_world
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
 SPEEDS = {"deg/s": math.tau / 360, "rpm": math.tau / 60, "rev/s": math.tau}
@@ -42,6 +42,9 @@ HALVES = {
 # when ω is of another time: its cost
 TIMES = {ON_TIME: 0.0, **dict.fromkeys(HALVES, 1.0), "one row late": 1.5, "one row early": 1.5}
 TRANSPOSED = "transposed"
+# the cost of the other frame of ω beside another reading of rotations: both together are likelier than ω in signed axes, which
+# turn the body as well
+READ_ANEW = 0.4
 
 
 class Spin(NamedTuple):
@@ -105,10 +108,20 @@ def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[
             if time == ON_TIME:
                 targets.append((BEFORE, to_body(A[k - 1], in_world), 0.5))
             for other, target, extra in targets:
-                cost = price + TIMES[time] + extra + (1.0 if other != frame else 0.0)
+                frame_cost = 0.0 if other == frame else READ_ANEW if price else 1.0
+                cost = price + TIMES[time] + extra + frame_cost
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
                     misfit = max(model.misfit, BLURS * blur)
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
+
+
+def lateness(t: Array, omega: Array, rate: Array) -> Model:
+    """The model that ω in the body is late by τ, s, less than a step: ω = Θ' − τ Θ''; the value is τ."""
+    slope, off = np.gradient(rate, t, axis=0), rate - omega
+    near = common(off)
+    late = float(np.sum(off[near] * slope[near]) / np.sum(slope[near] ** 2))
+    is_part = abs(late) < float(np.median(np.diff(t)))
+    return Model(1.0, size(off - late * slope) / size(rate) if is_part else math.nan, late)
 
 
 def of_spin(spin: Spin, frame: str) -> Iterator[Finding]:
@@ -157,9 +170,7 @@ def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
 def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
     """|Θ/dt − ω| from the row before to each row, rad/s, (N,): 0 in the first, and where a turn may be the other way round.
 
-    None where that may be most turns. Θ leads from one attitude to the next. The mean of ω is of fourth order in dt by Magnus:
-
-        ω = (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    None where that may be most turns. Θ leads from one attitude to the next, ω is the mean between them.
     """
     errors, turn = np.zeros(len(t)), steps(R)
     good = np.isfinite(R).all((1, 2)) & np.isfinite(omega).all(1)
@@ -168,12 +179,20 @@ def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:
         return None
     if frame == "world":
         turn = np.einsum("nij,nj->ni", R[:-1], turn)
-    dt, first, second = np.diff(t, axis=0), omega[:-1], omega[1:]
-    change = np.diff(np.gradient(omega, t[:, 0], axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
-    twist = np.cross(first, second) * (1 if frame == "body" else -1)
-    mean = (first + second) / 2 + dt / 12 * (twist - change)
-    errors[1:] = np.where(clear, np.linalg.norm(turn / dt - mean, axis=1), 0.0)
+    off = turn / np.diff(t, axis=0) - means(t[:, 0], omega, frame)
+    errors[1:] = np.where(clear, np.linalg.norm(off, axis=1), 0.0)
     return errors
+
+
+def means(t: Array, omega: Array, frame: str) -> Array:
+    """The mean ω between two rows, (N − 1, 3), of fourth order in dt by Magnus: it turns one attitude to the next.
+
+    (ω₁ + ω₂)/2 + dt/12 (±ω₁ × ω₂ − (ω₂' − ω₁')),      + in the body, − in the world
+    """
+    dt, first, second = np.diff(t)[:, None], omega[:-1], omega[1:]
+    change = np.diff(np.gradient(omega, t, axis=0, edge_order=2), axis=0) if len(t) > 2 else 0.0
+    twist = np.cross(first, second) * (1 if frame == BODY else -1)
+    return np.asarray((first + second) / 2 + dt / 12 * (twist - change))
 
 
 def disagreement(t: Array, R: Array, omega: Array, frame: str) -> float:
@@ -183,12 +202,9 @@ def disagreement(t: Array, R: Array, omega: Array, frame: str) -> float:
 
 
 def turned(t: Array, omega: Array) -> Array:
-    """The rotations (N, 3, 3) that ω in the body turns from 1: R' = R ω, by Magnus's series of fourth order."""
-    dt = np.diff(t)[:, None]
-    change = np.diff(np.gradient(omega, t, axis=0), axis=0)
-    mean = (omega[1:] + omega[:-1]) / 2 + dt / 12 * (np.cross(omega[:-1], omega[1:]) - change)
+    """The rotations (N, 3, 3) that ω in the body turns from 1: R' = R ω."""
     R = [np.eye(3)]
-    for step in Rotation.from_rotvec(dt * mean).as_matrix():
+    for step in Rotation.from_rotvec(np.diff(t)[:, None] * means(t, omega, BODY)).as_matrix():
         R.append(R[-1] @ step)
     return np.array(R)
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,20 +38,34 @@ DECIMALS, NEAR = 8, 1e-10
 
 
 @dataclass(frozen=True)
-class Convention:
-    """How rotations, angular velocities and frames are written, see `judge`. angles : their axes, as SciPy names them."""
+class Options:
+    """What the user says of how rows are written; None where nothing is said.
 
-    quat: str = "wxyz"
-    omega_frame: str = "body"
+    columns : name → word of the header, or index from 0. units : group → unit. angles : the axes of three angles, as SciPy names
+    them. where : column → the word in its rows that are read. step : s, where there are no times. t0 : s, the first time.
+    quat : the order of quaternions without names. omega_frame : of ω. since, until : s, only rows from this time to that one.
+    up, axis : the axis of these numbers that points up, and the one of symmetry.
+    """
+
+    columns: Mapping[str, str] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
+    angles: str | None = None
+    where: Mapping[str, str] = field(default_factory=dict)
+    step: float | None = None
+    t0: float | None = None
+    quat: str | None = None
+    omega_frame: str | None = None
+    since: float | None = None
+    until: float | None = None
     up: str | None = None
     axis: str | None = None
-    angles: str = "xyz"
 
     def __post_init__(self) -> None:
-        known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": (*AXES, None), "axis": (*AXES, None)}
+        known = {"quat": ("wxyz", "xyzw"), "omega_frame": ("body", "world"), "up": AXES, "axis": AXES}
         for name, values in known.items():
-            if getattr(self, name) not in values:
-                raise ValueError(f"{name} must be one of {', '.join(map(str, values))}; got {getattr(self, name)!r}")
+            value = getattr(self, name)
+            if value is not None and value not in values:
+                raise ValueError(f"{name} must be one of {', '.join(values)}; got {value!r}")
 
 
 class Frames:
@@ -65,15 +78,16 @@ class Frames:
     matrices in the file.
     """
 
-    def __init__(self, body: RigidBody, convention: Convention, digit: float = 0.0, case: Case | None = None):
+    def __init__(self, body: RigidBody, options: Options, digit: float = 0.0, case: Case | None = None):
         self.rigid_body, self.axis, self.digit, self.case, self.known_until = body, body.axis, digit, case, math.inf
-        if convention.axis is not None and self.axis is None:
+        if options.axis is not None and self.axis is None:
             raise ValueError("--axis is of no use, for the body has no axis of symmetry")
-        self.convention, self.to_world, self.from_body = convention, np.eye(3), np.eye(3)
-        if convention.up is not None:
-            self.to_world = smallest_turn(AXES[convention.up], body.up)
-        if convention.axis is not None and self.axis is not None:
-            self.from_body = smallest_turn(AXES[convention.axis], self.axis).T
+        self.options, self.to_world, self.from_body = options, np.eye(3), np.eye(3)
+        self.frame, self.angles = options.omega_frame or "body", options.angles or "xyz"
+        if options.up is not None:
+            self.to_world = smallest_turn(AXES[options.up], body.up)
+        if options.axis is not None and self.axis is not None:
+            self.from_body = smallest_turn(AXES[options.axis], self.axis).T
         self.length = float(np.linalg.norm(body.com)) if body.fixed else 0.0
         if case is None:
             self.sizes = {"position": self.length or 1.0}
@@ -159,26 +173,26 @@ class Frames:
         wxyz : the option for the other order of quaternions, where their names tell an order.
         """
         group = next((name for name in ATTITUDES if name in trajectory), "")
-        convention, readings = self.convention, dict[str, Rotation]()
+        values, readings = trajectory.get(group, np.empty(0)), dict[str, Rotation]()
         if group == "quaternion":
-            other = "xyzw" if convention.quat == "wxyz" else "wxyz"
-            turns = Rotation.from_quat(_unit(trajectory[group]), scalar_first=other == "wxyz")
-            readings[wxyz or f"--quat {other}"] = turns
-        elif group in ("angles", "rotation vector"):
-            values, axes = np.nan_to_num(trajectory[group]), {"": convention.angles}
-            axes[f"--angles {convention.angles.swapcase()}"] = convention.angles.swapcase()
-            if group == "rotation vector":
-                axes = {f"--columns angle1=…,angle2=…,angle3=… --angles {each}": each for each in ("XYZ", "xyz")}
-                readings["--units angle=deg"] = Rotation.from_rotvec(np.deg2rad(values))
-            for option, each in axes.items():
-                if option:
-                    readings[option] = Rotation.from_euler(each, values)
-                readings[f"{option} --units angle=deg".strip()] = Rotation.from_euler(each, np.deg2rad(values))
+            other = "xyzw" if self.options.quat == "wxyz" else "wxyz"
+            readings[wxyz or f"--quat {other}"] = _turns(group, values, other)
+        elif group == "angles":
+            axes, degrees = self.angles.swapcase(), "--units angle=deg"
+            readings[degrees] = _turns(group, np.deg2rad(values), self.angles)
+            readings[f"--angles {axes}"] = _turns(group, values, axes)
+            readings[f"--angles {axes} {degrees}"] = _turns(group, np.deg2rad(values), axes)
+        elif group == "rotation vector":
+            readings["--units angle=deg"] = _turns(group, np.deg2rad(values))
+            for axes in ("XYZ", "xyz"):
+                option = f"--columns angle1=…,angle2=…,angle3=… --angles {axes}"
+                readings[option] = _turns("angles", values, axes)
+                readings[f"{option} --units angle=deg"] = _turns("angles", np.deg2rad(values), axes)
         return {option: self.to_world @ turns.as_matrix() @ self.from_body for option, turns in readings.items()}
 
     def motion(self, trajectory: Mapping[str, Array]) -> tuple[Array, Array | None]:
         """Attitudes, or the identity if there are none; and ω in the body, or None if it cannot be known."""
-        R, is_body = self.matrices(trajectory), self.convention.omega_frame == "body"
+        R, is_body = self.matrices(trajectory), self.frame == "body"
         omega = self.omega(trajectory) if "omega" in trajectory else None
         if omega is not None and not is_body:
             omega = None if R is None else to_body(R, omega)
@@ -186,7 +200,7 @@ class Frames:
 
     def omega(self, trajectory: Mapping[str, Array]) -> Array:
         """The angular velocity in its own frame, with the axes of the case."""
-        turn = self.from_body if self.convention.omega_frame == "body" else self.to_world.T
+        turn = self.from_body if self.frame == "body" else self.to_world.T
         return trajectory["omega"] @ turn
 
     def with_omega(self, trajectory: dict[str, Array]) -> dict[str, Array]:
@@ -195,7 +209,7 @@ class Frames:
             return trajectory
         others = {name: values for name, values in trajectory.items() if name != "momentum"}
         L, I = self.omega({"omega": trajectory["momentum"]}), tensor(self.rigid_body)
-        if self.convention.omega_frame == "body":
+        if self.frame == "body":
             return {**others, "omega": np.linalg.solve(I, L.T).T @ self.from_body.T}
         R = self.matrices(trajectory)
         if R is None:
@@ -208,26 +222,20 @@ class Frames:
 
         A matrix that is no rotation becomes NaN: it mirrors, or is off by more than `OFF` and than the digits of the file.
         """
-        convention, defect = self.convention, {}
+        defect = {}
         if group == "matrix":
             R = values.reshape(-1, 3, 3)
             off = np.abs(R.transpose(0, 2, 1) @ R - np.eye(3)).max((1, 2))
             defect["orthogonality"] = off
             rotation = (off <= max(OFF, 4 * self.digit)) & (np.linalg.det(R) > 0)
             R = np.where(rotation[:, None, None], R, np.nan)
-        elif group == "quaternion":
-            length = np.linalg.norm(values, axis=1)
-            defect["orthogonality"] = np.abs(length - 1)
-            R = Rotation.from_quat(_unit(values), scalar_first=convention.quat == "wxyz").as_matrix()
-            R[~(np.isfinite(length) & (length > 0))] = np.nan
         else:
-            known = np.nan_to_num(values)
-            R = (
-                Rotation.from_rotvec(known)
-                if group == "rotation vector"
-                else Rotation.from_euler(convention.angles, known)
-            ).as_matrix()
-            R[~np.isfinite(values).all(1)] = np.nan
+            known = np.isfinite(values).all(1)
+            if group == "quaternion":
+                length = np.linalg.norm(values, axis=1)
+                defect["orthogonality"], known = np.abs(length - 1), np.isfinite(length) & (length > 0)
+            R = _turns(group, values, self.angles if group == "angles" else str(self.options.quat)).as_matrix()
+            R[~known] = np.nan
         return self.to_world @ R @ self.from_body, defect
 
     # ------------------------------------------------------------------------------------------------------------ errors
@@ -258,7 +266,7 @@ class Frames:
             if self.length and self.axis is not None and not attitudes and exact is not None:
                 add(axis=_angle(x / length[:, None], exact[0]))
         if "omega" in trajectory:
-            is_body, omega = self.convention.omega_frame == "body", self.omega(trajectory)
+            is_body, omega = self.frame == "body", self.omega(trajectory)
             if exact is not None:
                 right = exact[2] if is_body else to_world(exact[1], exact[2])
                 add(omega=np.linalg.norm(omega - right, axis=1))
@@ -277,7 +285,7 @@ class Frames:
                 add(energy=np.abs(self.rigid_body.energy_of(np.eye(3), omega) - self.energy))
                 add(momentum=np.abs(length - np.linalg.norm(self.momentum)))
             if exact is None and attitudes:
-                off = kinematics(trajectory["time"], attitudes[0][0], omega, self.convention.omega_frame)
+                off = kinematics(trajectory["time"], attitudes[0][0], omega, self.frame)
                 if off is not None:
                     add(kinematics=off)
         return {name: largest[name] for name in UNITS if name in largest}
@@ -305,31 +313,32 @@ class Frames:
         spin = 2 * np.arctan2(np.where(w >= v, both, v), np.where(w >= v, w, both))
         return {"axis": _angle(along, self.axis), "rotation": rotation, "spin": spin}
 
-    def by_the_better_clock(self, rows: Mapping[str, Array]) -> tuple[dict[str, Array], Array, list[str]]:
-        """The errors of all rows, (n,) each, the times (n, 1) of them, and what to say of these.
+    def by_the_better_clock(self, rows: dict[str, Array]) -> tuple[dict[str, Array], Exact | None, list[str]]:
+        """The errors of all rows, (n,) each, the exact motion, and what to say of the times; rows get the better times (n, 1).
 
         A sum of steps is rounded, so the decimals near to the times may be the right ones. Those with the smaller errors are
         taken.
         """
 
-        def errors_at(t: Array) -> dict[str, Array]:
+        def errors_at(t: Array) -> tuple[dict[str, Array], Exact | None]:
             exact = None if self.case is None else self.exact(t[:, 0])
-            return self.errors({**rows, "time": t}, exact)
+            return self.errors({**rows, "time": t}, exact), exact
 
         t, rounded = rows["time"], _decimals(rows["time"])
-        errors, off = errors_at(t), float(np.max(np.abs(rounded - t)))
+        (errors, exact), off = errors_at(t), float(np.max(np.abs(rounded - t)))
         if off == 0 or off > NEAR * float(np.max(np.abs(t))):
-            return errors, t, []
-        others = errors_at(rounded)
+            return errors, exact, []
+        others, motion = errors_at(rounded)
         judged = [name for name in ("rotation", "position", "omega", "kinematics") if name in errors]
         before, after = (
             max((float(np.median(each[name])) for name in judged), default=0.0) for each in (errors, others)
         )
         if after >= before:
-            return errors, t, []
+            return errors, exact, []
+        rows["time"] = rounded
         matters = after < before / 2 and off > 1e-13 * float(np.max(np.abs(t)))
         note = f"The times are taken for the decimals near to them, by up to {off:.1e} s: sums of steps are rounded."
-        return others, rounded, [note] if matters else []
+        return others, motion, [note] if matters else []
 
     def count_turns(self, rows: Mapping[str, Array], exact: Exact | None) -> float:
         """How often the body turns, ∫|ω| dt/2π; without ω by all attitudes, NaN without either."""
@@ -339,11 +348,12 @@ class Frames:
         R = self.matrices(rows)
         return math.nan if R is None else float(np.nansum(np.linalg.norm(steps(R), axis=1))) / math.tau
 
-    def blurred(self, t: Array, exact: Exact, blur: float) -> dict[str, float]:
-        """The largest changes of the motion while the times change by `blur`."""
-        x, _, omega = self.exact(t + blur)
-        moved = {"position": x - exact[0], "rotation": omega * blur, "omega": omega - exact[2]}
-        return {name: float(np.linalg.norm(change, axis=1).max()) for name, change in moved.items()}
+
+def blurred(t: Array, exact: Exact, blur: float) -> dict[str, float]:
+    """The largest changes of the motion while the times (n,) change by `blur`, s."""
+    x, _, omega = exact
+    rates = {"position": np.gradient(x, t, axis=0), "rotation": omega, "omega": np.gradient(omega, t, axis=0)}
+    return {name: blur * float(np.linalg.norm(rate, axis=1).max()) for name, rate in rates.items()}
 
 
 def _decimals(t: Array) -> Array:
@@ -360,11 +370,17 @@ def curve(t: Array, error: Array) -> Array:
     return np.stack([t[starts], np.maximum.reduceat(error, starts)])
 
 
-def _unit(values: Any) -> Array:
-    """Quaternions of length 1; 1 in place of those that have no direction."""
-    length = np.linalg.norm(values, axis=1, keepdims=True)
-    good = np.isfinite(length) & (length > 0)
-    return np.where(good, values / np.where(good, length, 1.0), 0.5)
+def _turns(group: str, values: Array, order: str = "") -> Rotation:
+    """The rotations of a group of columns; of what is missing or has no direction any. order : of quaternions or of axes."""
+    known = np.nan_to_num(values, posinf=0.0, neginf=0.0)
+    if group == "angles":
+        return Rotation.from_euler(order, known)
+    if group == "rotation vector":
+        return Rotation.from_rotvec(known)
+    length = np.linalg.norm(known, axis=1, keepdims=True)
+    return Rotation.from_quat(
+        np.where(length > 0, known / np.where(length > 0, length, 1.0), 0.5), scalar_first=order == "wxyz"
+    )
 
 
 def _angle(a: Array, b: Array) -> Array:

@@ -142,16 +142,8 @@ class Judgement:
     def as_dict(self) -> dict[str, Any]:
         """The numbers of --json for a file."""
         errors = {name: {**error._asdict(), "growth": self.growth(name)} for name, error in self.errors.items()}
-        facts = {"rows": self.rows, "step": self.step, **errors}
-        findings = [finding._asdict() for finding in self.findings]
-        return {
-            **facts,
-            "start": self.start,
-            "floor": self.floor,
-            "findings": findings,
-            "remark": self.remark,
-            "notes": self.notes,
-        }
+        facts = {name: getattr(self, name) for name in ("rows", "step", "start", "floor", "remark", "notes")}
+        return {**facts, **errors, "findings": [finding._asdict() for finding in self.findings]}
 
     def reasons(self) -> list[str]:
         """A line for each finding: the cause, the misfit before and after it is mended, and what mends it."""

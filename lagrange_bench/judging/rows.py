@@ -145,6 +145,8 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
     arrays: dict[str, Array] = {}
 
     def collect(name: str, value: Any) -> None:
+        if isinstance(value, Mapping) and all(str(key).isdecimal() for key in value):  # pandas numbers rows
+            value = list(value.values())
         if isinstance(value, list) and all(isinstance(each, Mapping) for each in value):  # a row for each time
             value = {key: [row.get(key) for row in value] for key in dict.fromkeys(itertools.chain(*value))}
         elif isinstance(value, list) and all(
@@ -228,10 +230,11 @@ class Text:
         numeric = (word for _, words in block for word in words if is_number(word, True))
         self.comma = self.comma and not any("." in word for word in numeric)
         self.skip, width = block[0][0], len(block[0][1])
-        header, units = self._header([line for i, line in shown if i < self.skip], [words for _, words in block])
-        width = len(header) if header else width
-        if all(len(words) > width and not any(words[width:]) for _, words in block):  # rows that end with a separator
-            block = [(i, words[:width]) for i, words in block]
+        above = [line for i, line in shown if i < self.skip]
+        header, units = self._header(above, [words for _, words in block])
+        if not header and not any(words[-1] for _, words in block):  # rows end with a separator, the header does not
+            block, width = [(i, words[:-1]) for i, words in block], width - 1
+            header, units = self._header(above, [words for _, words in block])
         for i, words in block[:SAMPLE]:
             if len(words) != width:
                 raise ValueError(f"line {i + 1}: {len(words)} columns instead of {width}; {NO_ROW}")
@@ -255,9 +258,8 @@ class Text:
 
     def _header(self, above: list[str], block: list[list[str]]) -> tuple[list[str], dict[int, str]]:
         """The names in the last line over the rows that has as many words, and the units in a line below it."""
-        width, ends = len(block[0]), all(not words[-1] for words in block)
+        width, index = len(block[0]), [words[0] for words in block]
         sizes = [len(cell) for cell in _cells(self.lines[self.skip], self.separator)]
-        index = [words[0] for words in block]
         counted = len(index) > 1 and index in ([str(k + first) for k in range(len(index))] for first in (0, 1))
         names: list[str] = []
         units: dict[int, str] = {}
@@ -280,14 +282,13 @@ class Text:
                     words = [f"{word}[{k}]" if size > 1 else word for word, size in pairs for k in range(size)]
                 if counted and len(words) == width - 1:  # R and pandas number rows, and have no name for that column
                     words = ["", *words]
-                fits = len(words) == width or (ends and len(words) == width - 1)
-                if not fits or not any(word and not is_number(word, True) for word in words):
+                if len(words) != width or not any(word and not is_number(word, True) for word in words):
                     continue
                 bare = [word.strip("[](){} ") for word in words]
                 if not units and all(unit_of(word) for word in bare if word):
                     units = {k: word for k, word in enumerate(bare) if unit_of(word)}
                 else:
-                    names = words[: width - 1] if ends and not words[-1] else words
+                    names = words
                 break
         for words in groups:  # X, Y, Z under Position and under Rotation; names in two lines
             filled = list(words)
@@ -305,7 +306,9 @@ class Text:
                 whole = first.startswith("[") or not first.endswith("}")
                 data = json.load(file) if whole else [json.loads(line) for line in file if line.strip()]
             data = data[0] if isinstance(data, list) and len(data) == 1 else data
-            data = _of_data_frame(data) if isinstance(data, dict) else data
+            if isinstance(data, dict) and isinstance(rows := data.get("data"), list):  # of pandas, "split" or "table"
+                names = data.get("columns")
+                data = [dict(zip(names, row, strict=True)) for row in rows] if names else rows
         except (ValueError, TypeError, RecursionError) as error:
             why = "it is nested too deep" if isinstance(error, RecursionError) else error
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {why}") from None
@@ -368,21 +371,6 @@ class Text:
                         text = f"{len(words)} columns instead of {self.width}"
                         raise ValueError(f"line {line}: {text}; {NO_ROW}")
                     yield line, words
-
-
-def _of_data_frame(data: dict[str, Any]) -> Any:
-    """Rows or columns, if a data frame of pandas was written as JSON with its indices; else the same data."""
-    if isinstance(rows := data.get("data"), list):
-        names = data.get("columns")
-        return [dict(zip(names, row, strict=True)) for row in rows] if names else rows
-    first = next(iter(data.values()), None)
-    if isinstance(first, dict) and all(
-        isinstance(each, dict) and each.keys() == first.keys() for each in data.values()
-    ):
-        counted = all(key.isdecimal() for key in data)
-        if counted or all(key.isdecimal() for key in first):
-            return list(data.values()) if counted else {name: list(each.values()) for name, each in data.items()}
-    return data
 
 
 def _score(lines: Sequence[str], separator: str | None) -> int:

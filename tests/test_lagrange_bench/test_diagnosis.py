@@ -1,4 +1,4 @@
-"""`diagnose`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
+"""`Diagnosis`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
 
 import hashlib
 from importlib.metadata import version
@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench import CASES, Case, RigidBody
-from lagrange_bench.judging.diagnosis import Rows, diagnose
+from lagrange_bench.judging.diagnosis import Diagnosis, Rows
 from lagrange_bench.judging.fits import Model, choose, maps
 
 FRESH = int(hashlib.sha256(version("lagrange-bench").encode()).hexdigest()[:8], 16)  # other runs in each release
@@ -29,7 +29,7 @@ def program(case=START, integrator="exact", **physics):
 
 
 def found(rows, case=START, exact=None):
-    return diagnose(rows, {}, case.body, exact)
+    return Diagnosis(rows, {}, case.body, exact).findings()
 
 
 @pytest.mark.parametrize("with_case", [True, False])
@@ -84,6 +84,10 @@ def test_semi_implicit_euler_is_named_by_its_step():
     assert (half.cause, explicit.cause) == ("omega-half-step", "explicit-step")
     late = float(explicit.text.partition("that of ")[2].partition(" s before")[0])
     assert late == pytest.approx(1 / 120, rel=0.05)
+    every_second = Rows(*(column[::2] for column in program(integrator="euler")[0][:4]))
+    (part, explicit) = found(every_second)
+    assert (part.cause, explicit.cause) == ("omega-half-step", "explicit-step")
+    assert float(part.text.split()[2]) == pytest.approx(1 / 120, rel=0.05)
 
 
 def test_a_fall_along_y_is_told_without_a_start():

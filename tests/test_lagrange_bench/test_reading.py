@@ -17,7 +17,8 @@ from scipy.spatial.transform import Rotation
 
 from lagrange_bench.integrators import CASES, integrate
 from lagrange_bench.judging import names
-from lagrange_bench.judging.columns import Options, read
+from lagrange_bench.judging.columns import read
+from lagrange_bench.judging.frames import Options
 from lagrange_bench.judging.names import unit_of
 from lagrange_bench.judging.rows import number
 
