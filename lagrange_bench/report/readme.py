@@ -24,10 +24,10 @@ SHARE = 0.45  # of a nutation: the step of the picture
 END = "<!-- end of claims -->"
 
 
-def answers(judged: list[page.Judged]) -> str:
-    """The questions that claims answer, as a Markdown table."""
+def answers(judged: list[page.Judged], count: int | None = None) -> str:
+    """The questions that claims answer, or the first `count` of them, as a Markdown table."""
     lines = ["| question | answer |", "|---|---|"]
-    for question, text, each in page.in_brief(judged):
+    for question, text, each in page.in_brief(judged)[:count]:
         verdict = "" if each.verdict.word == CONFIRMED else f" (**{each.verdict.word}**)"
         lines.append(f"| {question} | {text}{verdict} |")
     return "\n".join(lines)
@@ -70,7 +70,7 @@ def documents(judged: list[page.Judged]) -> dict[Path, str]:
     docs = ROOT / "docs"
     made = {
         ROOT / "README.md": answers(judged),
-        docs / "paper.md": answers(judged),
+        docs / "paper.md": answers(judged, count=3),
         docs / "claims.md": all_claims(judged),
     }
     return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
