@@ -110,10 +110,10 @@ def known() -> list[str]:
     return tables.markdown(figures.overview(stored()).rename(columns=heads)).splitlines()
 
 
-def script() -> list[str]:
-    """One of the files that run engines, whole."""
-    text = (programs.HERE / "mujoco_run.py").read_text(encoding="utf-8")
-    return ["```py", text.rstrip(), "```"]
+def scripts() -> list[str]:
+    """Two of the files that run engines, whole."""
+    texts = [(programs.HERE / f"{name}_run.py").read_text(encoding="utf-8") for name in ("mujoco", "rapier")]
+    return ["\n".join(["```py", text.rstrip(), "```", ""]) for text in texts]
 
 
 def story() -> list[str]:
@@ -151,7 +151,7 @@ def shown(error: float) -> str:
     return "gave up" if pd.isna(error) else f"{error:.2g}"
 
 
-TABLES = {"heavy-top.md": [references], "engines.md": [known, story, script], "../README.md": [defaults]}
+TABLES = {"heavy-top.md": [references], "engines.md": [known, story, scripts], "../README.md": [defaults]}
 
 
 def written() -> dict[Path, str]:
