@@ -104,7 +104,7 @@ def defaults() -> list[str]:
 
 
 def known() -> list[str]:
-    """All engines, with the steps of games and of robots."""
+    """Known engines, with the steps of games and of robots."""
     heads = {"engine": "program", "until": "within 10 cm for, s", "limit": "smaller steps lead to"}
     heads |= {name: f"error at {name}, m" for name in figures.OVERVIEW}
     return tables.markdown(figures.overview(stored()).rename(columns=heads)).splitlines()

@@ -6,7 +6,7 @@ stored numbers give the same bytes. docs/your-own-figures.md draws any column of
 examples:
   lagrange-bench figure --list
   lagrange-bench figure phase_h --width column --output phase.pdf
-  lagrange-bench figure work_precision_time --methods mine,rk4,backlund --results quick
+  lagrange-bench figure work_precision_time --methods mine:METHOD,rk4,backlund --results quick
   lagrange-bench figure drift_time --results quick --output drift.svg
 """
 

@@ -6,7 +6,7 @@ say which methods take this top, and why the others do not.
 
 examples:
   lagrange-bench methods
-  lagrange-bench methods --archive               also the methods that figures and quick runs leave out
+  lagrange-bench methods --archive              also the methods that figures and quick runs leave out
   lagrange-bench methods --verbose              with sources, options (for integrate --option) and families
   lagrange-bench methods --top weak_tide        methods for this top, and the invariants that they conserve on it
   lagrange-bench methods --json | jq -r '.[] | select(.poisson) | .name'

@@ -4,7 +4,7 @@ Turn the results that lagrange-bench run stored into one page that needs no netw
 (Markdown, LaTeX, CSV). Nothing is measured.
 
 examples:
-  lagrange-bench report                                        the published results
+  lagrange-bench report                          the published results
   lagrange-bench report --results quick --open   your own run, in the browser; from any folder
   lagrange-bench report --results quick --methods mine:METHOD,rk4,backlund --output my_page
 

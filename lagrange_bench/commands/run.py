@@ -8,7 +8,7 @@ results.
 examples:
   lagrange-bench run                            everything, quick: a few minutes on two cores
   lagrange-bench run cost --profile full        one experiment as published; leave the machine alone meanwhile
-  lagrange-bench run drift phase --methods mine:METHOD,rk4,strang --tops generic,fast
+  lagrange-bench run drift phase --methods mine:METHOD,rk4,strang --tops generic,random000
   lagrange-bench run my.toml                    tops, methods and steps of your own (docs/sweeps.md)
   lagrange-bench run drift --scheduler tcp://head:8786      on the workers of a Dask scheduler
 

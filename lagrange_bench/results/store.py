@@ -120,7 +120,7 @@ def clean_rows(cell: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
 
     Raises
     ------
-    TypeError : a value is not a scalar, nor a list of numbers under a name like `samples_ns`. ValueError : a row
+    TypeError : a value is not a scalar, nor a list of numbers under a name like `seconds_samples`. ValueError : a row
     contradicts its cell or uses a name of ADDED.
     """
     cleaned = []
