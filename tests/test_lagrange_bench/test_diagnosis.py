@@ -82,6 +82,7 @@ def test_two_mistakes_are_both_named():
 def test_semi_implicit_euler_is_named_by_its_step():
     (half, explicit) = found(program(integrator="euler")[0])
     assert (half.cause, explicit.cause) == ("omega-half-step", "explicit-step")
+    assert "half a step late: it is what turns the row before" in half.text
     late = float(explicit.text.partition("that of ")[2].partition(" s before")[0])
     assert late == pytest.approx(1 / 120, rel=0.05)
     every_second = Rows(*(column[::2] for column in program(integrator="euler")[0][:4]))

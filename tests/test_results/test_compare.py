@@ -155,9 +155,10 @@ def test_nothing_verified_is_no_success(run, toy, monkeypatch):
     refused("no cell of", "line 1: damaged", "line 3: damaged")
     path.write_bytes(whole)
     with monkeypatch.context() as other:
-        other.setattr(load(TOY), "VERSION", 2)
-        refused(f"{TOY} changed (VERSION) since this was stored: lagrange-bench run {TOY}")
-        assert Store(path.parent).open(TOY).source_ages() == {"outdated": 4}
+        for version in (0, 2):
+            other.setattr(load(TOY), "VERSION", version)
+            refused(f"{TOY} changed (VERSION) since this was stored: lagrange-bench run {TOY}")
+            assert Store(path.parent).open(TOY).source_ages() == {"outdated": 4}
     path.rename(path.with_name("toys.nobody.jsonl"))
     refused("no cell of", "unknown experiment 'toys.nobody'; if it is your own, add --module")
 

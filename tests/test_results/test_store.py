@@ -116,11 +116,12 @@ def test_lines_that_are_no_record_are_skipped(filled):
 
 ATTEMPTS = [  # how a cell ended, with which environment or sources; and the attempt whose rows are shown then
     ("failed", "a", None),
-    ("done", "a", 1),
+    ("failed", "a", None),
     ("done", "a", 2),
-    ("failed", "a", 2),
+    ("done", "a", 3),
+    ("failed", "a", 3),
     ("failed", "b", None),
-    ("done", "b", 5),
+    ("done", "b", 6),
     ("failed", "a", None),
 ]
 
