@@ -67,7 +67,9 @@ def _git_state() -> tuple[str | None, bool | None]:
     if root is None or not (root / ".git").exists():
         return None, None
     commit = _output("git", "-C", str(root), "rev-parse", "--verify", "HEAD")
-    changes = _output("git", "-C", str(root), "status", "--porcelain", "--", ".", ":(exclude)lagrange_bench/results")
+    changes = _output(
+        "git", "-C", str(root), "status", "--porcelain", "--", ".", ":(exclude)lagrange_bench/results/reference"
+    )
     return commit, None if changes is None else changes != ""
 
 
