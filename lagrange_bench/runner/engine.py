@@ -16,7 +16,7 @@ from lagrange_bench.experiments import PROFILES
 from lagrange_bench.experiments.catalogue import load, missing_package, with_units
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
-from lagrange_bench.results.store import Store, cell_key, clean, failure_text, make_record
+from lagrange_bench.results.store import ADDED, Store, cell_key, clean, failure_text, make_record
 from lagrange_bench.runner import cluster, progress, workers
 from lagrange_bench.runner.workers import Outcome, Task
 from lagrange_bench.support import interrupts, machine
@@ -166,18 +166,29 @@ def _missing(
     timings: bool,
     again: bool,
 ) -> list[Task]:
-    """The cells to compute now. The others are counted in the summary."""
+    """The cells to compute now. The others are counted in the summary.
+
+    Raises
+    ------
+    ValueError : two cells are equal, or a field has a name the store adds.
+    """
     module = load(experiment)
     counts = summary.experiments[experiment] = Counts()
     done, problems = store.done(experiment)
     summary.notes += problems
-    tasks = []
+    seen, tasks = set(), []
     for position, cell in enumerate(map(clean, cells)):
         if not choice.takes(cell):
             continue
         counts.cells += 1
         digests = sources.of_cell(experiment, cell, files).digests
         key = cell_key(experiment, module.VERSION, cell, digests.get("own_sources"))
+        if key in seen:
+            raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
+        if taken := set(ADDED) & set(cell):
+            field = f"experiment {experiment!r}: cell field {taken.pop()!r}"
+            raise ValueError(f"{field}: this name is reserved by the store")
+        seen.add(key)
         age = sources.compared(done.get(key), digests["sources"])
         if key in done and (age == sources.SAME or not again):
             counts.stored += 1

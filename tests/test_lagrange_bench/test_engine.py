@@ -126,6 +126,13 @@ def test_an_interrupt_while_cells_are_stored_waits_until_they_are_counted(toy, i
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.parametrize(("cells", "message"), [(squares(1, 1), "twice"), (squares(1, status=0), "'status'")])
+def test_what_cannot_be_run_is_found_before_anything_is_computed(toy, cells, message):
+    with pytest.raises(ValueError, match=message):
+        toy(cells)
+    assert not toy.store.path(TOY).exists()
+
+
 def test_progress_is_sparse(monkeypatch, capsys):
     now = [0.0]
     monkeypatch.setattr(progress, "monotonic", lambda: now[0])
