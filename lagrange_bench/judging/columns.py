@@ -260,7 +260,7 @@ def _choose(
                 group.kind, group.places, group.order = "position", group.places[1:], "x y z"
         if group.kind == "gyro" and not any(other.kind == "omega" for other in groups):
             group.kind = "omega"
-            notes += _taken(group, words, "gyro", "w", "………")
+            notes += _taken(group, words, "gyro", "w", ["…"] * 3)
         if group.kind == "three of a rotation" and options.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
