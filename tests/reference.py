@@ -7,14 +7,7 @@ import numpy as np
 from mpmath import mp, mpf
 from mpmath.libmp import to_rational
 
-from lagrange_bench import Problem
 from lagrange_bench.integrators.truth.rigid_body import solve
-
-
-def free_body(*moments):
-    """Euler's free body: its angular momentum in the frame of the body."""
-    hamiltonian = lambda t, y, p: (y[0] * y[0] / p[0] + y[1] * y[1] / p[1] + y[2] * y[2] / p[2]) / 2.0  # noqa: E731
-    return Problem("free_body", "so3", hamiltonian, moments, frame="body")
 
 
 def flows(alpha, y, times, digits=40, k=0.0):

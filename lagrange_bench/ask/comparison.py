@@ -25,11 +25,11 @@ Names = Iterable[str | Method] | None
 MOST = 12  # the most panels of a figure, and the most methods that are all named
 SAMPLED = 32  # a line of more points has no markers
 LABELS = {
-    "h": "step h, in the top's own unit of time",
-    "h_scaled": style.STEP,
-    "t": "time t, in the top's own unit",
-    "t_scaled": style.TIME,
-    "error": "error, relative to the scales of J and x",
+    "h": "step h, in the problem's own unit",
+    "h_scaled": "step h, in the time scale of the motion",
+    "t": "time t, in the problem's own unit",
+    "t_scaled": "time t, in the time scale of the motion",
+    "error": "error, relative to the scales of the state",
     "worst": "largest relative error of the invariants",
     "seconds": WALL,
     "total": "wall time of the run with set-up, s",
@@ -44,12 +44,6 @@ LABELS = {
     "energy": "relative error of the energy",
     "momentum": "relative error of the momentum about the vertical",
 }
-OF_PROBLEMS = {  # labels for problems that are no tops
-    "h_scaled": "step h, in the time scale of the motion",
-    "t_scaled": "time t, in the time scale of the motion",
-    "error": "error, relative to the scales of the state",
-}
-BODY_TIMES = {"h": "step h, s", "t": "time t, s"}
 # columns of errors, beside the invariants
 ERRORS = ("error", "worst", "time", "angle", "off", "left")
 # columns that tell the lines of a method apart
@@ -207,8 +201,7 @@ class Comparison:
 
     def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
         """The look of each method. Among many, only the best of each family is named, by the median of |y|."""
-        middle = good[y].abs().groupby(good["method"]).median()
-        best = set(middle.groupby(middle.index.map(style.family)).idxmin())
+        best = style.best_of_families(good[y].abs().groupby(good["method"]).median())
         looks = {name: style.of(name) for name in methods} if len(methods) <= MOST else style.looks(methods, best)
         if len(good) > SAMPLED * max(good["method"].nunique(), 1):
             looks = {name: look | {"marker": "none"} for name, look in looks.items()}
@@ -226,10 +219,7 @@ class Comparison:
     def _label(self, name: str) -> str:
         if name in self.invariants:
             return f"relative error of {name}"
-        if name in BODY_TIMES and "position" in self.frame:
-            return BODY_TIMES[name]
-        labels = LABELS if self.invariants == INVARIANTS else {**LABELS, **OF_PROBLEMS}
-        return labels.get(name) or style.plain(heading(name))
+        return LABELS.get(name) or style.plain(heading(name))
 
     def _title(self, tops: list[str]) -> str:
         scaled = {"h_scaled", "t_scaled", "span_scaled"} & set(self.frame)

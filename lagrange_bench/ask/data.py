@@ -19,36 +19,24 @@ from lagrange_bench.support.words import suggestion
 TIMES = ("h", "t", "span")
 
 
-class NoRows(KeyError, ValueError):
-    """There are no rows of an experiment. The message lists the experiments that have some."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-
 class Results(Mapping[str, pd.DataFrame]):
-    """The frames of a folder of results, by experiment. Each is read at first use; see `load`."""
+    """The frames of a folder of results, by experiment. Each is read when it is asked for; see `load`."""
 
     def __init__(self, folder: Path):
         self.folder, self._store = folder, Store(folder)
-        self._frames: dict[str, pd.DataFrame] = {}
 
     def __getitem__(self, experiment: str) -> pd.DataFrame:
         if experiment not in (known := list(self)):
             close = suggestion(str(experiment), known)
-            raise NoRows(f"no rows of {experiment!r} in {self.folder}{close} There: {', '.join(known)}")
-        if experiment not in self._frames:
-            journal = self._store.open(experiment)
-            for problem in journal.problems:
-                warnings.warn(problem, RuntimeWarning, stacklevel=2)
-            rows = journal.rows()
-            rows = rows.rename(columns=dict.fromkeys(("state", "case"), "top"))
-            if {"seconds", "setup_seconds"} <= set(rows):
-                rows["total"] = rows["seconds"] + rows["setup_seconds"]
-            if scaled := declared(experiment, "SCALED_TIMES"):
-                rows = in_both_units(rows, parts=None if scaled is True else scaled)
-            self._frames[experiment] = rows
-        return self._frames[experiment].copy()
+            raise KeyError(f"no rows of {experiment!r} in {self.folder}{close} There: {', '.join(known)}")
+        journal = self._store.open(experiment)
+        for problem in journal.problems:
+            warnings.warn(problem, RuntimeWarning, stacklevel=2)
+        rows = journal.rows().rename(columns=dict.fromkeys(("state", "case"), "top"))
+        if {"seconds", "setup_seconds"} <= set(rows):
+            rows["total"] = rows["seconds"] + rows["setup_seconds"]
+        scaled = declared(experiment, "SCALED_TIMES")
+        return in_both_units(rows, parts=None if scaled is True else scaled) if scaled else rows
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._store.experiments())

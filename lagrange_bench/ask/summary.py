@@ -14,7 +14,6 @@ from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.support.output import table
 
-CHORD = 0.3  # rad between two recorded directions of the axis; if they are further apart, no line is drawn between them
 LAM = "lam given: one step is the flow over another time than h, and a turn"
 
 
@@ -118,12 +117,8 @@ def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -
     from lagrange_bench.experiments.drawing import figures, style
 
     with style.apply():
-        figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d", "proj_type": "ortho"})
-        dots = {"linestyle": "none", "marker": ".", "ms": 3}
-        unit = trajectory.y[:, 3:] / np.hypot.reduce(trajectory.y[:, 3:], axis=1, keepdims=True)
-        chords = np.linalg.norm(np.diff(unit, axis=0), axis=1)
-        look = {"linewidth": 0.9} if chords.max(initial=0.0) < CHORD else dots
-        trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", **look)
+        figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d"})
+        trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", linewidth=0.9, ms=2)
         times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
         title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
         ax.set_title(f"{style.plain(title)}\n{style.plain(method.label)}, {times}")

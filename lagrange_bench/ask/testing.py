@@ -28,7 +28,6 @@ from lagrange_bench.experiments.measuring import check, metrics, orders, states
 from lagrange_bench.integrators import METHODS, Method, StepError
 from lagrange_bench.integrators.api import own_step
 from lagrange_bench.integrators.checks import check_count, check_real, check_step
-from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.registry import find_method
 from lagrange_bench.integrators.start import Start
 from lagrange_bench.support.words import suggestion
@@ -45,20 +44,16 @@ Tops = Top | Iterable[Top]
 
 
 class Run(NamedTuple):
-    """One run: the drift of the invariants `names` after `counts` steps of `step` (a text). `ulps` is (N, len(names))."""
+    """One run: the drift (N,) of each invariant, in ulps, after `counts` (N,) steps of `step` (a text)."""
 
     top: str
     step: str
     counts: list[int]
-    ulps: np.ndarray
-    names: tuple[str, ...]
-
-    def drift(self, invariant: str) -> np.ndarray:
-        return self.ulps[:, self.names.index(invariant)]
+    ulps: dict[str, np.ndarray]
 
     def largest(self, invariant: str) -> tuple[float, int]:
         """The largest drift of an invariant, and the step after which it was measured."""
-        drift = np.abs(self.drift(invariant))
+        drift = np.abs(self.ulps[invariant])
         at = int(np.argmax(np.where(np.isnan(drift), np.inf, drift)))
         return float(drift[at]), self.counts[at]
 
@@ -117,8 +112,8 @@ def assert_drift(
     record = find_method(method)
     if tops is None:
         tops = TOPS if growth is None else states.RANDOM
-    invariants = [*ulps] if growth is None else [*ulps, growth]
-    runs = list(drifts(record, starts_of(tops, invariants), h, h_scaled, steps, options))
+    starts = starts_of(tops, record, [*ulps] if growth is None else [*ulps, growth])
+    runs = list(drifts(record, starts, h, h_scaled, steps, options))
     if not runs:
         raise ValueError("h and h_scaled: give at least one step")
     lines = []
@@ -138,7 +133,7 @@ def growth_beyond(method: Method, runs: list[Run], name: str, below: float) -> I
     """A message for each step for which the exponent is too large. A drift below `ROUND_OFF` is not judged."""
     for step in dict.fromkeys(run.step for run in runs):
         these = [run for run in runs if run.step == step]
-        E = np.array([run.drift(name) for run in these])
+        E = np.array([run.ulps[name] for run in these])
         where = f"on {len(these)} tops, {step}, {these[0].counts[-1]} steps"
         if not np.all(np.isfinite(E)):
             yield f"{method.name}: {name} is not finite {where}"
@@ -168,7 +163,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Tops =
     order : int, optional
         By default the order that the method claims.
     tops : list of str or tuples
-        As for `assert_drift`; either all in a potential, or none.
+        As for `assert_drift`.
 
     Raises
     ------
@@ -177,13 +172,8 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Tops =
     ValueError
         The method is exact in time, or chooses its own steps.
     """
-    record, starts = find_method(method), starts_of(tops)
-    problems, names = [start.top for start in starts], ", ".join(start.name for start in starts)
-    if len({kinds.uniform(problem) for problem in problems}) > 1:
-        raise ValueError(f"tops must be all in a potential or all not; got {names}")
-    for problem in problems:
-        if reason := record.takes(problem):
-            raise ValueError(f"tops: {reason}")
+    record = find_method(method)
+    starts = starts_of(tops, record)
     if order is not None:
         record = replace(record, order=order)
     if record.order is None or record.control == "tolerance":
@@ -192,6 +182,7 @@ def assert_order(method: str | Method, order: int | None = None, *, tops: Tops =
     (verdict,) = check.order(record, False, starts)
     if not verdict.passed:
         unknown = " (not judged)" if verdict.passed is None else ""
+        names = ", ".join(start.name for start in starts)
         raise AssertionError(f"{record.name}, {verdict}, on {names}{unknown}")
 
 
@@ -205,7 +196,7 @@ def drifts(
 ) -> Iterator[Run]:
     """A run for each top and each step; arguments as of `assert_drift`, with starts in place of tops.
 
-    AssertionError if the method cannot take a step; ValueError if it does not take a top.
+    AssertionError if the method cannot take a step.
     """
     n = states.affordable(method, LENGTH, full=False) if steps is None else check_count(steps, "steps", least=1)
     counts = states.log_counts(n, per_octave=4)
@@ -217,8 +208,6 @@ def drifts(
     with METHODS.temporarily_registered(method):
         for start in starts:
             top, y0 = start.top, start.state
-            if reason := method.takes(top):
-                raise ValueError(f"tops: {reason}")
             for size in sizes:
                 step = f"{word} = {size:g}"
                 length = size if word == "h" else own_step(None, size, top, y0)
@@ -230,14 +219,16 @@ def drifts(
                 with np.errstate(over="ignore", invalid="ignore"):  # of a run that has left every bound behind
                     values = top.invariants(np.vstack((y0, y)), np.concatenate(((0.0,), times)))
                     ulps = metrics.ulps(values, top.invariant_scales(y0))[1:]
-                yield Run(start.name, step, counts, ulps, top.names)
+                yield Run(start.name, step, counts, dict(zip(top.names, ulps.T, strict=True)))
 
 
-def starts_of(tops: Tops, invariants: Iterable[str] = ()) -> tuple[Start, ...]:
-    """The starts of `tops`; ValueError if there is none, or if one does not conserve an invariant."""
+def starts_of(tops: Tops, method: Method, invariants: Iterable[str] = ()) -> tuple[Start, ...]:
+    """The starts of `tops`; ValueError if there is none, if the method refuses one, or if one does not conserve an invariant."""
     starts = Start.each_of(tops)
     if not starts:
         raise ValueError("tops: give one or more")
+    if refused := [reason for start in starts if (reason := method.takes(start.top))]:
+        raise ValueError(f"tops: {refused[0]}")
     for start, name in product(starts, invariants):
         if name not in start.top.names:
             hint = suggestion(str(name), start.top.names)

@@ -1,15 +1,14 @@
-"""Types of options, and options that several commands share. The message of a ValueError is shown to the user."""
+"""What several commands share: types of options, options, checks. The message of a ValueError is shown to the user."""
 
 import argparse
 import math
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.words import number, numbers, option, read, scheduler
 
 __all__ = ["number", "numbers", "option", "scheduler"]  # types of options, too
@@ -39,7 +38,6 @@ def _count(text: str) -> int:
 LONGEST = 1e6  # s, of a --time-limit: the system counts milliseconds in 32 bits
 count = in_range(_count, 0, 2**53, "a whole number from 0 to 2^53")
 several = in_range(_count, 2, 10**7, "t0:t1:n, with n from 2 to 10^7")
-whole = in_range(int, -math.inf, math.inf, "a whole number")
 positive = in_range(int, 1, math.inf, "a whole number, at least 1")
 seconds = in_range(
     lambda text: float(Fraction(text)), 1e-9, LONGEST, f"a positive number such as 0.5 or 1/60, at most {LONGEST:g}"
@@ -82,6 +80,20 @@ def results_folder(text: str) -> Path:
     return folder_of(text)
 
 
+def refuse(options: argparse.Namespace, names: Iterable[str], why: str) -> None:
+    """ValueError if one of these options was given. why : goes on behind the option, such as "belongs to …"."""
+    for name in names:
+        if getattr(options, name) is not None:
+            raise ValueError(f"--{name.replace('_', '-')} {why}")
+
+
+def loaded(registry: Any) -> tuple[dict[str, Any], list[dict[str, str]]]:
+    """The records of a registry by name, and the name and the error of each that cannot be loaded."""
+    each = list(registry.each())
+    records = {name: record for name, record, error in each if not error}
+    return records, [{"name": name, "error": error} for name, _, error in each if error]
+
+
 def add_choice(command: argparse.ArgumentParser) -> None:
     for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
         text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
@@ -113,27 +125,6 @@ def own_problem(word: str, state: list[float] | None) -> tuple[Any, Any]:
         raise ValueError("--problem needs --state, the numbers of a state")
     problem = find(word, Registry("problem", Problem, {}))
     return problem, problem.check_state(state, "--state")
-
-
-def add_potential(command: Any) -> None:
-    text = "put the top in this potential: a name, see lagrange-bench potentials, or package.module:POTENTIAL"
-    command.add_argument("--potential", metavar="NAME", help=text)
-    text = "the numbers of its parameters, in their order"
-    command.add_argument("--parameters", type=numbers, metavar="p,p,…", help=text)
-
-
-def in_potential(top: Any, options: argparse.Namespace) -> Any:
-    """The top in the potential that --potential and --parameters give, or the top itself."""
-    from lagrange_bench.integrators import PerturbedTop
-    from lagrange_bench.integrators.registry import POTENTIALS, find
-
-    if options.potential is None:
-        if options.parameters is not None:
-            raise ValueError("--parameters belongs to --potential")
-        return top
-    if not kinds.uniform(top):
-        raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
-    return PerturbedTop(top, find(options.potential, POTENTIALS), tuple(options.parameters or ()))
 
 
 def add_module(command: argparse.ArgumentParser) -> None:

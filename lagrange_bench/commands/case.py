@@ -22,7 +22,7 @@ import argparse
 from fractions import Fraction
 from typing import Any
 
-from lagrange_bench.commands.arguments import in_range, location, positive
+from lagrange_bench.commands.arguments import in_range, location, positive, refuse
 from lagrange_bench.support.output import Answer, table
 
 MOST_ROWS = 10**7  # 4 GB of text
@@ -37,8 +37,7 @@ def run(options: argparse.Namespace) -> Answer:
 
     if options.name is None:
         words = ("until", "every", "digits", "code", "output")
-        if extra := [word for word in words if getattr(options, word) is not None]:
-            raise ValueError(f"--{extra[0]} belongs to the NAME of a case: {', '.join(CASES)}")
+        refuse(options, words, f"belongs to the NAME of a case: {', '.join(CASES)}")
         lines = table([("name", "title", "until"), *((c.name, c.title, f"{c.until:g} s") for c in CASES.values())])
         for case in CASES.values() if options.verbose else ():
             lines += ["", f"{case.name}: {case.source}", "", case.remarks]
@@ -51,8 +50,7 @@ def run(options: argparse.Namespace) -> Answer:
         text, count, about = "\n".join((*head(case), *rows, "")), f" ({len(rows)} rows)", {"rows": len(rows)}
         data |= {"columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
     else:
-        if extra := [word for word in ("until", "every", "digits") if getattr(options, word) is not None]:
-            raise ValueError(f"--{extra[0]} is for rows; --code gives the motion at any time: take one of the two")
+        refuse(options, ("until", "every", "digits"), "is for rows; --code gives the motion at any time")
         text, count, about = standalone(case, options.code, facts(case)), "", {"language": options.code}
         data |= {"language": options.code, "text": text}
     if options.output is None:

@@ -30,7 +30,7 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from lagrange_bench.commands.arguments import numbers, own_problem
+from lagrange_bench.commands.arguments import numbers, own_problem, refuse
 from lagrange_bench.support.output import Answer, table
 
 RIVALS = ("rk4", "strang", "backlund")  # methods to compare with at first
@@ -68,8 +68,7 @@ def run(options: argparse.Namespace) -> Answer:
 
 def _problem(options: argparse.Namespace) -> Any:
     if options.problem is None:
-        if options.state is not None:
-            raise ValueError("--state: give --problem, too")
+        refuse(options, ("state",), "belongs to --problem")
         return None
     problem, state = own_problem(options.problem, options.state)
     if not math.isfinite(problem.scales(state)[2]):

@@ -2,7 +2,8 @@
 
 For those who changed the code, or the machine, and ask what changed in the results. Compare two results of lagrange-bench run
 cell by cell. (A cell is the smallest piece that is measured and stored.) A cell is the same, close (within --rtol or --atol),
-changed, or missing from one of the two. For changed cells, say by how much each column differs. Times are not compared.
+changed, or missing from one of the two. For changed cells, say by how much each column differs. Times are not compared. --json
+lists all changed and missing cells.
 
 examples:
   lagrange-bench compare reference full
@@ -14,7 +15,7 @@ exit codes: 0 the same · 1 not the same · 2 no such results
 
 import argparse
 import json
-from collections import Counter
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
@@ -44,17 +45,9 @@ def run(options: argparse.Namespace) -> Answer:
         rows.append((name, *map(str, (c.same, c.close, len(c.changed), *missing))))
     lines = table(rows)
     for name, c in result.experiments.items():
-        for which, cells in c.missing.items():
-            if cells:
-                lines.append(f"missing in {which}: {len(cells)} of {name}{_parts(cells)}; --json lists them")
         lines += changed_columns(name, c.changed)
     lines += [*result.notes, "the same" if result.same else "not the same"]
     return Answer("\n".join(lines), {"same": result.same, **vars(result)}, 0 if result.same else 1)
-
-
-def _parts(cells: Sequence[dict[str, Any]]) -> str:
-    parts = Counter(str(cell["part"]) for cell in cells if "part" in cell)
-    return f" ({', '.join(f'{count} of {part}' for part, count in parts.items())})" if parts else ""
 
 
 def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[str]:
@@ -67,14 +60,10 @@ def changed_columns(experiment: str, changed: Sequence[dict[str, Any]]) -> list[
         worst = max(changes, key=lambda difference: difference.relative)
         sizes = (f"{max(difference.absolute for difference in changes):.1e}", f"{worst.relative:.1e}")
         counts = (str(len(changes)), str(sum(difference.rows for difference in changes)))
-        rows.append((column, *counts, *sizes, _short(worst.old), _short(worst.new)))
+        values = (textwrap.shorten(str(value), 60, placeholder="…") for value in (worst.old, worst.new))
+        rows.append((column, *counts, *sizes, *values))
     shown = [json.dumps(with_units(experiment, each["cell"]), ensure_ascii=False) for each in changed[:MOST]]
     cells = [f"changed: {experiment} {cell}" for cell in shown]
     if len(changed) > MOST:
         cells.append(f"… and {len(changed) - MOST} more")
     return ["", f"changed in {experiment}:", *table(rows), *cells]
-
-
-def _short(value: Any) -> str:
-    text = str(value)
-    return text if len(text) <= 60 else f"{text[:59]}…"

@@ -1,10 +1,11 @@
 """One figure, for a paper.
 
-For authors of papers. Draw a figure of the page again: as SVG, PDF (with fonts) or PNG, as wide as a column or a page. The same
-stored numbers give the same bytes. docs/your-own-figures.md draws any column of the stored numbers against any other.
+For authors of papers. Draw a figure of the page again: as SVG, PDF (with fonts) or PNG, as wide as a column or a page. Without a
+NAME list the names of the figures that can be drawn. The same stored numbers give the same bytes. docs/your-own-figures.md draws
+any column of the stored numbers against any other.
 
 examples:
-  lagrange-bench figure --list
+  lagrange-bench figure
   lagrange-bench figure phase_h --width column --output phase.pdf
   lagrange-bench figure work_precision_time --methods mine:METHOD,rk4,backlund --results quick
   lagrange-bench figure drift_time --results quick --output drift.svg
@@ -13,16 +14,14 @@ examples:
 import argparse
 from pathlib import Path
 
-from lagrange_bench.commands.arguments import add_choice, add_module, choice_of, location, results_folder
+from lagrange_bench.commands.arguments import add_choice, add_module, choice_of, location, refuse, results_folder
 from lagrange_bench.support import announce
 from lagrange_bench.support.output import PICTURES, Answer, check_target
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    what = command.add_mutually_exclusive_group(required=True)
-    text = "the name printed below a figure of the page, e.g. phase_h"
-    what.add_argument("name", nargs="?", metavar="NAME", help=text)
-    what.add_argument("--list", action="store_true", help="print the names of the figures that can be drawn")
+    text = "the name printed below a figure of the page, e.g. phase_h; without it they are listed"
+    command.add_argument("name", nargs="?", metavar="NAME", help=text)
     command.add_argument("--width", choices=("column", "page"), help="3.4 or 7 inches (default: as on the page)")
     text = "results: reference, quick, full, or a folder (default: as for lagrange-bench report)"
     command.add_argument("--results", type=results_folder, metavar="DIR", help=text)
@@ -38,7 +37,8 @@ def run(options: argparse.Namespace) -> Answer:
 
     results = find_results(options.results)
     choice = choice_of(options, results)
-    if options.list:
+    if options.name is None:
+        refuse(options, ("width", "output"), "belongs to the NAME of a figure")
         with announce.long_work("figures are drawn to see which there are"):
             figures = export.names(results, choice)
         return Answer("\n".join(figures), {"figures": figures, "results": str(results)})

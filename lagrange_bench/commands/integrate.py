@@ -39,7 +39,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
     start.add_argument("--alpha", type=arguments.number, metavar="A", help=text)
     text = "a problem of your own; --state has its numbers"
     start.add_argument("--problem", metavar="package.module:PROBLEM", help=text)
-    arguments.add_potential(start)
+    text = "put the top in this potential: a name, see lagrange-bench potentials, or package.module:POTENTIAL"
+    start.add_argument("--potential", metavar="NAME", help=text)
+    text = "the numbers of its parameters, in their order"
+    start.add_argument("--parameters", type=arguments.numbers, metavar="p,p,…", help=text)
 
     grid = command.add_argument_group("the times (--h or --h-scaled with --steps, or --times)")
     step = grid.add_mutually_exclusive_group()
@@ -85,26 +88,26 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import METHODS, find_method, without_archive
 
     name, top, y0 = _start(options)
-    if options.times is None:
-        options.h, options.h_scaled = own_step(options.h, options.h_scaled, top, y0), None
-    grid, settings = _grid(options), dict(options.option)
-    method = find_method(options.method or default_method(top))
+    settings, every = dict(options.option), options.every
     if len(settings) < len(options.option):
         raise ValueError("--option: each name once")
+    if options.times is not None:
+        arguments.refuse(options, ("h", "h_scaled", "steps", "every"), "does not go with --times")
+    else:
+        options.h = own_step(options.h, options.h_scaled, top, y0)
+        if every is None:
+            every = 1 if options.output or options.draw else options.steps or 1
+    method = find_method(options.method or default_method(top))
     if reason := method.takes(top):
         others = without_archive(other for other, method, _ in METHODS.each() if method and method.takes(top) is None)
         raise ValueError(f"--method: {reason} (these take it: {', '.join(others)})")
-    if options.times is None:
-        method.prepare_for(top, settings)
-    elif method.evaluate_for(top, settings) is None:
-        raise ValueError(f"--times: {method.name} steps on a grid only; give --h and --steps")
     check_target("--output", options.output, TABLES)  # now, and not after an hour of computing
     check_target("--draw", options.draw, PICTURES)
     if options.draw is not None and top.space.name != "e3":
         raise ValueError(f"--draw: {options.problem} has no axis on a sphere; --output keeps its states")
 
     begin = perf_counter()
-    trajectory = integrate(top, y0, method=method, **grid, **settings)
+    trajectory = integrate(top, y0, options.h, options.steps, method, every, options.times, **settings)
     seconds = perf_counter() - begin
     potential = getattr(top, "potential", None)
     facts = {
@@ -118,7 +121,7 @@ def run(options: argparse.Namespace) -> Answer:
         "h": options.h,
         "h_scaled": options.h and options.h / top.scales(y0)[2],
         "steps": options.steps,
-        "every": grid["every"],
+        "every": every,
         "work": vars(trajectory.work),
     }
     lam = method.family == "backlund" and settings.get("lam") is not None
@@ -137,35 +140,27 @@ def run(options: argparse.Namespace) -> Answer:
 
 
 def _start(options: argparse.Namespace) -> tuple[str | None, Any, Any]:
-    from lagrange_bench.integrators import LagrangeTop
+    from lagrange_bench.integrators import LagrangeTop, PerturbedTop
     from lagrange_bench.integrators.checks import check_state
-    from lagrange_bench.integrators.registry import NAMED_TOPS, find
+    from lagrange_bench.integrators.problem import kinds
+    from lagrange_bench.integrators.registry import NAMED_TOPS, POTENTIALS, find
 
     if options.problem is not None:
-        for word in ("top", "alpha", "potential", "parameters"):
-            if getattr(options, word) is not None:
-                raise ValueError(f"give either --problem or --{word}")
+        arguments.refuse(options, ("top", "alpha", "potential", "parameters"), "does not go with --problem")
         return options.problem, *arguments.own_problem(options.problem, options.state)
-    if options.alpha is not None and options.state is None:
-        raise ValueError("--alpha belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
+    if options.potential is None:
+        arguments.refuse(options, ("parameters",), "belongs to --potential")
     name: str | None = None
+    top: Any
     if options.state is not None:
         top = LagrangeTop(1.0 if options.alpha is None else options.alpha)
         state = check_state(options.state, "--state")
     else:
+        arguments.refuse(options, ("alpha",), "belongs to --state J1,J2,J3,x1,x2,x3; a named top has its own")
         named = find(options.top or "generic", NAMED_TOPS)
         name, top, state = named.name, named.top, named.state
-    return name, arguments.in_potential(top, options), state
-
-
-def _grid(options: argparse.Namespace) -> dict[str, Any]:
-    """The arguments of `lagrange_bench.integrate` that set the times; it checks whether they fit each other."""
-    grid = {name: getattr(options, name) for name in ("h", "h_scaled", "steps", "every")}
-    if options.times is not None:
-        if extra := [name for name, value in grid.items() if value is not None]:
-            raise ValueError(f"give either --times or --h and --steps; got --times and --{extra[0].replace('_', '-')}")
-    elif options.h is None or options.steps is None:
-        raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
-    elif options.every is None:
-        grid["every"] = 1 if options.output or options.draw else max(options.steps, 1)
-    return {"t": options.times, **grid}
+    if options.potential is not None:
+        if not kinds.uniform(top):
+            raise ValueError(f"--potential: {options.top} is in the potential {top.potential.name} already")
+        top = PerturbedTop(top, find(options.potential, POTENTIALS), tuple(options.parameters or ()))
+    return name, top, state

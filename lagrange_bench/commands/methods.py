@@ -16,9 +16,11 @@ lagrange-bench check tests its claims.
 """
 
 import argparse
+from collections import defaultdict
 from collections.abc import Iterable
 from typing import Any
 
+from lagrange_bench.commands.arguments import loaded
 from lagrange_bench.support.output import Answer, table
 
 
@@ -28,67 +30,60 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import ARCHIVE, NAMED_TOPS, find
 
     problem = find(options.top or "generic", NAMED_TOPS).top
+    methods, broken = loaded(METHODS)
     data: list[dict[str, Any]] = []
-    for name, method, error in METHODS.each():
-        if error:
-            data.append({"name": name, "error": error})
-            continue
+    for name, method in methods.items():
         fields = ("label", "family", "order", "control", "requires", "source")
-        claims = {field: getattr(method, field) for field in fields}
+        claims = {"name": name, **{field: getattr(method, field) for field in fields}}
         claims |= {"symmetric": method.claims.symmetric, "poisson": method.claims.poisson}
         refuses = method.takes(problem)
         conserves = method.claims.conserves if refuses else problem.conserved_by(method)
-        names = [invariant for invariant in INVARIANTS if invariant in conserves]
-        more = {"conserves": names, "available": available(method), "options": list(method.options)}
+        claims["conserves"] = [invariant for invariant in INVARIANTS if invariant in conserves]
+        claims |= {"available": available(method), "options": list(method.options), "archived": name in ARCHIVE}
         if options.top:
-            more["refuses"] = refuses
+            claims["refuses"] = refuses
         elif refuses:
-            more["takes"] = needed(method.needs)
-        data.append({"name": name, **claims, **more, "archived": name in ARCHIVE})
-    header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
-    every = options.archive or options.top
-    shown = [claims for claims in data if every or not claims.get("archived")]
+            claims["takes"] = needed(method.needs)
+        data.append(claims)
+    shown = [claims for claims in data if options.archive or options.top or not claims["archived"]]
     taken = [claims for claims in shown if not claims.get("refuses")]
-    lines = [*table([header, *map(_method_row, taken)]), *_method_notes(shown)]
+    header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
+    lines = [*table([header, *map(_row, taken)]), *_notes(shown, taken)]
+    lines += [f"{facts['name']}: cannot be loaded: {facts['error']}" for facts in broken]
     if len(shown) < len(data):
         lines.append(f"{len(data) - len(shown)} more are in the archive: lagrange-bench methods --archive")
     if options.verbose:
-        known = [claims for claims in taken if "error" not in claims]
-        facts = [(c["name"], c["family"], c["control"], ", ".join(c["options"]) or "none", c["source"]) for c in known]
+        facts = [(c["name"], c["family"], c["control"], ", ".join(c["options"]) or "none", c["source"]) for c in taken]
         lines += ["", *table([("name", "family", "control", "options", "source"), *facts])]
-    return Answer("\n".join(lines), data)
+    return Answer("\n".join(lines), data + broken)
 
 
-def _method_row(claims: dict[str, Any]) -> tuple[str, ...]:
-    if "error" in claims:
-        return (claims["name"], *"-----")
+def _row(claims: dict[str, Any]) -> tuple[str, ...]:
     order = "exact" if claims["order"] is None else str(claims["order"])
     words = {True: "yes", False: "no", None: "?"}
     symmetric, poisson = (words[claims[field]] for field in ("symmetric", "poisson"))
     return claims["name"], claims["label"], order, symmetric, poisson, " ".join(claims["conserves"]) or "-"
 
 
-def _method_notes(data: list[dict[str, Any]]) -> list[str]:
+def _notes(shown: list[dict[str, Any]], taken: list[dict[str, Any]]) -> list[str]:
     """One line for each missing package, for each kind of problem, and for each reason why methods do not take the top."""
     from lagrange_bench.integrators.registry import how_to_get
 
-    taken = [claims for claims in data if not claims.get("refuses")]
-    missing = _names((claims["requires"], claims["name"]) for claims in taken if claims.get("available") is False)
+    missing = _names((claims["requires"], claims["name"]) for claims in taken if not claims["available"])
     notes = [f"{names}: {how_to_get(package)}" for package, names in missing.items()]
     others = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
-    notes += [line for what, names in others.items() for line in (f"only for {what}:", f"  {names}")]
-    notes += [f"{claims['name']}: cannot be loaded: {claims['error']}" for claims in data if "error" in claims]
-    refusing = ((claims["refuses"], claims["name"]) for claims in data if claims.get("refuses"))
+    notes += [line for problems, names in others.items() for line in (f"only for {problems}:", f"  {names}")]
+    refusing = ((claims["refuses"], claims["name"]) for claims in shown if claims.get("refuses"))
     reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)
     return notes + [f"left out: {names}: {reason}" for reason, names in reasons.items()]
 
 
 def _names(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """The names in pairs (what, name) of each `what`, in a row."""
-    groups: dict[str, str] = {}
-    for what, name in pairs:
-        groups[what] = f"{groups[what]}, {name}" if what in groups else name
-    return groups
+    """The names in pairs (word, name) of each word, in a row."""
+    groups = defaultdict(list)
+    for word, name in pairs:
+        groups[word].append(name)
+    return {word: ", ".join(names) for word, names in groups.items()}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

@@ -18,6 +18,7 @@ exit codes: 0 done · 1 a formula fails by more than is allowed · 2 bad input, 
 import argparse
 from typing import Any
 
+from lagrange_bench.commands.arguments import refuse
 from lagrange_bench.support.output import Answer, table
 
 
@@ -34,8 +35,7 @@ def run(options: argparse.Namespace) -> Answer:
 
     known = paper_sections.SECTIONS
     if options.section is None:
-        if options.top:
-            raise ValueError(f"--top belongs to a SECTION: {', '.join(known)}")
+        refuse(options, ("top",), f"belongs to a SECTION: {', '.join(known)}")
         listed = [("section", "in the paper", "what it shows")]
         listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
         data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]

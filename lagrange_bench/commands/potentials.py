@@ -19,6 +19,7 @@ lagrange_bench.potentials (name = package.module:POTENTIAL).
 import argparse
 from typing import Any
 
+from lagrange_bench.commands.arguments import loaded
 from lagrange_bench.support.output import Answer, table
 
 
@@ -26,14 +27,11 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators import POTENTIALS
 
     data: list[dict[str, Any]] = []
-    rows, notes = [("name", "parameters", "formula and units")], []
-    for name, potential, error in POTENTIALS.each():
-        if error:
-            data.append({"name": name, "error": error})
-            rows.append((name, "-", "-"))
-            notes.append(f"{name}: cannot be loaded: {error}")
-            continue
+    rows = [("name", "parameters", "formula and units")]
+    potentials, broken = loaded(POTENTIALS)
+    for name, potential in potentials.items():
         parameters = None if potential.parameters is None else list(potential.parameters)
         rows.append((name, "any number" if parameters is None else ",".join(parameters) or "none", potential.note))
         data.append({"name": name, "parameters": parameters, "note": potential.note})
-    return Answer("\n".join([*table(rows), *notes]), data)
+    lines = [f"{facts['name']}: cannot be loaded: {facts['error']}" for facts in broken]
+    return Answer("\n".join([*table(rows), *lines]), data + broken)

@@ -20,6 +20,7 @@ examples:
 import argparse
 from typing import Any
 
+from lagrange_bench.commands.arguments import loaded
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.support.output import Answer, table
 
@@ -29,16 +30,14 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.registry import NAMED_TOPS
     from lagrange_bench.integrators.truth import exact
 
-    each = list(NAMED_TOPS.each())
-    broken = [{"name": name, "error": error} for name, _, error in each if error]
-    tops: list[Any] = [named for _, named, error in each if not error]
+    tops, broken = loaded(NAMED_TOPS)
     data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
-    for named in (named for named in tops if kinds.uniform(named.top)):
+    for named in (named for named in tops.values() if kinds.uniform(named.top)):
         kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
         rows.append((*_start(named), kind, f"{period:.4g}"))
         data.append({**_facts(named), "regime": kind, "nutation_period": period})
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
-    for named in (named for named in tops if not kinds.uniform(named.top)):
+    for named in (named for named in tops.values() if not kinds.uniform(named.top)):
         conserved = [name for name in INVARIANTS if name in named.top.conserved]
         numbers = ",".join(f"{value:.10g}" for value in named.top.parameters)
         inside.append((*_start(named), named.top.potential.name, numbers, " ".join(conserved)))

@@ -22,7 +22,7 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from lagrange_bench.commands.arguments import add_module, positive, results_folder, seconds, whole
+from lagrange_bench.commands.arguments import add_module, count, positive, results_folder, seconds
 from lagrange_bench.commands.compare import changed_columns
 from lagrange_bench.support.output import Answer, table
 
@@ -33,7 +33,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--times", action="store_true", help="measure ratios of times instead, here and now")
     text = "how many cells (default: 60, which take a minute or a little more on two cores)"
     command.add_argument("--sample", type=positive, metavar="N", default=60, help=text)
-    command.add_argument("--seed", type=whole, metavar="N", default=0, help="another sample (default: 0)")
+    command.add_argument("--seed", type=count, metavar="N", default=0, help="another sample (default: 0)")
     text = "only cells that were computed with other or unknown source code"
     command.add_argument("--old", action="store_true", help=text)
     text = "leave out cells that took longer when they were stored (default: 3)"

@@ -12,12 +12,11 @@ from lagrange_bench.experiments.measuring import check, first_step, states
 from lagrange_bench.integrators import METHODS, Claims, LagrangeTop, Problem, RigidBody, StepError
 from lagrange_bench.integrators.interface import Stepper
 from lagrange_bench.integrators.methods.explicit import explicit_stepper
-from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem import examples, kinds
 from lagrange_bench.integrators.problem.vibrating_pivot import vibrating_pivot
 from lagrange_bench.integrators.registry import find_method
 from tests.installed import in_uniform_fields
 from tests.mutants import ROOT
-from tests.reference import free_body
 
 HONEST = in_uniform_fields(METHODS["rk45_fixed"])
 
@@ -265,7 +264,7 @@ def test_a_method_is_not_judged_where_it_does_not_go(short):
     assert [(v.claim, v.passed) for v in verdicts] == [("in a field", None), ("on a vibrating pivot", None)]
 
 
-BODY, START = free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)
+BODY, START = examples.problem("free_body")
 SPINS = Problem(
     "spins", 2, lambda t, y, p: p[0] * (y[0] * y[3] + y[1] * y[4] + y[2] * y[5]) + y[2] + 2.0 * y[5], (1.0,)
 )

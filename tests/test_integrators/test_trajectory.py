@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import CASES, PERTURBED_TOPS, TOPS, GaudinMagnet, LagrangeTop, RigidBody, exact, metrics
 from lagrange_bench.integrators import integrate, integrate_ensemble
 from lagrange_bench.integrators.interface import StepWarning
-from tests.reference import free_body
+from lagrange_bench.integrators.problem import examples
 
 pytestmark = pytest.mark.interpreted
 NAMED, TIDE = TOPS["generic"], PERTURBED_TOPS["weak_tide"]
@@ -26,7 +26,7 @@ COLUMNS = ["px", "py", "pz", "qw", "qx", "qy", "qz", "wx", "wy", "wz"]
 RUNS = {
     "top": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", NAMED.top, NAMED.state),
     "tide": ("J1 J2 J3 x1 x2 x3 H J3 C1 C2", TIDE.top, TIDE.state),
-    "so3": ("J1 J2 J3 H C", free_body(1.0, 2.0, 3.0), (0.3, -0.4, 1.2)),
+    "so3": ("J1 J2 J3 H C", *examples.problem("free_body")),
     "spins": ("s1_1 s1_2 s1_3 s2_1 s2_2 s2_3 s3_1 s3_2 s3_3 H C1 C2 C3", MAGNET, SPINS),
     "body": (f"q0 q1 q2 q3 L1 L2 L3 {' '.join(COLUMNS)} H C1 J3 C2", BODY, SLOW),
     "flying": (f"q0 q1 q2 q3 L1 L2 L3 {' '.join(COLUMNS)} vx vy vz H C1 J3", FLYING, THROWN),

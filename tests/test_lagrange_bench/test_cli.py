@@ -18,9 +18,9 @@ from lagrange_bench import LagrangeTop, PerturbedTop, integrate
 from lagrange_bench import __main__ as cli
 from lagrange_bench.commands import integrate as command
 from lagrange_bench.integrators import CASES, METHODS, PERTURBED_TOPS, POTENTIALS, TOPS, registry
+from lagrange_bench.integrators.problem.examples import problem
 from lagrange_bench.runner import engine
 from tests.mutants import ROOT
-from tests.reference import free_body
 
 COMMANDS = tuple(" ".join(cli.GROUPS.values()).split())
 SLOW = "numpy numba scipy matplotlib pandas heyoka mpmath flint rich jinja2 multiprocessing"
@@ -214,7 +214,7 @@ GENERIC = TOPS["generic"]
 
 @pytest.mark.parametrize("words", examples(command.__doc__), ids=" ".join)
 def test_the_examples_of_integrate_run(run, words, folder, monkeypatch):
-    monkeypatch.setitem(sys.modules, "mine", SimpleNamespace(PROBLEM=free_body(1.0, 2.0, 3.0)))
+    monkeypatch.setitem(sys.modules, "mine", SimpleNamespace(PROBLEM=problem("free_body")[0]))
     code, out, err = run(*words)
     assert code == 0, err
     assert re.search("against the (exact|reference) solution", out)

@@ -43,7 +43,7 @@ def test_what_is_missing_and_changed(run, answer, old, tmp_path):
     code, out, err = run("compare", old, other)
     assert (code, err, out.splitlines()[-1]) == (0, "", "the same")
     rows = [{"error": 1e-9 * 1.001, "steps": 7}, {"error": math.nan, "steps": 9}]
-    more = [({"i": i, "part": "ab"[i > 12]}, []) for i in range(9, 14)]
+    more = [({"i": i}, []) for i in range(9, 14)]
     new = store(tmp_path / "new", (CELLS[0][0], rows), CELLS[1], CELLS[2], *more)
     cells = compare.compare(old, new).experiments["toy.none"]
     assert (cells.same, cells.close) == (2, 0)
@@ -53,8 +53,8 @@ def test_what_is_missing_and_changed(run, answer, old, tmp_path):
     error, steps = changed["columns"]["error"], changed["columns"]["steps"]
     assert (error.rows, error.relative, error.absolute) == (1, pytest.approx(1e-3, rel=1e-2), pytest.approx(1e-12))
     assert (changed["cell"], steps.old, steps.new) == ({"i": 0}, 8, 9)
-    assert "missing in old: 5 of toy.none (4 of a, 1 of b); " in run("compare", old, new)[1]
-    assert run("compare", old, new)[0] == 1
+    code, out, _ = run("compare", old, new)
+    assert (code, out.splitlines()[1].split()) == (1, ["toy.none", "2", "0", "1", "5", "1"])
 
 
 def test_a_foreign_journal_sends_nothing_to_the_terminal(run, tmp_path):
