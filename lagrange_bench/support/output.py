@@ -65,12 +65,9 @@ def check_target(flag: str, path: Path | None, suffixes: tuple[str, ...]) -> Non
         return
     if path.suffix.lower() not in suffixes:
         raise ValueError(f"{flag} {path}: the name must end in {' or '.join(suffixes)}")
-    folder = path.parent
-    if not folder.is_dir():
-        raise ValueError(f"{flag} {path}: there is no folder {folder}")
-    if path.exists() and not path.is_file():
-        raise ValueError(f"{flag} {path}: this is not a file")
+    if not path.parent.is_dir():
+        raise ValueError(f"{flag} {path}: there is no folder {path.parent}")
     if path.suffix.lower() == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise ValueError(f"{flag} {path}: needs pyarrow: pip install pyarrow; or write .csv or .npz")
-    if not os.access(folder, os.W_OK):
-        raise ValueError(f"{flag} {path}: no permission to write in {folder.resolve()}")
+    if not os.access(path.parent, os.W_OK):
+        raise ValueError(f"{flag} {path}: no permission to write in {path.parent.resolve()}")
