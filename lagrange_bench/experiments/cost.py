@@ -1,4 +1,4 @@
-"""Cost: how much time do a step, a unit of time and a set-up take?
+"""Cost: how much time do a step and a set-up take?
 
 Timing cells run one at a time in one process. Samples are calibrated and repeated; quote the minimum. The headline runs the exact
 Bäcklund step and heyoka in turn, over the same time, from the same state. Times and steps are in units of
@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
-from lagrange_bench.experiments.measuring import counters, metrics, timing
+from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.states import (
     ACCURACY_OPTIONS,
     accuracy_settings,
@@ -71,14 +71,14 @@ def _measure_step(cell: dict) -> list[dict]:
     h = cell["periods"] * exact.nutation_period(top, y0) if "periods" in cell else cell.get("h", 1.0) * unit
     stepper = prepare(top, y0, h, cell["method"], **options)
     n = CALL[_kind(METHODS[cell["method"]])]
-    stepper.advance(y0, 10)
-    steps, *_ = counters.counted(stepper, lambda: stepper.advance(y0, n))
+    stepper.advance(y0, n)
+    steps = stepper.work.steps
     timed = timing.time_call(lambda: stepper.advance(y0, n), repeats=cell["repeats"])
     setups = [prepare(top, y0, h, cell["method"], **options).work.setup_seconds for _ in range(5)]
     return [
         {
-            "ns_per_step": rounded(timed.min / steps * 1e9),
-            "ns_per_step_median": rounded(float(np.median(timed.samples)) / steps * 1e9),
+            "ns_per_step": rounded(timed.min() / steps * 1e9),
+            "ns_per_step_median": rounded(float(np.median(timed)) / steps * 1e9),
             "setup_us": rounded(min(setups) * 1e6),
         }
     ]
@@ -91,59 +91,31 @@ def _kind(method: Method) -> str:
 
 
 def _measure_headline(cell: dict) -> list[dict]:
-    """The exact step and raw heyoka at tol = eps over a long time, timed in turn, with the errors of both."""
+    """The exact step and heyoka at tol = eps over a long time, timed in turn, with the errors of both."""
     top, y0 = find(STATE)
     unit = top.scales(y0)[2]
     t = cell.get("time", HEADLINE_TIME) * unit
     steps = round(t / (cell["fraction"] * exact.nutation_period(top, y0)))
     h = t / steps
-    raw = raw_heyoka(top, y0)
     runs = {
         "backlund": lambda: integrate(top, y0, h, steps, "backlund", every=steps).y[-1],
-        "heyoka": lambda: raw(t),
+        "heyoka": lambda: integrate(top, y0, t=[t], method="taylor").y[-1],
     }
     runs["backlund"]()  # compiled before the first sample
     repeats = 3 if t >= HEADLINE_TIME * unit else 9  # the ratio of two short runs is noisier
     timed = timing.interleave(runs, repeats=repeats)
-    seconds = {name: t.min for name, t in timed.items()}
     right = {"backlund": exact.after_steps(top, y0, h, [steps])[0], "heyoka": exact.solution(top, y0, t)}
     errors = {name: metrics.scaled_error(top, y0, runs[name](), y) for name, y in right.items()}
     return [
         {
             "h": rounded(h / unit),
             "steps": steps,
-            "backlund_s": rounded(seconds["backlund"]),
-            "heyoka_s": rounded(seconds["heyoka"]),
-            "ratio": rounded(float(np.median(timed["heyoka"].ratios(timed["backlund"])))),
+            "backlund_s": rounded(timed["backlund"].min()),
+            "heyoka_s": rounded(timed["heyoka"].min()),
+            "ratio": rounded(float(np.median(timed["heyoka"] / timed["backlund"]))),
             **{f"{name}_error": rounded(float(error)) for name, error in errors.items()},
         }
     ]
-
-
-def raw_heyoka(top, y0):
-    """heyoka without this bench, as in its documentation: a function t → state."""
-    import heyoka as hy
-
-    J1, J2, J3, x1, x2, x3 = hy.make_vars("J1", "J2", "J3", "x1", "x2", "x3")
-    system = [
-        (J1, -hy.par[0] * x2),
-        (J2, hy.par[0] * x1),
-        (J3, hy.expression(0.0)),
-        (x1, J2 * x3 - J3 * x2),
-        (x2, J3 * x1 - J1 * x3),
-        (x3, J1 * x2 - J2 * x1),
-    ]
-    ta = hy.taylor_adaptive(system, list(y0), pars=[top.alpha], compact_mode=False)
-
-    def run(t):
-        ta.time = 0.0
-        ta.state[:] = y0
-        outcome = ta.propagate_until(t)[0]
-        if outcome != hy.taylor_outcome.time_limit:
-            raise RuntimeError(f"heyoka stopped: {outcome}")
-        return ta.state.copy()
-
-    return run
 
 
 # ---------------------------------------------------------------- tables and figures

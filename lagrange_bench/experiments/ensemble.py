@@ -95,7 +95,7 @@ def measure(cell: dict) -> list[dict]:
     for alpha, y0, y in list(zip(alphas, Y, end, strict=True))[:JUDGED]:
         one = LagrangeTop(alpha)
         errors.append(float(metrics.scaled_error(one, y0, y, truth(one, y0, method, span / steps, [steps])[0])))
-    per_top = timing.time_call(run, repeats=3).min / len(Y)
+    per_top = timing.time_call(run, repeats=3).min() / len(Y)
     row = {"error": np.median(errors), "largest_error": max(errors)}
     row |= {"us_per_top": per_top * 1e6, "ns_per_time": per_top / span * 1e9}
     return [{name: rounded(float(value)) for name, value in row.items()}]

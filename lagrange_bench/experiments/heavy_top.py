@@ -17,10 +17,10 @@ import pandas as pd
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, timing
 from lagrange_bench.experiments.measuring.reductions import worst
-from lagrange_bench.experiments.measuring.states import rounded
+from lagrange_bench.experiments.measuring.states import methods_on, rounded
 from lagrange_bench.experiments.work_precision import draw_panels, useful
-from lagrange_bench.integrators import CASES, METHODS, available, integrate, prepare
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators import CASES, METHODS, integrate, prepare
+from lagrange_bench.integrators.interface import Array
 
 VERSION = 1
 MEASURED = {"": ("position", "rotation", "energy", "momentum", "ns_per_step")}
@@ -32,21 +32,15 @@ CHOSEN = ("strang", "rk4", "rkmk4", "rattle", "simo_wong", "lie_midpoint", "gene
 TIMED = 2000  # most steps in a call that is timed
 
 
-def methods() -> dict[str, Method]:
-    """The methods with a fixed step that take a whole body."""
-    body = CASES["kovalevskaya"].body
-    loaded = ((name, method) for name, method, _ in METHODS.each() if method)  # a plug-in may be broken
-    usable = {name: method for name, method in loaded if method.control == "step" and available(method)}
-    return {name: method for name, method in usable.items() if method.takes(body) is None}
-
-
 def cells(profile: str) -> list[dict]:
     full = profile == "full"
+    on_bodies = methods_on(CASES["kovalevskaya"].body)
+    stepping = [name for name, method in on_bodies.items() if method.control == "step"]
     return [
         {"timing": True, "case": case, "method": name, "h": CASES[case].until / 2**k}
         for case, powers in POWERS.items()
         if full or case in QUICK
-        for name in (methods() if full else CHOSEN)
+        for name in (stepping if full else CHOSEN)
         for k in (powers if full else powers[1:-1:3])
     ]
 
@@ -67,7 +61,7 @@ def measure(cell: dict) -> list[dict]:
     row: dict[str, Any] = {name: rounded(error[0]) for name, error in errors.items()}
     stepper = prepare(body, y0, h, cell["method"])
     n = min(steps, TIMED)
-    row["ns_per_step"] = rounded(timing.time_call(lambda: stepper.advance(y0, n), repeats=5).min / n * 1e9)
+    row["ns_per_step"] = rounded(timing.time_call(lambda: stepper.advance(y0, n), repeats=5).min() / n * 1e9)
     row |= {"energy": rounded(np.max(np.abs(drift["H"]))), "momentum": rounded(np.max(np.abs(drift["J3"])))}
     return [row]
 

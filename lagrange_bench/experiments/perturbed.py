@@ -72,7 +72,7 @@ def cells(profile: str) -> list[dict]:
     full = profile == "full"
     per_octave, decades = GRID[profile]
     for state in (name for name in PERTURBED_TOPS if full or name == QUICK):
-        methods = {n: method for n, method in states.methods_on(state).items() if full or n not in SLOW}
+        methods = {n: method for n, method in states.methods_on(states.find(state)[0]).items() if full or n not in SLOW}
         for name, method in methods.items():
             steps = states.affordable(method, DRIFT_STEPS[profile], full)
             listed.append({"part": "drift", "method": name, "state": state, "h": DRIFT_STEP, "steps": steps})

@@ -20,12 +20,11 @@ import scipy
 
 from lagrange_bench.experiments.drawing.shown import by_group, drawn, of_part, tabulated
 from lagrange_bench.experiments.measuring import metrics, states
-from lagrange_bench.experiments.measuring.orders import RUN, hides_leading_term, order_points
 from lagrange_bench.experiments.measuring.orders import SPANS as ORDER_SPANS
+from lagrange_bench.experiments.measuring.orders import hides_leading_term, order_points
 from lagrange_bench.experiments.measuring.reductions import largest
 from lagrange_bench.integrators import METHODS
 from lagrange_bench.integrators.backward_error.prediction import NoPrediction, predicted_phase
-from lagrange_bench.integrators.interface import INVARIANTS
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.truth import exact
@@ -80,7 +79,6 @@ def measure(cell: dict) -> list[dict]:
     if cell["part"] == "order":
         return _one_step(cell["method"])
     top, y0 = states.of_cell(cell)
-    rate, _, unit = top.scales(y0)
     if cell["part"] == "promise":
         return promised_errors(top, y0, cell["method"])
     if cell["part"] == "theory":
@@ -89,19 +87,17 @@ def measure(cell: dict) -> list[dict]:
         errors = _followed(cell, top, y0, states.places(max(round(SPAN / cell["h"]), 1)))[2]
         return [{name: states.rounded(np.max(np.abs(e))) for name, e in errors.items()}]
     times, _, errors = _followed(cell, top, y0, states.log_counts(cell["steps"], per_octave=4))
-    return states.as_rows({"t": times * rate, **errors})
+    return states.as_rows({"t": times * top.scales(y0)[0], **errors})
 
 
 def _one_step(name: str) -> list[dict]:
     """Errors of single steps above round-off, as geometric means over eight tops and both signs of h.
 
     Single steps show the order: in long runs a method of high order may show the next order, or round-off. If a step depends on
-    earlier ones, short runs are made, and their errors divided by the number of steps: rows with `run`.
+    earlier ones, short runs are made, and their errors divided by the number of steps.
     """
     points = order_points(METHODS[name], ORDER_SPANS)
-    length = {"run": RUN} if points.runs else {}
-    pairs = zip(points.spans, points.errors, strict=True)
-    return [{"h": states.rounded(h), "error": states.rounded(error), **length} for h, error in pairs]
+    return states.as_rows({"h": points.spans, "error": points.errors})
 
 
 def theory_steps(order: int | None) -> tuple[float, ...]:
@@ -137,12 +133,8 @@ def _followed(cell: dict, top, y0, counts: list[int]) -> tuple[np.ndarray, np.nd
     if not kinds.uniform(top):
         return times, y, {"error": whole}
     split = metrics.phase_split(top, truth, y - truth)
-    rate, size, _ = top.scales(truth[0])
-    # off the torus: √Σ (c_I |∇I|)², for the error Σ c_I ∇I
-    gradients = np.array([top.gradients(right) for right in truth]) / np.repeat((rate, size), 3)
-    lengths = dict(zip(INVARIANTS, np.linalg.norm(gradients, axis=-1).T, strict=True))
-    off = np.sqrt(sum(np.square(split[name] * lengths[name]) for name in INVARIANTS))
-    return times, y, {"time": split["time"] * top.scales(y0)[0], "angle": split["angle"], "off": off, "error": whole}
+    time = split["time"] * top.scales(y0)[0]
+    return times, y, {"time": time, "angle": split["angle"], "off": split["off"], "error": whole}
 
 
 def promised_errors(top, y0, method) -> list[dict]:
@@ -175,8 +167,9 @@ SMALL = 0.1  # a larger phase error: the phase is lost
 @by_group(
     ("method",),
     "order",
-    "Orders: claimed, and measured as the slope of the error of single steps against the step. Errors are relative to the "
-    "scales of J and x; hidden: the leading term is too small to show",
+    "Orders: claimed, and measured on eight tops as the slope of the error of single steps against the step (of short runs, if "
+    "a step depends on earlier ones). Errors are relative to the scales of J and x; hidden: the leading term is too small to "
+    "show",
 )
 def orders(method: str, points: pd.DataFrame) -> dict:
     """The measured order of each method with a step, from single steps."""
@@ -186,9 +179,7 @@ def orders(method: str, points: pd.DataFrame) -> dict:
     if len(points) >= FEWEST:
         fit = scipy.stats.linregress(np.log(points.h), np.log(points.error))
         order, stderr = fit.slope - 1, fit.stderr
-    where = "short runs" if "run" in points and points.run.notna().any() else "single steps"
     return {
-        "state": f"{where}, 8 tops",
         "claimed": claimed,
         "measured": order,
         "standard error": stderr,

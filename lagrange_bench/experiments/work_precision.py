@@ -2,7 +2,7 @@
 
 Each method runs with ever smaller steps or tolerances, from the coarsest on. Its curve ends for one of three reasons: a run would
 take too long (estimated from a short one), the error falls no more, or the tightest tolerance is reached. The tightest is 1e-15,
-and 1e-13 for Runge-Kutta pairs and SciPy's solvers. The rule is the same for every method, with one exception: methods that are
+and 1e-13 for Runge-Kutta pairs. The rule is the same for every method, with one exception: methods that are
 exact in time go on to steps of one unit, so that runs with a state every unit can be compared.
 
 The error is the largest at four places in the last fifth of the run, against the exact solution, relative to the scales of J and
@@ -12,6 +12,7 @@ torus, has a column of its own. Nonlinear equations are solved to round-off.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -20,7 +21,7 @@ import pandas as pd
 
 from lagrange_bench.experiments.drawing.shown import drawn, of_part, tabulated
 from lagrange_bench.experiments.drawing.tables import show
-from lagrange_bench.experiments.measuring import counters, metrics, states, timing
+from lagrange_bench.experiments.measuring import metrics, states, timing
 from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.interface import StepError
 from lagrange_bench.integrators.problem import kinds
@@ -91,7 +92,6 @@ def _run(cell: dict) -> dict:
     n = round(cell["span"] / cell["h"]) if method.accuracy_option == "h" else 16
     h = cell["span"] * unit / n
     stepper = prepare(top, y0, h, method, **options)
-    setups = [stepper.work.setup_seconds]
     predicted = _predicted(cell, method, stepper, h, n, options)
     if predicted > cell["longest"]:
         return {"stopped": "too long", "predicted": states.rounded(predicted)}
@@ -104,22 +104,22 @@ def _run(cell: dict) -> dict:
         return {"stopped": "refused", "reason": "the error is beyond the range of doubles"}
     if error > USEFUL:
         return {"error": states.rounded(error)}
-    seconds: list[float] = []
-    steps, evals, iterations, _ = counters.counted(stepper, lambda: seconds.append(_seconds(stepper, y0, n)))
+    setups = [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
+    stepper = prepare(top, y0, h, method, **options)  # which counts the work of one run
+    seconds, work = [_seconds(stepper, y0, n)], replace(stepper.work)
     if seconds[0] < SAMPLE:
-        seconds += timing.time_call(lambda: stepper.advance(y0, n), min_time=SAMPLE, repeats=3).samples
+        seconds += timing.time_call(lambda: stepper.advance(y0, n), min_time=SAMPLE, repeats=3).tolist()
     else:
         repeats = 3 if seconds[0] < 20 * SAMPLE else 1 if seconds[0] < 0.5 else 0
         seconds += [_seconds(stepper, y0, n) for _ in range(repeats)]
-    setups += [prepare(top, y0, h, method, **options).work.setup_seconds for _ in range(3)]
     return {
         "error": states.rounded(error),
         "seconds": states.rounded(min(seconds)),
         "seconds_samples": [states.rounded(sample) for sample in seconds],
-        "setup_seconds": states.rounded(min(setups)),
-        "steps": steps,
-        "evals": evals,
-        "iterations": iterations,
+        "setup_seconds": states.rounded(min(*setups, work.setup_seconds)),
+        "steps": work.steps,
+        "evals": work.rhs_evals,
+        "iterations": work.iterations,
     }
 
 
@@ -132,10 +132,7 @@ def _predicted(cell: dict, method, stepper, h: float, n: int, options: dict) -> 
         share = n / steps
     else:
         stepper, share = prepare(top, y0, trial * top.scales(y0)[2], method, **options), cell["span"] / trial
-    once = twice = np.inf
-    for _ in range(TRIALS):
-        once, twice = min(once, _seconds(stepper, y0, steps)), min(twice, _seconds(stepper, y0, 2 * steps))
-    return once + max(twice - once, 0.0) * (share - 1)  # the fixed cost of a call is counted once
+    return share * min(_seconds(stepper, y0, steps) for _ in range(TRIALS))
 
 
 def _seconds(stepper, y0, n) -> float:

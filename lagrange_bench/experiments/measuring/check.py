@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from lagrange_bench.experiments.measuring import first_step, metrics, orders
 from lagrange_bench.experiments.measuring.duties import extremes, purity
 from lagrange_bench.experiments.measuring.states import CHARGE, NEGATIVE, PIVOT, TIDE, Starts, placed, prepared
-from lagrange_bench.experiments.measuring.verdicts import NOT_CLAIMED, Verdict, Worst, not_judged
+from lagrange_bench.experiments.measuring.verdicts import NOT_CLAIMED, Verdict, Worst
 from lagrange_bench.integrators.interface import Array, Method, StepError, StepWarning
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
@@ -114,7 +114,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
     """
     record, word = find_method(method), method if isinstance(method, str) else None
     if (fault := first_step.problem(record, word)) is not None:
-        return [Verdict(TAKES_A_STEP, False, None, "", fault)]
+        return [Verdict(TAKES_A_STEP, False, fault)]
     checks = CHECKS if record.takes(LagrangeTop()) is None else (of_its_kind,)
     if problem is not None:
         checks = (_on(problem, y0, record, getattr(problem, "name", str(problem))),)
@@ -127,7 +127,7 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
                 verdicts += function(record, quick)
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
             how = f"ended in {first_step.describe(error, record, word)}"
-            verdicts.append(Verdict(function.__name__.replace("_", " "), False, None, "", how))
+            verdicts.append(Verdict(function.__name__.replace("_", " "), False, how))
     return verdicts
 
 
@@ -141,23 +141,22 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
         return
     claim = f"order {claimed}"
     if method.control == "tolerance":
-        yield not_judged(claim, "h is only the output grid")
+        yield Verdict(claim, None, "h is only the output grid")
         return
     points = orders.order_points(method, orders.SPANS, names)
     if points.exact:
-        yield not_judged(claim, "every step here is exact up to round-off, as at an equilibrium")
+        yield Verdict(claim, None, "every step here is exact up to round-off, as at an equilibrium")
         return
     tolerance = orders.TOLERANCE if kinds.uniform(placed(names[0]).top) else FIELD_TOLERANCE
-    bound = f"{claimed} ± {tolerance}"
     if len(points.spans) < FEWEST:
         how = f"fewer than {FEWEST} steps have an error between {orders.FLOOR:g} and {orders.CEILING:g} on all states"
-        yield Verdict(claim, None if claimed > HIGH_ORDER else False, None, bound, how)
+        yield Verdict(claim, None if claimed > HIGH_ORDER else False, how)
         return
     p = float(np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0]) - 1
     what = f"runs of t = {orders.RUN:g}, for a step depends on those before," if points.runs else "one step"
     how = f"{what} against the {_truth(names)}, h from {points.spans[-1]:.2g} to {points.spans[0]:.2g}, ± h, {len(names)} states"
     hidden = orders.hides_leading_term(points.spans[-1], p - claimed, tolerance)
-    yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, p, bound, how)
+    yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, how, p, f"{claimed} ± {tolerance}")
 
 
 def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
@@ -211,7 +210,7 @@ def declines_long_steps(span: float) -> Iterator[None]:
 def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """A step of −h undoes a step of h."""
     if not method.claims.symmetric:
-        yield not_judged("symmetric", NOT_CLAIMED)
+        yield Verdict("symmetric", None, NOT_CLAIMED)
         return
     worst = Worst()
     for start, top, y0, span, h in steps_on(names):
@@ -226,7 +225,7 @@ def symmetric(method: Method, quick: bool, names: Starts = STATES) -> Iterator[V
 def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """D P(y) Dᵀ = P(ỹ) for the derivative D of one step."""
     if not method.claims.poisson:
-        yield not_judged("Poisson map", NOT_CLAIMED)
+        yield Verdict("Poisson map", None, NOT_CLAIMED)
         return
     worst = Worst()
     names = names[:2] if quick else names
@@ -275,11 +274,11 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         there |= {"C1", "C2"}
     for word in sorted(method.claims.conserves - there):
         why = f"{tops[0].description} does not have; its invariants are {', '.join(conserved)}"
-        yield not_judged(f"conserves {word}", f"claims {word}, which {why}. Name a problem that has it by --problem")
+        yield Verdict(f"conserves {word}", None, f"claims {word}, which {why}. Name a problem that has it by --problem")
     bound = EPS * min(BIAS * n, WALK * n**0.5)
     for quantity in dict.fromkeys((*conserved, *claimed)):
         if quantity not in drifts:
-            yield not_judged(f"conserves {quantity}", f"no run gets through {n} steps")
+            yield Verdict(f"conserves {quantity}", None, f"no run gets through {n} steps")
             continue
         how = f"largest error over {n} steps, {AT.format(len(claimed[quantity] or names))}"
         verdict = drifts[quantity].verdict(f"conserves {quantity}", bound, how)
@@ -287,7 +286,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         yield verdict if claimed[quantity] else not_claimed
     if stopped:  # a fault only at the smallest step: an explicit method may be unstable at others
         how = "; ".join(f"fails at h_scaled = {span:g}: {why}" for span, why in stopped.items())
-        yield Verdict(f"takes {n} steps", None if min(stopped) > SPANS[0] else False, None, "", how)
+        yield Verdict(f"takes {n} steps", None if min(stopped) > SPANS[0] else False, how)
 
 
 def _own(method: Method, top: Any) -> Mapping[str, Any]:
@@ -332,7 +331,7 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
             ordered = tuple(name + field for name in orders.STATES for field in taken)
             yield from _claims(method, quick, where, ordered, names, names)
         else:
-            yield not_judged(where, str(method.takes(placed("generic" + fields[0]).top)))
+            yield Verdict(where, None, str(method.takes(placed("generic" + fields[0]).top)))
 
 
 def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
@@ -341,7 +340,7 @@ def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
     for name, body in taken.items():
         yield from _on(body, BODY_START, method, name)(method, quick)
     if not taken:
-        yield not_judged("claims", f"{method.takes(BODIES['free body'])}. Name a problem that it takes by --problem")
+        yield Verdict("claims", None, f"{method.takes(BODIES['free body'])}. Name a problem that it takes by --problem")
 
 
 def _claims(

@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange_bench.experiments.measuring import first_step
 from lagrange_bench.experiments.measuring.states import NEGATIVE, Starts, placed, prepared
-from lagrange_bench.experiments.measuring.verdicts import Verdict, verdict
+from lagrange_bench.experiments.measuring.verdicts import Verdict
 from lagrange_bench.integrators.interface import Array, Method, StepError
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import TOPS, LagrangeTop
@@ -23,30 +23,30 @@ def purity(method: Method, quick: bool, names: Starts = ("generic", "figure1")) 
     y = y0.copy()
     stepper = prepared(method, top, y, h)
     last, rows = stepper.advance(y, 50), stepper.record(y, 50, 10)
-    yield verdict("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
+    yield Verdict("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
     y.flags.writeable = False
     again = (stepper.advance(y, 50), prepared(method, top, y, h).advance(y, 50))
     how = "advance twice, and with a second stepper"
-    yield verdict("same input, same bits", all(same(a, last) for a in again), how)
+    yield Verdict("same input, same bits", all(same(a, last) for a in again), how)
     alone = prepared(method, other, z0, k).advance(z0, 50)
     first, second = prepared(method, top, y0, h), prepared(method, other, z0, k)
     turns = [(first.advance(y0, 50), second.advance(z0, 50)) for _ in range(2)]
     shared_nothing = all(same(a, last) and same(b, alone) for a, b in turns)
-    yield verdict("two steppers share nothing", shared_nothing, "two tops in turns, against each alone")
+    yield Verdict("two steppers share nothing", shared_nothing, "two tops in turns, against each alone")
     apart = last is not again[0] and not np.shares_memory(last, again[0]) and not np.shares_memory(last, y0)
-    yield verdict("results are fresh arrays", apart, "memory of two results and of the input")
+    yield Verdict("results are fresh arrays", apart, "memory of two results and of the input")
     shape = rows.shape == (6, len(y0)) and same(rows[0], y0) and rows.dtype == np.float64 and last.shape == y0.shape
     nothing = same(stepper.advance(y0, 0), y0) and same(stepper.record(y0, 0, 1), y0[None])
-    yield verdict("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
+    yield Verdict("record has the start in row 0", shape and nothing, "shapes and row 0 for 50 and for 0 steps")
     decided = isinstance(getattr(stepper, "from_start", None), bool)
-    yield verdict("from_start is True or False", decided, "an attribute; False in classes that derive from Stepper")
+    yield Verdict("from_start is True or False", decided, "an attribute; False in classes that derive from Stepper")
     if method.control == "step":
         ends = (stepper.record(y0, 50, every)[-1] for every in (1, 25, 50))
-        yield verdict("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")
+        yield Verdict("record ends where advance does", all(same(end, last) for end in ends), "bits, every = 1, 25, 50")
         before = stepper.work.steps
         stepper.advance(y0, 7)
         stepper.record(y0, 6, 3)
-        yield verdict("work counts steps", stepper.work.steps == before + 13, "7 steps advanced, 6 recorded")
+        yield Verdict("work counts steps", stepper.work.steps == before + 13, "7 steps advanced, 6 recorded")
 
 
 def extremes(method: Method, quick: bool, names: Starts = ("random001" + NEGATIVE, "generic")) -> Iterator[Verdict]:
@@ -67,14 +67,14 @@ def extremes(method: Method, quick: bool, names: Starts = ("random001" + NEGATIV
     where = {what: on[0] if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …)" for what, on in bad.items()}
     how = "; ".join(f"{on}: {what}" for what, on in where.items())
     how = how or f"{len(raised)} StepErrors, the other runs finite"
-    yield Verdict("finite, or a StepError", not bad, float(sum(map(len, bad.values()))), "0", how)
+    yield Verdict("finite, or a StepError", not bad, how, float(sum(map(len, bad.values()))), "0")
     if raised:
         how = f"{len(raised)} of them"
         if others := dict.fromkeys(repr(error.method) for error in raised if error.method != method.name):
             how = f"StepErrors say {', '.join(others)}, the record says {method.name!r}: "
             how += "give FixedStepper, or StepError, the record's name"
-        yield verdict("StepErrors name the method", not others, how)
-        yield verdict("StepErrors have a reason", all(error.reason for error in raised), f"{len(raised)} of them")
+        yield Verdict("StepErrors name the method", not others, how)
+        yield Verdict("StepErrors have a reason", all(error.reason for error in raised), f"{len(raised)} of them")
 
 
 def extreme_cases(names: Starts) -> Iterator[tuple[str, Any, Array, float]]:

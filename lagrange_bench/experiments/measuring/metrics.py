@@ -116,67 +116,44 @@ def phase_split(top: LagrangeTop, y_exact: ArrayLike, error: ArrayLike) -> dict[
 
     Returns
     -------
-    "time" (nutation phase, in units of t), "angle" (precession phase, in rad), "H", "J3", "C1", "C2", each (N,).
+    "time" (nutation phase, in units of t), "angle" (precession phase, in rad), "H", "J3", "C1", "C2", and "off", the length
+    of the last four terms in scaled units, √Σ (c_I |∇I|)²; each (N,).
     Where the flows or gradients are dependent (regular precession, sleeping) "time" and "angle" cannot be separated.
     """
     y = np.atleast_2d(_floats(y_exact))
     e = np.atleast_2d(_floats(error))
     rate, size, _ = top.scales(y[0])
     unit = np.repeat((rate if rate > 0 else 1.0, size), 3)
-    basis = _torus_basis(top, y + e / 2) / unit[:, None]
+    middle = y + e / 2
+    turning = np.cross((0.0, 0.0, 1.0), middle.reshape(-1, 2, 3)).reshape(-1, 6)  # X_J3: (J, x)' = (e3 × J, e3 × x)
+    gradients = np.array([top.gradients(state) for state in middle])
+    basis = np.stack((top.rhs(middle), turning, *gradients.transpose(1, 0, 2)), axis=2) / unit[:, None]
     length = np.linalg.norm(basis, axis=-2, keepdims=True)
     basis /= np.where(length > 0, length, 1.0)
     U, s, Vt = np.linalg.svd(basis)
     keep = s > 1e-7 * s[:, :1]
     coordinates = np.einsum("nji,nj->ni", U, e / unit) * keep / np.where(keep, s, 1.0)
-    c = np.einsum("nji,nj->ni", Vt, coordinates) / np.where(length > 0, length, 1.0)[:, 0]
-    return dict(zip(("time", "angle", "H", "J3", "C1", "C2"), c.T, strict=True))
-
-
-def _torus_basis(top: LagrangeTop, y: Array) -> Array:
-    """X_H, X_J3 = P∇J3, ∇H, ∇J3, ∇C1, ∇C2 at states (N, 6) as columns, shape (N, 6, 6)."""
-    basis = np.zeros((*y.shape, 6))
-    J, x = y[:, :3], y[:, 3:]
-    basis[:, :, 0] = top.rhs(y)
-    # rotation about e3: (J, x)' = (e3×J, e3×x)
-    basis[:, 0, 1], basis[:, 1, 1], basis[:, 3, 1], basis[:, 4, 1] = -J[:, 1], J[:, 0], -x[:, 1], x[:, 0]
-    basis[:, :3, 2], basis[:, 5, 2] = J, top.alpha
-    basis[:, 2, 3] = 1.0
-    basis[:, 3:, 4] = 2 * x
-    basis[:, :3, 5], basis[:, 3:, 5] = x, J
-    return basis
+    parts = np.einsum("nji,nj->ni", Vt, coordinates)
+    c = parts / np.where(length > 0, length, 1.0)[:, 0]
+    names = ("time", "angle", "H", "J3", "C1", "C2")
+    return {**dict(zip(names, c.T, strict=True)), "off": np.linalg.norm(parts[:, 2:], axis=1)}
 
 
 # ---------------------------------------------------------------- order
 
 
 def order(h: ArrayLike, error: ArrayLike, floor: float = 0.0, saturation: float = 0.1) -> float:
-    """Order of convergence p of errors ~ h^p, from errors (N,) at several h (N,).
+    """Order of convergence p of errors ~ h^p, from errors (N,) at several h (N,): the median of the slopes between neighbours.
 
-    Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. The fit then takes the
-    longest run of neighbours whose local slopes agree within ½ or 20 % of their median. The median must exceed ½. So neither a
-    round-off plateau nor too large steps take part. NaN for fewer than 3 points.
+    Errors are left out if they are at or below 10 `floor`, above `saturation`, zero or not finite. Slopes of at most ½ are left
+    out, too: there the error is round-off. NaN for fewer than 2 slopes.
     """
     steps, errors = np.abs(_floats(h)), _floats(error)
     usable = np.flatnonzero(np.isfinite(errors) & (errors > 10 * floor) & (errors <= saturation))
-    usable = usable[np.argsort(-steps[usable], kind="stable")]
-    x, y = np.log(steps[usable]), np.log(errors[usable])
-    first, last = _straight_run(np.diff(y) / np.diff(x))
-    if last - first < 2:
-        return np.nan
-    return float(np.polyfit(x[first : last + 1], y[first : last + 1], 1)[0])
-
-
-def _straight_run(slopes: Array) -> tuple[int, int]:
-    """(a, b) so that slopes[a:b] is the longest run of slopes that agree; among equals the run at the largest h."""
-    best = (0, 0)
-    for a in range(len(slopes)):
-        for b in range(a + 1, len(slopes) + 1):
-            middle = np.median(slopes[a:b])
-            agree = middle > 0.5 and np.all(np.abs(slopes[a:b] - middle) <= max(0.5, 0.2 * middle))
-            if agree and b - a > best[1] - best[0]:
-                best = (a, b)
-    return best
+    usable = usable[np.argsort(steps[usable])]
+    slopes = np.diff(np.log(errors[usable])) / np.diff(np.log(steps[usable]))
+    slopes = slopes[slopes > 0.5]
+    return float(np.median(slopes)) if len(slopes) >= 2 else np.nan
 
 
 # ---------------------------------------------------------------- structure

@@ -50,13 +50,16 @@ def of_cell(cell: Mapping[str, Any], look_up: Callable[[str, Registry], Any] = f
     return top, top.check_state(numbers(cell["y0"]))
 
 
+UNIFORM_TOP = LagrangeTop()
+
+
 def label(state: str) -> str:
     """The name of a top in figures."""
     return str(NAMED_TOPS[state].label) if state in NAMED_TOPS else state
 
 
-def methods_on(state: str | None = None) -> dict[str, Method]:
-    """Name → method, for the methods that take the problem of a state; None: a top in a uniform field.
+def methods_on(problem: Any = UNIFORM_TOP) -> dict[str, Method]:
+    """Name → method, for the methods that take a problem; by default a top in a uniform field.
 
     `backlund_splitting` is left out in a uniform field, where it is `backlund`. A plug-in that cannot be loaded is left out, too:
     `lagrange-bench methods` says why.
@@ -64,10 +67,9 @@ def methods_on(state: str | None = None) -> dict[str, Method]:
     from lagrange_bench.integrators import METHODS
 
     loaded = {name: method for name, method, _ in METHODS.each() if method}
-    top = find(state)[0] if state else LagrangeTop()
-    if kinds.uniform(top):
+    if kinds.uniform(problem):
         loaded.pop("backlund_splitting", None)
-    return {name: m for name, m in loaded.items() if m.takes(top) is None}
+    return {name: m for name, m in loaded.items() if m.takes(problem) is None}
 
 
 def log_counts(last: int, per_octave: int) -> list[int]:

@@ -1,44 +1,26 @@
-"""Times short functions: calibrated, repeated, in turn, with all samples kept.
+"""Times short functions: calibrated, repeated, in turn, with all samples kept, in s per call.
 
-Quote the minimum. It repeats within a few per cent between processes; the mean does not. The first call compiles and belongs to
-no sample.
+Each sample is the mean over some calls in a row. Quote the minimum. It repeats within a few per cent between processes; the mean
+does not. The first call compiles and belongs to no sample.
 """
-
-from __future__ import annotations
 
 import timeit
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
+
+from lagrange_bench.integrators.interface import Array
 
 
-@dataclass(frozen=True)
-class Timing:
-    """Samples of one function, in s per call. Each is the mean over `loops` calls in a row."""
-
-    loops: int
-    samples: tuple[float, ...]
-
-    @property
-    def min(self) -> float:
-        return min(self.samples)
-
-    def ratios(self, reference: Timing) -> NDArray[np.float64]:
-        """The samples over the samples of `reference`, round by round, (repeats,). Both must come from one `interleave`."""
-        return np.array(self.samples) / np.array(reference.samples)
-
-
-def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: int = 7) -> Timing:
-    """Time `function()`; see `interleave`."""
+def time_call(function: Callable[[], object], min_time: float = 0.02, repeats: int = 7) -> Array:
+    """The samples (repeats,) of `function()`; see `interleave`."""
     return interleave({"": function}, min_time, repeats)[""]
 
 
 def interleave(
     functions: Mapping[str, Callable[[], object]], min_time: float = 0.02, repeats: int = 7
-) -> dict[str, Timing]:
+) -> dict[str, Array]:
     """Time several functions in one process in turn (AB BA AB …), so that all of them meet the same disturbances.
 
     No function always comes first, and no garbage is collected meanwhile.
@@ -46,19 +28,21 @@ def interleave(
     Parameters
     ----------
     functions : name → function without arguments. min_time : s, the least length of a sample: calls are repeated until it is
-    reached. repeats : number of samples, ≥ 1.
+    reached. repeats : number of samples.
+
+    Returns
+    -------
+    Name → samples (repeats,), in s per call. Samples of two functions in the same round may be divided.
     """
-    if repeats < 1:
-        raise ValueError(f"repeats must be at least 1; got {repeats}")
     timers = {name: timeit.Timer(function, timer=perf_counter) for name, function in functions.items()}
     for timer in timers.values():
         timer.timeit(1)  # compiles
     loops = {name: _calibrate(timer, min_time) for name, timer in timers.items()}
-    samples: dict[str, list[float]] = {name: [] for name in functions}
+    samples = {name: np.empty(repeats) for name in functions}
     for round_ in range(repeats):
         for name in timers if round_ % 2 == 0 else reversed(timers):
-            samples[name].append(timers[name].timeit(loops[name]) / loops[name])
-    return {name: Timing(loops[name], tuple(samples[name])) for name in functions}
+            samples[name][round_] = timers[name].timeit(loops[name]) / loops[name]
+    return samples
 
 
 def _calibrate(timer: timeit.Timer, min_time: float) -> int:

@@ -18,9 +18,9 @@ class Verdict:
 
     claim: str
     passed: bool | None
-    measured: float | None
-    bound: str
     how: str
+    measured: float | None = None
+    bound: str = ""
     at: str = ""
 
     def __str__(self) -> str:
@@ -44,18 +44,7 @@ class Worst(NamedTuple):
         size = float("inf") if np.isnan(size) else float(size)
         return self if self.at and size <= self.size else Worst(size, f"{start.name}, h_scaled = {span:g}")
 
-    @property
-    def where(self) -> str:
-        return f"; largest on {self.at}" if self.at else ""
-
     def verdict(self, claim: str, bound: float, how: str) -> Verdict:
         """Whether it is at most the bound."""
-        return Verdict(claim, self.size <= bound, self.size, f"≤ {bound:.2g}", how + self.where, self.at)
-
-
-def verdict(claim: str, passed: bool, how: str) -> Verdict:
-    return Verdict(claim, bool(passed), None, "", how)
-
-
-def not_judged(claim: str, why: str) -> Verdict:
-    return Verdict(claim, None, None, "", why)
+        where = f"; largest on {self.at}" if self.at else ""
+        return Verdict(claim, self.size <= bound, how + where, self.size, f"≤ {bound:.2g}", self.at)
