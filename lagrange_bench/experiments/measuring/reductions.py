@@ -41,20 +41,16 @@ def with_failures(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> 
 
 def missing_value(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> pd.Series:
     """For each measured row the name of the first missing number, or ""."""
-    missing = np.full(len(rows), "", dtype=object)
-    if "status" not in rows:
-        return pd.Series(missing, index=rows.index)
-    done = (rows["status"] == "done").to_numpy()
-    for name in EXCUSES:
-        if name in rows:
-            done = done & rows[name].isna().to_numpy()
-    poor = rows["error"].to_numpy(dtype=float) > USEFUL if "error" in rows else np.zeros(len(rows), dtype=bool)
+    missing = pd.Series("", index=rows.index, dtype=object)
+    known = rows.reindex(columns=["status", "error", *EXCUSES])
+    done = known["status"].eq("done") & known[[*EXCUSES]].isna().all(axis=1)
+    poor = known["error"].astype(float) > USEFUL
     for part, names in measured.items():
-        here = done & in_part(rows, part).to_numpy()
+        here = done & in_part(rows, part)
         for name in names:
             if name in rows:
-                missing[here & rows[name].isna().to_numpy() & ~(poor & (name in TIMED)) & (missing == "")] = name
-    return pd.Series(missing, index=rows.index)
+                missing[here & rows[name].isna() & ~(poor & (name in TIMED)) & missing.eq("")] = name
+    return missing
 
 
 def in_part(rows: pd.DataFrame, part: str) -> pd.Series:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -128,24 +127,17 @@ def sample(top: LagrangeTop, y0: Array, method: str, h: float, counts: list[int]
     times = h * np.array(counts, dtype=float)
     if METHODS[method].control == "tolerance":
         return times, integrate(top, y0, t=times, method=method, **options).states
-    stepper = prepare(top, y0, h, method, **options)
-    return times, np.array([y for y, _ in follow(stepper, y0, counts)])
-
-
-def follow(stepper: Stepper, y0: Array, counts: Iterable[int]) -> Iterator[tuple[Array, float]]:
-    """The state after each of `counts` steps (rising), and the seconds spent on stepping so far."""
-    y, done, seconds = y0, 0, 0.0
+    stepper, y, done, states = prepare(top, y0, h, method, **options), y0, 0, []
     for n in counts:
         if stepper.from_start:  # its error must not depend on where it is sampled
-            y, done, seconds = y0, 0, 0.0
-        start = perf_counter()
+            y, done = y0, 0
         try:
             y, done = stepper.advance(y, n - done), n
         except StepError as error:
             step = None if error.step is None else done + error.step
             raise StepError(error.method, error.reason, h=error.h, step=step) from None
-        seconds += perf_counter() - start
-        yield y, seconds
+        states.append(y)
+    return times, np.array(states)
 
 
 def truth(top: Any, y0: Array, method: Method, h: float, counts: ArrayLike) -> Array:
