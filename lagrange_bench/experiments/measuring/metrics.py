@@ -36,13 +36,6 @@ def relative_drift(invariants: ArrayLike, scales: ArrayLike) -> Array:
     return drift
 
 
-def ulps(invariants: ArrayLike, scales: ArrayLike) -> Array:
-    """I − I[0] in units of the last place of the scale, (N, k); arguments as of `relative_drift`."""
-    I = _floats(invariants)
-    units: Array = (I - I[0]) / np.spacing(np.abs(_floats(scales)))
-    return units
-
-
 def scaled_error(problem: Any, y0: ArrayLike, y: ArrayLike, y_exact: ArrayLike) -> Array:
     """The largest |δvector|/scale of states (..., n), with the scales of y0 (n,); shape (...,). A top has the vectors J and x."""
     return scaled_distance(problem, y0, _floats(y), _floats(y_exact))
