@@ -72,19 +72,12 @@ def stored() -> pd.DataFrame:
     return Store(REFERENCE).rows("engines")
 
 
-@cache
-def orders() -> pd.DataFrame:
-    """Integrators of engines with their errors at the step of the documents, `position`."""
-    errors = figures.tables(stored())["orders"]
-    return errors.rename(columns={"position, h = 1/1024": "position"})
-
-
 def defaults() -> list[str]:
     """The table of programs in the README: how far each is off by default → as its documents advise, first on `slow`.
 
     It has the programs with both. Of two defaults it has the one of the same kind as the advice: the last.
     """
-    errors = orders()
+    errors = figures.tables(stored())["orders"].rename(columns={"position, h = 1/1024": "position"})
     lines = []
     for engine, rows in errors.groupby("engine", sort=False):
         chosen = [rows[rows.setting == programs.WORDS[setting]] for setting in (programs.DEFAULT, programs.BEST)]

@@ -3,7 +3,7 @@
 import contextlib
 import math
 import warnings
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,12 @@ class Results(Mapping[str, pd.DataFrame]):
         if {"seconds", "setup_seconds"} <= set(rows):
             rows["total"] = rows["seconds"] + rows["setup_seconds"]
         scaled = declared(experiment, "SCALED_TIMES")
-        return in_both_units(rows, parts=None if scaled is True else scaled) if scaled else rows
+        if not scaled:
+            return rows
+        if "top" not in rows:
+            rows["top"] = None
+        units = {top: _unit(group.iloc[0]) for top, group in rows.groupby("top", sort=False)}
+        return in_both_units(rows, units, True if scaled is True else rows["part"].isin(scaled))
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._store.experiments())
@@ -76,24 +81,16 @@ def load(results: str | Path = "reference") -> Results:
     return Results(find_results(results))
 
 
-def in_both_units(
-    rows: pd.DataFrame, known: Mapping[str, float] | None = None, parts: Collection[str] | None = None
-) -> pd.DataFrame:
+def in_both_units(rows: pd.DataFrame, known: Mapping[str, float], scaled: Any = True) -> pd.DataFrame:
     """Rows with each time in both units: `h_scaled` in the time scale of the top, `h` in its own unit, and so on.
 
-    `h` is NaN if the top of a row is not known here.
+    `h` is NaN if the top of a row is not known.
 
-    known : time scales of tops. parts : the parts whose times are stored in time scales; None: all.
+    known : time scales of tops. scaled : whether the times of the rows are in time scales, of all or of each.
     """
     times = [name for name in TIMES if name in rows]
-    if not times:
-        return rows
     frame = rows.rename(columns={name: f"{name}_scaled" for name in times})
-    units = np.full(len(rows), math.nan)
-    if "top" in rows:
-        known = known or {name: _unit(group.iloc[0]) for name, group in rows.groupby("top", sort=False)}
-        units = rows["top"].map(known).to_numpy(dtype=float)
-    scaled = np.full(len(rows), True) if parts is None else rows["part"].isin(parts).to_numpy()
+    units = rows["top"].map(known).astype(float)
     for name in times:
         place = int(frame.columns.get_loc(f"{name}_scaled"))
         frame.insert(place, name, rows[name] * np.where(scaled, units, 1.0))

@@ -2,7 +2,6 @@
 
 import io
 import os
-import re
 import resource
 import sys
 from functools import partial
@@ -131,7 +130,7 @@ def test_damaged_machine_code_is_compiled_anew(tmp_path):
     assert run() == [number, "1"], "the cache is whole again"
 
 
-@pytest.mark.parametrize(("person", "said"), [(True, r"compiling: \d+ s\n"), (False, "")])
+@pytest.mark.parametrize(("person", "said"), [(True, "compiling …\n"), (False, "")])
 def test_a_person_is_told_of_long_compiling_once(person, said, monkeypatch):
     @compiled
     def inner(x):
@@ -146,7 +145,7 @@ def test_a_person_is_told_of_long_compiling_once(person, said, monkeypatch):
     monkeypatch.setattr(stream, "isatty", lambda: person)
     monkeypatch.setattr(sys, "stderr", stream)
     outer(1.0)
-    assert re.fullmatch(said, stream.getvalue())
+    assert stream.getvalue() == said
 
 
 def test_compilation_switched_off_later_changes_nothing(monkeypatch):
