@@ -17,6 +17,7 @@ import shlex
 import shutil
 import sys
 import tempfile
+from decimal import Decimal
 from pathlib import Path
 from typing import NamedTuple
 
@@ -78,18 +79,13 @@ def agree(printed: str, shown: str) -> bool:
 
 
 def _same_number(printed: str, shown: str) -> bool:
-    a, b = (float(text.replace("−", "-")) for text in (printed, shown))
+    a, b = (Decimal(text.replace("−", "-")) for text in (printed, shown))
     if max(abs(a), abs(b)) <= ROUND_OFF:
         return True
     if not {".", "e"} & {*printed, *shown}:
         return printed == shown
-    return abs(a - b) <= max(1.01 * min(map(_last_digit, (printed, shown))), ROUND_OFF * abs(b))
-
-
-def _last_digit(number: str) -> float:
-    """The size of a unit in the last digit that is shown."""
-    mantissa, _, power = number.partition("e")
-    return 10.0 ** (int(power or 0) - len(mantissa.partition(".")[2]))
+    last_digit = min(10.0 ** int(number.as_tuple().exponent) for number in (a, b))
+    return float(abs(a - b)) <= max(1.01 * last_digit, ROUND_OFF * abs(float(b)))
 
 
 def execute(page: Path) -> list[tuple[Block, str]]:

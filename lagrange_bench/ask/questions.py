@@ -40,7 +40,7 @@ from lagrange_bench.integrators.interface import StepWarning
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.top import NamedTop
 from lagrange_bench.integrators.registry import NAMED_TOPS, find_method
-from lagrange_bench.integrators.start import Start, is_taken
+from lagrange_bench.integrators.start import Start
 from lagrange_bench.integrators.truth import truths
 
 Cell = dict[str, Any]
@@ -77,7 +77,7 @@ def drift(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.125)
-    request = _Request(methods, _starts(tops))
+    request = _Request(methods, tops)
     frame = request.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
     for top in request.tops:
         here, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
@@ -108,7 +108,7 @@ def phase(
     """
     steps = check_count(steps, "steps", least=1)
     step = _step(h, h_scaled, 0.25)
-    request = _Request(methods, _starts(tops))
+    request = _Request(methods, tops)
     for top in request.tops:
         if not truths.closed_form(top.top) and step(top.unit) * steps > truths.LONGEST:
             beyond = f"beyond {truths.LONGEST:g} time scales; take fewer"
@@ -133,7 +133,7 @@ def order(methods: Methods, tops: Tops = "generic") -> Comparison:
         short runs, divided by the number of steps. A method without an order has one row, whose `order` is "exact", or "own
         steps" if the method chooses them.
     """
-    request = _Request(methods, _starts(tops))
+    request = _Request(methods, tops)
 
     def measure(cell: Cell) -> list[Cell]:
         method = METHODS[cell["method"]]
@@ -180,7 +180,7 @@ def work_precision(
     ValueError
         Also if there is no run with an error below 0.1 within `longest`.
     """
-    request, span = _Request(methods, _starts(tops)), _step(t, t_scaled, 100.0, "t")
+    request, span = _Request(methods, tops), _step(t, t_scaled, 100.0, "t")
     if not check_real(longest, "longest") > 0:
         raise ValueError(f"longest must be positive; got {longest!r}")
     uniform = {top.name for top in request.tops if kinds.uniform(top.top)}
@@ -203,18 +203,18 @@ def work_precision(
 class _Request:
     """Methods and starts, each of another name; every method takes every problem."""
 
-    def __init__(self, methods: Methods, tops: tuple[Start, ...]):
+    def __init__(self, methods: Methods, tops: Tops):
         if not isinstance(methods, str | Method | Iterable):
             raise ValueError(f"methods must be names or Method objects; got {methods!r}")
         listed = [methods] if isinstance(methods, str | Method) else methods
-        self.methods, self.tops = tuple(find_method(method) for method in listed), tops
-        for word, named in (("methods", self.methods), ("tops", tops)):
+        self.methods, self.tops = tuple(find_method(method) for method in listed), Start.each_of(tops)
+        for word, named in (("methods", self.methods), ("tops", self.tops)):
             names = [each.name for each in named]
             if len(set(names)) < max(len(names), 1):
                 raise ValueError(f"{word}: give at least one, and each name once; got {names}")
-        if still := [top.name for top in tops if not np.isfinite(top.unit)]:
+        if still := [top.name for top in self.tops if not np.isfinite(top.unit)]:
             raise ValueError(f"tops: {still[0]} is at rest for ever: its time has no scale")
-        refused = [reason for top in tops for method in self.methods if (reason := method.takes(top.top))]
+        refused = [reason for top in self.tops for method in self.methods if (reason := method.takes(top.top))]
         if refused:
             raise ValueError(f"methods: {'; '.join(refused)}")
 
@@ -239,16 +239,6 @@ class _Request:
         labels = {top.name: top.label for top in self.tops}
         invariants = tuple(dict.fromkeys(name for top in self.tops for name in top.top.names))
         return Comparison(frame, x, y, self.methods, labels, invariants)
-
-
-def _starts(tops: Tops) -> tuple[Start, ...]:
-    """The starts of `tops`; ValueError if one has the name of another top of the bench."""
-    starts = Start.each_of(tops)
-    for start in starts:
-        known = Start.of(start.name) if is_taken(start.name) else start
-        if known.top != start.top or known.state.tolist() != start.state.tolist():
-            raise ValueError(f"tops: the bench has a top named {start.name}; give another name: ('mine', problem, y0)")
-    return starts
 
 
 def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:
