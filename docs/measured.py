@@ -4,8 +4,6 @@ In heavy-top.md stand published numbers (docs/published.toml) beside the exact m
 experiment `engines`. tests/test_docs.py compares.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterable
 from functools import cache

@@ -3,8 +3,6 @@
 Bodies × what a program does wrong or a reader misreads × integrators × digits, drawn by a seed. The exact motion is by DOP853.
 """
 
-from __future__ import annotations
-
 import sys
 import warnings
 from collections.abc import Callable, Iterable

@@ -1,7 +1,5 @@
 """What a page was drawn from, in words, and in commands that do not depend on where the page was built."""
 
-from __future__ import annotations
-
 import os
 import shlex
 from dataclasses import dataclass, replace

@@ -4,8 +4,6 @@ Only the errata of the paper are not stored: their formulas are evaluated while 
 the results are printed as powers of ten, so that the same bytes come out every time.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections import Counter

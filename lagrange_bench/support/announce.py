@@ -1,7 +1,5 @@
 """Tells a person at a terminal what he waits for."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 import threading

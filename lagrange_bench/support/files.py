@@ -1,7 +1,5 @@
 """Writes files whole or not at all, finds the folder of caches, and reads TOML."""
 
-from __future__ import annotations
-
 import errno
 import os
 import secrets

@@ -1,7 +1,5 @@
 """Holds Ctrl-C back until a piece of work is whole."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """mpmath and FLINT with more digits, for one thread at a time: each has one precision for the whole process."""
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager

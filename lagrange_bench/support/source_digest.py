@@ -4,8 +4,6 @@ A file may be edited while a process runs. So a process reads a file once, befor
 asks afterwards whether the file was edited: `SourceDigest.edited`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import sys
 from importlib.machinery import PathFinder

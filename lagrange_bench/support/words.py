@@ -1,7 +1,5 @@
 """Reads the words that a user writes, on a command line or in a file, and suggests the word he may have meant."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

@@ -1,7 +1,5 @@
 """Backward error analysis: power series of steps are those steps, and runs go wrong as predicted."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
