@@ -1,7 +1,5 @@
 """What is wrong with the rows of a file, and how wrong they are when they are read as a finding says."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace

@@ -9,8 +9,6 @@ Each fit looks at the rows as the findings before it mend them, so that two mist
 none: a law that holds to 3e-3 needs no cause, rows that are far apart are asked for their frames only, and digits hide misfits.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Mapping
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """The causes that `judge` names: a sentence with its number for each, and what mends it."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterable, Mapping

@@ -9,8 +9,6 @@ The least score wins if it beats the rows as they are read (cost 0) by a further
 because the end of a run that blows up means nothing. A factor and not a likelihood, because misfits are systematic, not noise.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple

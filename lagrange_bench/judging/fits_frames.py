@@ -7,8 +7,6 @@ W and B together maximize Σ tr(R_exactᵀ W R B); each alone is a problem of Ka
 its start and lost at its end, so the first 3, 5, 9, … rows and all of them are tried.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple

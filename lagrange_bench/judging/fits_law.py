@@ -12,8 +12,6 @@ The terms T are what a program may add or leave out, and the coefficient a is th
     gravity     T = ∫ m c × e_i dt          a: three numbers, what is added to g
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Mapping

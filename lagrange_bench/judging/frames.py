@@ -1,7 +1,5 @@
 """The frames and orders in which a trajectory of a rigid body is written, and its errors in them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """Vectors, rotations and axes of many rows at once."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

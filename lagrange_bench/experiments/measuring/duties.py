@@ -1,7 +1,5 @@
 """Tests the duties of every stepper, whatever its method claims: it is a function of its arguments, and never gives a NaN."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import product
 from typing import Any

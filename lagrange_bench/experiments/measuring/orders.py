@@ -5,8 +5,6 @@ term, of relative size h, changes its sign with h and drops out. So order 20 can
 (e.g. Adams) one step would be a step of its starter: the errors come from runs of one length.
 """
 
-from __future__ import annotations
-
 import contextlib
 from itertools import product
 from typing import NamedTuple

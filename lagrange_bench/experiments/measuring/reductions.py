@@ -5,8 +5,6 @@ measured row lacks a number that every row of its part has (`MEASURED` of the ex
 exceptions: a row may give the reason (`reason`, `predicted`), and a run with an error above USEFUL is not timed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 

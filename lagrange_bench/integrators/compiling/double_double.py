@@ -6,8 +6,6 @@ compiles quicker. Only `two_sum` also serves in compensated sums. Operands must 
 by powers of two first.
 """
 
-from __future__ import annotations
-
 import math
 
 from lagrange_bench.integrators.compiling.compiled import jit

@@ -5,8 +5,6 @@ mpmath numbers, heyoka expressions and, through `machine_code`, in compiled kern
 the function stands. Bits are the same everywhere if the formula is algebraic; sin, cos, exp and log come from the C library.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections import Counter

@@ -3,8 +3,6 @@
 They use only Numba's public interface (`numba.extending`). Each has a Python function that does the same without compilation.
 """
 
-from __future__ import annotations
-
 import operator
 from collections.abc import Callable
 from typing import Any

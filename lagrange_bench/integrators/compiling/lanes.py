@@ -3,8 +3,6 @@
 It takes the kernels of `loops`, but they must not fail, and they carry nothing from step to step.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from functools import cache

@@ -25,8 +25,6 @@ is taken modulo the nutation period; a whole period is a rotation about e3, `tim
 Sources: Whittaker & Watson, A Course of Modern Analysis, 20.3 and 23.7; DLMF 23.10, 29.2; matrix form: this project.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit

@@ -11,8 +11,6 @@ Constants are computed in double-double and rounded once. What is left of round-
 is moved back onto its own H, C1 and C2 by the smallest correction, about 1e-16 in size.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -4,8 +4,6 @@ A kick leaves the torus, so every flow has another λ and m. They come from a ta
 trial run with long steps shows how wide the box must be.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -3,8 +3,6 @@
 `backlund_splitting` says what each scheme is for, docs/perturbed.md derives them.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from functools import cache

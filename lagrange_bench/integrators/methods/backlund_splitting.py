@@ -28,8 +28,6 @@ Blanes, Casas, Farrés, Laskar, Makazaga & Murua, Appl. Numer. Math. 68 (2013) 5
 table, this corrector: this project.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import partial

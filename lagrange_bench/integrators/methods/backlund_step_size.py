@@ -4,8 +4,6 @@ Along the motion V has harmonics of the nutation's frequency and, if it depends 
 harmonic that comes near 2π/h.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The paper's MATLAB program (section 5.7): the two-point map in complex form. It is here to show what the real form gains."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -22,8 +22,6 @@ Source: Bobenko & Suris, Commun. Math. Phys. 204 (1999) 147, the discrete Lagran
 and its energy: this project.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -4,8 +4,6 @@ A symmetric body with the moment A across its axis a has a top J = R L/A, x = R 
 the top does not know, is that of the closed form. So L = A Rᵀ J.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -4,8 +4,6 @@ Such a method supplies `run(y, grid, work) -> (len(grid), 6)`: the states at the
 away from 0. `run` counts its work in `work`, leaves `y` alone, and raises `StepError` if the library reports a failure.
 """
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Callable, Iterator, Mapping

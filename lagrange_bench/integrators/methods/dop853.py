@@ -11,8 +11,6 @@ Source: Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (19
 the program DOP853.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from fractions import Fraction

@@ -24,8 +24,6 @@ Ordinary Differential Equations II, IV.5 (the W-transformation); Antoñana, Maka
 Hairer, McLachlan & Razakarivony, BIT 48 (2008) 231 (round-off). Uniqueness: this project.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from itertools import accumulate

@@ -10,8 +10,6 @@ in every step the same way, and the invariants would drift in proportion to time
 Source: Antoñana, Makazaga & Murua, Numer. Algorithms 76 (2017) 861 (μ).
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from functools import cache

@@ -17,8 +17,6 @@ it stagnates: the rest that a tolerance leaves has a direction, and drifts, too.
 Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, sections II.1.1 and IV.2.1; reduction and cubic: this project.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -32,8 +32,6 @@ Suris, Regul. Chaotic Dyn. 16 (2011) 245 (body frame). Rest frame, e, r0, κ and
 them in rational arithmetic.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

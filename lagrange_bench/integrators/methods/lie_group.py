@@ -19,8 +19,6 @@ Sources: Munthe-Kaas, Appl. Numer. Math. 29 (1999) 115; Munthe-Kaas & Owren, Phi
 commutators).
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from typing import Any

@@ -6,8 +6,6 @@ is not a top in a fixed potential.
 Source: McLachlan, SIAM J. Sci. Comput. 16 (1995) 151.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import cache
 from itertools import accumulate, chain, zip_longest

@@ -17,8 +17,6 @@ Sources: the tableaux's; projection: Hairer, Lubich & Wanner, Geometric Numerica
 Levenberg, Q. Appl. Math. 2 (1944) 164.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import replace

@@ -9,8 +9,6 @@ the number of rejected steps follows from the number of stages.
 Sources: Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19; Virtanen et al., Nature Methods 17 (2020) 261.
 """
 
-from __future__ import annotations
-
 import contextlib
 import math
 from collections.abc import Callable

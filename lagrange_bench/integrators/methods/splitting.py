@@ -29,8 +29,6 @@ flows.
 Sources: with each scheme; McLachlan & Quispel, Acta Numerica 11 (2002) 341; this form of the rotation: this project.
 """
 
-from __future__ import annotations
-
 from functools import cache, partial
 from typing import Any
 

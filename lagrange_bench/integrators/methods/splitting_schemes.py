@@ -3,8 +3,6 @@
 `SCHEMES` lists them by name, each with its source. `splitting` applies them to a top, `part_splitting` to any parts of H.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -13,8 +13,6 @@ it. On a chaotic motion runs never agree.
 Source: this project; Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.4.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from typing import Any

@@ -4,8 +4,6 @@ There is one row for each stage after the first, from column 1 on; `b` are the w
 source. The tests check every order condition (rooted trees) to these digits.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 

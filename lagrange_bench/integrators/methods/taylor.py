@@ -17,8 +17,6 @@ J3, whose coefficients vanish, is conserved; no other invariant is. One right-ha
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99; Biscani & Izzo, MNRAS 504 (2021) 2614 (heyoka).
 """
 
-from __future__ import annotations
-
 import copy
 import math
 import threading

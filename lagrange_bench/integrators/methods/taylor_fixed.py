@@ -6,8 +6,6 @@ side is counted for each Taylor coefficient: `order` in each step.
 Source: Jorba & Zou, Exp. Math. 14 (2005) 99.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import lru_cache

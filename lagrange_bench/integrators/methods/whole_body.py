@@ -23,8 +23,6 @@ Methods Eng. 31 (1991) 19 (not seen: the formulas are ours); Brüls, Cardona & A
 121 (generalized-α).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from functools import cache

@@ -1,7 +1,5 @@
 """The two-point map with any λ, such as the paper's: its constants, and one single step."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

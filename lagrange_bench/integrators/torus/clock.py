@@ -8,8 +8,6 @@ segment or at its end. `time_step` computes the inverse, λ from the time, and f
 Source: paper, section 5.6, (5.6.11) corrected; docs/exact-step.md, section 1.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

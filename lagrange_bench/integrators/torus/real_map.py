@@ -9,8 +9,6 @@ The denominator vanishes only at the unstable sleeping top if λ is the double r
 |J| + √(|alpha||x|) of order one. One array holds the constants of a torus and a step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

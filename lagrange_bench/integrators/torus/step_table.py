@@ -7,8 +7,6 @@ it has all digits: relative to the functions, the coefficients of its two highes
 `tables` makes tables; `look_up` gives λ = R + iη and m = mr + i mi at (u, v). Source: this project.
 """
 
-from __future__ import annotations
-
 from functools import cache
 from typing import Any
 

@@ -25,8 +25,6 @@ nutation period, and λ' goes to infinity there. With one division and one root 
 All is in double-double arithmetic, because an error of one ulp in the time step is a phase error that grows for ever.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

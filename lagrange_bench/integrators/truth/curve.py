@@ -40,8 +40,6 @@ Sources: Miller, The Weil pairing, and its efficient calculation, J. Cryptology 
 Johansson, Arb: efficient arbitrary-precision midpoint-radius interval arithmetic, arXiv 1611.02831.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from operator import mul

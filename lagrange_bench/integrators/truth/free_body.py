@@ -20,8 +20,6 @@ The numbers of the start are taken as exact. q/|q| is the rotation, and |q| stay
 Sources: Jacobi, Gesammelte Werke 2 (1882) 289; Whittaker, Analytical Dynamics, section 69. Tested against `truth.rigid_body`.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from flint import acb, arb, fmpq
 

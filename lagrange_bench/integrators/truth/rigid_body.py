@@ -9,8 +9,6 @@ The rows r of R obey r' = r × Ω. Numbers are integers, multiples of 2^-b, so o
 Source for degree and step: Jorba and Zou, Exp. Math. 14 (2005) 99, section 3.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """Quaternions and rotation matrices of exact numbers and of balls: scalar first, of any length, from body to world."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any

@@ -15,8 +15,6 @@ The numbers of the start are taken as exact. q/|q| is the rotation, and |q| stay
 Source: Klein & Sommerfeld, Theorie des Kreisels, chapter VI.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from flint import acb, arb, fmpq
 

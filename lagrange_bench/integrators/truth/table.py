@@ -9,8 +9,6 @@ The sums in doubles are tested against balls, to 5e-16 of the scales of a top (s
 operations); they are not proven.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, cast

@@ -31,8 +31,6 @@ Sources: Whittaker, Analytical Dynamics, sections 71–72; Whittaker & Watson, 2
 derived again, and tested against Taylor series in integers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar, cast

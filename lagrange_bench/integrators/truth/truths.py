@@ -1,7 +1,5 @@
 """The truth about a run: the exact solution if there is a closed form, else the reference solution."""
 
-from __future__ import annotations
-
 import math
 from decimal import ROUND_DOWN, Context
 from typing import Any
