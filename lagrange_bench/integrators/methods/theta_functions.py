@@ -32,6 +32,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import ellipkm1, elliprf
 
 from lagrange_bench.integrators.checks import as_state
 from lagrange_bench.integrators.compiling.compiled import jit
@@ -41,8 +42,6 @@ from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, MEMORY, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.closed_body import BodyStepper, closed_form
-from lagrange_bench.integrators.methods.lie_group import add as add_vector
-from lagrange_bench.integrators.methods.lie_group import cross, times
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.problem.top import LagrangeTop
@@ -54,11 +53,12 @@ KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = 
 RATE_J, RATE_X, SIZE_J, SIZE_X, SIZE_A2, SIZE_B2, PSI_RE, PSI_IM, J3 = range(11, 20)
 START = 20  # the initial state
 TERMS = 4
-COS_J, SIN_J, COS_A, SIN_A, COS_B, SIN_B, THETA = range(26, 26 + 7 * TERMS, TERMS)
-SIZE = THETA + TERMS
+EVEN_J, ODD_J, EVEN_A, ODD_A, EVEN_B, ODD_B, BELOW, SIZE = range(
+    26, 27 + 7 * TERMS, TERMS
+)  # coefficients of the series
 
 NAME = "theta_functions"
-REST, FREE, DIRECT, TRANSFORMED, TOO_UPRIGHT = range(5)
+REST, DIRECT, TRANSFORMED = range(3)
 TOO_LATE = 1
 LATEST = 1e15  # in units of 1/(|J| + √(|alpha||x|)); doubles of later times say nothing about the phase
 FAILURES = {
@@ -66,14 +66,13 @@ FAILURES = {
 }
 WEIGHTLESS = 2.0**-100  # a smaller alpha, in units of the orbit, changes no double at any admissible time
 UPRIGHT = 1e-40  # least J+ or x+, in units of the orbit: the fourth powers of smaller ones underflow
+FOREVER = 1e300  # the period on the separatrix; products with it do not overflow
 state_of = tuple_loader(6)
 
 
 @jit
 def reduced(t, c):
     """The number n of whole periods since t0, and the rest r in [−T/2, T/2]; n T is subtracted in double-double."""
-    if c[PERIOD] == math.inf:
-        return 0.0, t + c[TIME_0]
     n = np.rint((t + c[TIME_0]) / c[PERIOD])
     p, e = two_prod(n, c[PERIOD])
     return n, ((t - p) - (e + n * c[PERIOD_LO])) + c[TIME_0]
@@ -87,64 +86,53 @@ def turned(n, turn, turn_lo):
 
 
 @jit
+def unit(angle):
+    return complex(math.cos(angle), math.sin(angle))
+
+
+@jit
 def direct(v, c):
     """θ2(v − iσβ)/θ4(v) for J+ and A, θ1(v − iσβ)/θ4(v) for B, each up to a constant."""
-    z = complex(math.cos(v), math.sin(v))
-    zz = z * z
+    z = unit(v)
+    zz, even = z * z, complex(1.0, 0.0)
     J = A = B = complex(0.0, 0.0)
-    theta, even, sign = 1.0, complex(1.0, 0.0), 1.0
+    below = 0.0
     for n in range(TERMS):
-        J += complex(c[COS_J + n] * z.real, c[SIN_J + n] * z.imag)
-        A += complex(c[COS_A + n] * z.real, c[SIN_A + n] * z.imag)
-        B += complex(c[COS_B + n] * z.imag, -(c[SIN_B + n] * z.real)) * sign
-        z *= zz
+        J += complex(c[EVEN_J + n] * z.real, c[ODD_J + n] * z.imag)
+        A += complex(c[EVEN_A + n] * z.real, c[ODD_A + n] * z.imag)
+        B += complex(c[EVEN_B + n] * z.imag, c[ODD_B + n] * z.real)
+        below += c[BELOW + n] * even.real
         even *= zz
-        sign = -sign
-        theta += c[THETA + n] * even.real
-    return J / theta, A / theta, B / theta
+        z *= zz
+    return J / below, A / below, B / below
 
 
 @jit
 def transformed(v, c):
     """θ4(σb + iV)/θ2(iV) for J+ and A, −i θ1(σb + iV)/θ2(iV) for B; all sums times e^−|V|."""
     V = abs(v)
-    q, decay = c[NOME], math.exp(-V)
-    u = math.exp(2.0 * (V - c[BARRIER])) if q > 0.0 else 0.0  # q e^2V
-    d2 = decay * decay
-    J, A, B = complex(decay, 0.0), complex(decay, 0.0), complex(0.0, 0.0)
-    theta = 0.0
-    grow, fall, power, tail = 1.0, 1.0, 1.0, d2  # u^n, e^−2nV, q^(n²), q^n e^−(2n+2)V
-    q_n = 1.0
+    decay, u = math.exp(-V), math.exp(2.0 * (V - c[BARRIER]))  # u = q e^2V
+    d = decay * decay
+    J = A = B = complex(0.0, 0.0)
+    below, rise, fall = 0.0, 1.0, 1.0
     for n in range(TERMS):
-        if n > 0:  # q^(n²) cosh, sinh of 2nV
-            x, y = grow * power / q_n, power * fall
-            even, odd = decay * (x + y), decay * (x - y)
-            J += complex(c[COS_J + n] * even, c[SIN_J + n] * odd)
-            A += complex(c[COS_A + n] * even, c[SIN_A + n] * odd)
-        # q^(n²+n) cosh, sinh of (2n+1)V
-        x, y = power * grow, power * tail
-        theta += x + y
-        B += complex(c[COS_B + n] * (x - y), c[SIN_B + n] * (x + y))
-        grow *= u
-        fall *= d2
-        q_n *= q
-        tail *= q * d2
-        power *= q_n * q_n / q if q > 0.0 else 0.0
-        if power == 0.0:
-            break
+        even, odd = decay * (rise + fall), decay * (rise - fall)  # 2 qⁿ cosh 2nV, 2 qⁿ sinh 2nV
+        J += complex(c[EVEN_J + n] * even, c[ODD_J + n] * odd)
+        A += complex(c[EVEN_A + n] * even, c[ODD_A + n] * odd)
+        even, odd = rise + d * fall, rise - d * fall  # 2 qⁿ cosh (2n + 1)V, 2 qⁿ sinh (2n + 1)V
+        B += complex(c[EVEN_B + n] * odd, c[ODD_B + n] * even)
+        below += c[BELOW + n] * even
+        rise *= u
+        fall *= c[NOME] * d
     if v < 0.0:
         J, A, B = J.conjugate(), A.conjugate(), -B.conjugate()
-    return J / theta, A / theta, B / theta
+    return J / below, A / below, B / below
 
 
 @jit
 def factors(r, c):
+    """F_J, F_A and F_B without e^{iλr}, each up to a constant."""
     return direct(c[CLOCK] * r, c) if c[KIND] == DIRECT else transformed(c[CLOCK] * r, c)
-
-
-@jit
-def unit(angle):
-    return complex(math.cos(angle), math.sin(angle))
 
 
 @jit
@@ -164,8 +152,6 @@ def position(t, rest, c):
     s = state_of(c, START)
     if c[KIND] == REST or t == 0.0:
         return s
-    if c[KIND] == FREE:
-        return about(s, t, rest, c)
     n, r = reduced(t, c)
     r += rest
     J, x, x3 = model(n, r, c)
@@ -173,19 +159,6 @@ def position(t, rest, c):
     J *= psi
     x *= psi
     return J.real, J.imag, c[J3], c[SIGN] * x.real, c[SIGN] * x.imag, c[SIGN] * x3
-
-
-@jit
-def about(s, t, rest, c):
-    """x turned about the constant J. c[CLOCK] = |J|."""
-    J, x = (s[0], s[1], s[2]), (s[3], s[4], s[5])
-    _, r = reduced(t, c)
-    angle, rate = c[CLOCK] * (r + rest), c[CLOCK]
-    e = J[0] / rate, J[1] / rate, J[2] / rate
-    half = math.sin(0.5 * angle)
-    v = cross(e, x)
-    d = add_vector(times(math.sin(angle), v), 2.0 * half * half, cross(e, v))
-    return s[0], s[1], s[2], x[0] + d[0], x[1] + d[1], x[2] + d[2]
 
 
 @jit
@@ -208,7 +181,7 @@ def positions(instants, c):
     return out
 
 
-# ------------------------------------------------------------------------------------ constants
+# ------------------------------------------------------------------------------------ the constants, in five stages
 
 
 @jit
@@ -221,7 +194,7 @@ def pair(product, total):
 
 @jit
 def roots(alpha, y):
-    """ζ1, ζ2, ζ3, ζ_J, ζ_A, ζ_B and alpha D_J, alpha D_A, alpha D_B, double-doubles; alpha > 0."""
+    """1: ζ1, ζ2, ζ3, ζ_J, ζ_A, ζ_B and alpha D_J, alpha D_A, alpha D_B, double-doubles; alpha > 0."""
     J1, J2, m, x1, x2, x3 = y
     a, m_ = dd(alpha), dd(m)
     jj = add(two_prod(J1, J1), two_prod(J2, J2))
@@ -261,238 +234,153 @@ def roots(alpha, y):
 
 
 @jit
-def carlson(x, y, z):
-    """R_F (DLMF 19.16.1) by duplication; at most one argument is zero."""
-    for _ in range(60):
-        mean = (x + y + z) / 3.0
-        if max(abs(x - mean), abs(y - mean), abs(z - mean)) < 2e-3 * mean:
-            break
-        a, b, d = math.sqrt(x), math.sqrt(y), math.sqrt(z)
-        shift = a * b + b * d + d * a
-        x, y, z = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift)
-    X, Y = (mean - x) / mean, (mean - y) / mean
-    Z = -X - Y
-    e2, e3 = X * Y - Z * Z, X * Y * Z
-    series = 1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0
-    return (series - 5.0 * e2 * e2 * e2 / 208.0 + 3.0 * e3 * e3 / 104.0 + e2 * e2 * e3 / 16.0) / math.sqrt(mean)
-
-
-@jit
 def above(z1, z2, z3, z, d):
-    """z − ζ2 and ζ1 − z for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d². The smaller one comes from this product."""
+    """z − ζ2, ζ1 − z and σ for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d². The smaller one comes from this product.
+
+    If d = 0, σ is 0 for a factor with a real zero (z = ζ2), and 1 for one without (z = ζ1).
+    """
     low, high = sub(z, z2), sub(z1, z)
     rest = scale(sub(z, z3), 0.5)
     if low[0] < high[0]:
         low = div(mul(d, d), mul(high, rest))
     elif low[0] > 0.0:
         high = div(mul(d, d), mul(low, rest))
-    return low, high
-
-
-@jit
-def side(d, low, high):
-    """σ: the sign of D. If D = 0, it is 0 for a factor with a real zero (ζ_F = ζ2), and 1 for one without (ζ_F = ζ1)."""
+    sigma = math.copysign(1.0, d[0])
     if d[0] == 0.0:
-        return 0.0 if low[0] < high[0] or low[0] <= 0.0 else 1.0
-    return math.copysign(1.0, d[0])
+        sigma = 0.0 if low[0] < high[0] or low[0] <= 0.0 else 1.0
+    return low, high, sigma
 
 
 @jit
-def nome(squared, complementary):
-    """q of k² and k'², k² <= 1/2 (DLMF 19.5.6 and 19.5.7)."""
-    k = math.sqrt(complementary)
-    root = math.sqrt(k)
-    e = 0.5 * squared / ((1.0 + k) * (1.0 + root) * (1.0 + root))
-    e4 = e * e * e * e
-    return e * (1.0 + e4 * (2.0 + e4 * (15.0 + e4 * 150.0)))
+def clock(found, m):
+    """2: the period and the turn in it, in double-double. From here on doubles do.
 
-
-@jit
-def direct_series(c, cos_at, sigma, eta, K):
-    """Coefficients q^(n²+n) cosh and σ sinh of (2n+1)β, over cosh β, with η' = K' − η for `eta`; returns d arg/dv."""
-    q = c[NOME]
-    grow = math.exp(-math.pi * eta / K)  # q e^2β
-    fall = q / grow if sigma != 0.0 else 1.0  # e^−2β
-    y = grow + q * fall
-    even, even_before = 1.0, 1.0
-    odd = sigma * (1.0 - fall) / (1.0 + fall)
-    odd_before = -odd
-    top, bottom, power = 0.0, 0.0, q  # q^(2n+1)
-    for n in range(TERMS):
-        c[cos_at + n], c[cos_at + TERMS + n] = even, odd
-        top += (2.0 * n + 1.0) * odd
-        bottom += even
-        even, even_before = power * (y * even - power * even_before), even
-        odd, odd_before = power * (y * odd - power * odd_before), odd
-        power *= q * q
-    return top / bottom
-
-
-@jit
-def transformed_series(c, cos_at, sigma, b, odd):
-    """Coefficients of a factor, ± cos and −σ sin of 2nb or, `odd`, of (2n+1)b; returns d arg/dV."""
-    top, bottom, sign = 0.0, 1.0, 1.0
-    power, step_ = 1.0, c[NOME]  # q^(n²), q^(2n+1)
-    for n in range(TERMS):
-        angle = (2.0 * n + 1.0) * b if odd else 2.0 * n * b
-        c[cos_at + n], c[cos_at + TERMS + n] = sign * math.cos(angle), -sigma * sign * math.sin(angle)
-        if n > 0:
-            top -= 4.0 * n * sign * power * math.sin(2.0 * n * b)
-            bottom += 2.0 * sign * power * math.cos(2.0 * n * b)
-        power *= step_
-        step_ *= c[NOME] * c[NOME]
-        sign = -sign
-    return sigma * top / bottom
-
-
-@jit
-def agm(a, g):
-    while abs(a - g) > 1e-8 * a:
-        a, g = 0.5 * (a + g), math.sqrt(a * g)
-    return 0.5 * (a + g)
-
-
-# ------------------------------------------------------------------------------------ the constants, in four stages
-
-
-@jit
-def constants(alpha, y, h):
-    """Everything `position` needs for the motion through y at t = 0."""
-    c = np.zeros(SIZE)
-    c[H], c[J3], c[PERIOD], c[SIGN] = h, y[2], math.inf, 1.0
-    for k in range(6):
-        c[START + k] = y[k]
-    if is_plain(alpha, y, c):
-        return c
-    if alpha < 0.0:  # the mirror image
-        c[SIGN], alpha, y = -1.0, -alpha, (y[0], y[1], y[2], -y[3], -y[4], -y[5])
-    found = roots(alpha, y)
-    gaps, places = put_clock(found, y[2], c)
-    K, K_ = put_start(found, y, gaps, c)
-    slopes = put_direct(gaps, places, K, K_, c) if gaps[2] <= gaps[0] else put_transformed(gaps, places, K, K_, c)
-    put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
-    return c
-
-
-@jit
-def is_plain(alpha, y, c):
-    """Whether the motion is a rest, a turn about a constant J, or too upright; then it has its constants."""
-    J1, J2, m, x1, x2, _ = y
-    if abs(alpha) < WEIGHTLESS:
-        rate = sqrt(add(add(two_prod(J1, J1), two_prod(J2, J2)), two_prod(m, m)))
-        c[KIND] = FREE if rate[0] > 0.0 else REST
-        if rate[0] > 0.0:
-            c[CLOCK] = rate[0]
-            c[PERIOD], c[PERIOD_LO] = div(TWO_PI, rate)
-        return True
-    off = max(max(abs(J1), abs(J2)), max(abs(x1), abs(x2)))
-    if off < UPRIGHT:
-        c[KIND] = TOO_UPRIGHT if off > 0.0 else REST
-    return off < UPRIGHT
-
-
-@jit
-def put_clock(found, m, c):
-    """1: the period, and the turn in it, in double-double. From here on doubles do.
-
-    Returns ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3; for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ.
+    Then ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3, and for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ.
     """
     z1, z2, z3, zJ, zA, zB, dJ, dA, dB = found
-    J_low, J_high = above(z1, z2, z3, zJ, dJ)
+    J_low, J_high, sigma_J = above(z1, z2, z3, zJ, dJ)
+    A_low, A_high, sigma_A = above(z1, z2, z3, zA, dA)
     T, turn = period_and_turn(z1, z2, z3, sub(zJ, z3), J_low, J_high, dJ, dd(m))
-    c[PERIOD], c[PERIOD_LO] = T
-    c[TURN], c[TURN_LO] = turn
-    A_low, A_high = above(z1, z2, z3, zA, dA)
-    of_J = max(J_high[0], 0.0), max(J_low[0], 0.0), sub(zJ, z3)[0], side(dJ, J_low, J_high)
-    of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], side(dA, A_low, A_high)
+    of_J = max(J_high[0], 0.0), max(J_low[0], 0.0), sub(zJ, z3)[0], sigma_J
+    of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], sigma_A
     B3 = max(sub(z3, zB)[0], 0.0)
     of_B = sub(z1, zB)[0], sub(z2, zB)[0], B3, math.copysign(1.0, dB[0]) if dB[0] != 0.0 and B3 > 0.0 else 0.0
-    return (sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0]), (of_J, of_A, of_B)
+    return T, turn, np.array((sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0])), (of_J, of_A, of_B)
 
 
-@jit
-def put_start(found, y, gaps, c):
-    """2: the time since x3 was smallest. Returns K and K'; CLOCK is κ for now."""
-    (z12, z13, z23), (J1, J2, _, x1, x2, _) = gaps, y
-    c[CLOCK] = math.sqrt(0.5 * z13)
-    K_ = 0.5 * math.pi / agm(1.0, math.sqrt(z23 / z13))
-    K = 0.5 * math.pi / agm(1.0, math.sqrt(z12 / z13)) if z12 > 0.0 else math.inf
-    z1, z2, z3, w = found[0][0], found[1][0], found[2][0], 0.0
+def start(found, y, gaps):
+    """3: κ, K, K', and the time since x3 was smallest."""
+    (z12, z13, z23), (z1, z2, z3) = gaps, (root[0] for root in found[:3])
+    kappa, w = np.sqrt(0.5 * z13), 0.0
     if z3 < 0.0:
-        w = math.sqrt(-z3) * carlson(max(z2, 0.0), z1 * z23 / z13, z23)
-    c[TIME_0] = math.copysign(w, J1 * x2 - J2 * x1) / c[CLOCK]
-    return K, K_
+        w = np.sqrt(-z3) * elliprf(max(z2, 0.0), z1 * z23 / z13, z23)
+    return kappa, ellipkm1(z12 / z13), ellipkm1(z23 / z13), np.copysign(w, y[0] * y[4] - y[1] * y[3]) / kappa
+
+
+def shifts(gaps, places, K_):
+    """4: η and K' − η, and σ, of J, A and B."""
+    (z12, z13, z23), found = gaps, []
+    for to_1, to_2, to_3, sigma in places[:2]:
+        eta = np.sqrt(to_2 * z13) * elliprf(to_1 * z23, z23 * z12, to_3 * z12)
+        rest = np.sqrt(to_1) * elliprf(to_2, to_3 * z12 / z13, z12)
+        found.append((eta, rest, sigma))
+    to_1, to_2, to_3, sigma = places[2]
+    eta = np.sqrt(to_3) * elliprf(z23, z23 * to_1 / z13, to_2)
+    rest = np.sqrt(z13) * elliprf(to_3, to_2, to_1)
+    found.append((eta, rest, sigma))
+    return tuple((eta, rest, sigma) if sigma else (0.0, K_, sigma) for eta, rest, sigma in found)
 
 
 @jit
-def put_direct(gaps, places, K, K_, c):
-    """3: the coefficients of the series of k ≤ 1/√2. Returns d arg/dv of J, A, B."""
-    z12, z13, z23 = gaps
-    c[KIND], c[NOME] = DIRECT, nome(z23 / z13, z12 / z13)
-    c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K
-    slopes = np.zeros(3)
-    for i, (to_1, to_2, to_3, sigma) in enumerate(places):
-        eta = K_
-        if sigma != 0.0 and i < 2:
-            eta = math.sqrt(to_1) * carlson(to_2, to_3 * z12 / z13, z12)
-        elif sigma != 0.0:
-            eta = math.sqrt(z13) * carlson(to_3, to_2, to_1)
-        slopes[i] = direct_series(c, COS_J + 2 * TERMS * i, sigma, eta, K)
-    power, odd = -2.0 * c[NOME], -c[NOME] * c[NOME] * c[NOME]  # 2 (−1)^n q^(n²), −q^(2n+1)
+def put_direct(found, K, c):
+    """5: the coefficients for k² ≤ 1/2, those of J, A and B over e^β. Returns d arg/dv where |F| is largest."""
+    q, slopes = c[NOME], np.empty(3)
+    for i, (eta, rest, sigma) in enumerate(found):
+        grow, fall = math.exp(-math.pi * rest / K), math.exp(-math.pi * eta / K)  # q e^2β, e^−2β
+        top = bottom = 0.0
+        for n in range(TERMS):
+            up, down = q ** (n * n) * grow**n, q ** (n * n + n) * fall ** (n + 1)
+            even, odd = up + down, sigma * (up - down)
+            top += (2 * n + 1) * odd
+            bottom += even
+            c[EVEN_J + 2 * TERMS * i + n], c[ODD_J + 2 * TERMS * i + n] = even, odd
+        slopes[i] = top / bottom
     for n in range(TERMS):
-        c[THETA + n] = power
-        power *= odd
-        odd *= c[NOME] * c[NOME]
+        sign = (-1.0) ** n
+        c[EVEN_B + n] *= sign
+        c[ODD_B + n] *= -sign
+        c[BELOW + n] = sign * q ** (n * n) * (2.0 if n > 0 else 1.0)
     return slopes
 
 
 @jit
-def put_transformed(gaps, places, K, K_, c):
-    """3: the same for k > 1/√2, by functions of the complementary modulus; d arg/dV."""
-    z12, z13, z23 = gaps
-    c[KIND], c[NOME] = TRANSFORMED, nome(z12 / z13, z23 / z13)
-    c[CLOCK] = 0.5 * math.pi * c[CLOCK] / K_
-    c[BARRIER] = 0.5 * math.pi * K / K_
-    per_K, slopes = 0.5 * math.pi / K_, np.zeros(3)
-    for i, (to_1, to_2, to_3, sigma) in enumerate(places):
-        b = 0.0
-        if sigma != 0.0 and i < 2:
-            b = per_K * math.sqrt(to_2 * z13) * carlson(to_1 * z23, z23 * z12, to_3 * z12)
-        elif sigma != 0.0:
-            b = per_K * math.sqrt(to_3) * carlson(z23, z23 * to_1 / z13, to_2)
-        slopes[i] = transformed_series(c, COS_J + 2 * TERMS * i, sigma, b, i == 2)
+def put_transformed(found, K_, c):
+    """5: the same for k² > 1/2, over qⁿ. Returns d arg/dV."""
+    q, slopes, b = c[NOME], np.empty(3), 0.0
+    for i, (eta, _, sigma) in enumerate(found):
+        b = sigma * 0.5 * math.pi * eta / K_
+        top = bottom = 0.0
+        for n in range(TERMS):
+            weight = (-1.0) ** n * q ** (n * n - n) if n > 0 else 0.5
+            even, odd = weight * math.cos(2 * n * b), -weight * math.sin(2 * n * b)
+            top += 2 * n * q**n * odd
+            bottom += q**n * even
+            c[EVEN_J + 2 * TERMS * i + n], c[ODD_J + 2 * TERMS * i + n] = even, odd
+        slopes[i] = top / bottom
+    for n in range(TERMS):  # B has θ1
+        weight, angle = (-1.0) ** n * q ** (n * n), (2 * n + 1) * b
+        c[EVEN_B + n], c[ODD_B + n], c[BELOW + n] = weight * math.cos(angle), -weight * math.sin(angle), abs(weight)
     return slopes
 
 
-@jit
 def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
-    """4: the rates λ, the constant factors, and the phase ψ at the start."""
+    """5: the rates λ, the constant factors, and the phase ψ at the start."""
     J1, J2, m, x1, x2, x3 = y
     dJ, dA, dB = found[6:]
     c[RATE_J] = 0.5 * m + (dJ[0] / J3_ - c[CLOCK] * slopes[0])
     c[RATE_X] = (dA[0] / A3 - c[CLOCK] * slopes[1]) + (dB[0] / B2 - c[CLOCK] * slopes[2])
     # factors of J+ and A where x3 is smallest, of B where it is largest
-    J, A, B = factors(0.0, c)
+    J, A, _ = factors(0.0, c)
+    _, _, B = factors(0.5 * c[PERIOD], c)
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
-    c[SIZE_A2] = A3 / alpha / (A.real * A.real + A.imag * A.imag)
-    J, A, B = factors(0.5 * c[PERIOD], c)
-    c[SIZE_B2] = B2 / alpha / (B.real * B.real + B.imag * B.imag)
+    c[SIZE_A2], c[SIZE_B2] = A3 / alpha / abs(A) ** 2, B2 / alpha / abs(B) ** 2
     c[SIZE_X] = math.sqrt(c[SIZE_A2] * c[SIZE_B2])
-    n, r = reduced(0.0, c)
-    J, x, _ = model(n, r, c)
+    J, x, _ = model(*reduced(0.0, c), c)
     length = x1 * x1 + x2 * x2 + x3 * x3
     weight = J1 * J1 + J2 * J2 + m * m + alpha * math.sqrt(length)
     psi = J.conjugate() * complex(J1, J2) * length + x.conjugate() * complex(x1, x2) * weight
     c[PSI_RE], c[PSI_IM] = psi.real / abs(psi), psi.imag / abs(psi)
 
 
-def found_constants(units: Units, y: Array, span: float, h: float | None = None) -> Array:
-    c: Array = constants(units.alpha, tuple(units.enter(y).tolist()), span)
-    if c[KIND] == TOO_UPRIGHT:
+@np.errstate(all="ignore")
+def constants(units: Units, y0: Array, span: float) -> Array:
+    """Everything `position` needs for the motion through y0 at t = 0."""
+    c, alpha, state = np.zeros(SIZE), units.alpha, units.enter(y0)
+    c[H], c[J3], c[SIGN], c[START : START + 6] = span, state[2], math.copysign(1.0, alpha), state
+    off = np.max(np.abs(state[[0, 1, 3, 4]]))
+    if off == 0.0 or (alpha == 0.0 and not np.any(state[:3])):
+        c[KIND] = REST
+        return c
+    if off < UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
-        raise StepError(NAME, reason, h=h)
+        raise StepError(NAME, reason)
+    state *= np.repeat((1.0, c[SIGN]), 3)  # for alpha < 0 the mirror image
+    alpha, y = max(abs(alpha), WEIGHTLESS), tuple(state.tolist())
+    found = roots(alpha, y)
+    T, turn, gaps, places = clock(found, y[2])
+    kappa, K, K_, c[TIME_0] = start(found, y, gaps)
+    c[PERIOD], c[PERIOD_LO] = T if T[0] < FOREVER else (FOREVER, 0.0)
+    c[TURN], c[TURN_LO] = turn
+    shifted = shifts(gaps, places, K_)
+    c[KIND], put_series = DIRECT, put_direct
+    if gaps[2] > gaps[0]:
+        c[KIND], put_series, K, K_ = TRANSFORMED, put_transformed, K_, K
+    c[CLOCK], c[BARRIER] = 0.5 * np.pi * kappa / K, 0.5 * np.pi * K_ / K
+    c[NOME] = np.exp(-2.0 * c[BARRIER])
+    slopes = put_series(shifted, K, c)
+    put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
     if np.any(np.isnan(c)):
-        raise StepError(NAME, "the constants of the closed form are beyond the range of doubles", h=h)
+        raise StepError(NAME, "the constants of the closed form are beyond the range of doubles")
     return c
 
 
@@ -504,11 +392,11 @@ class ThetaStepper(FixedStepper):
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.top_units = units = Units(top, y0, h)
         self.span = units.span(NAME, h)
-        super().__init__(NAME, h, Kernel(step, failures=FAILURES), found_constants(units, y0, self.span, h), units)
+        super().__init__(NAME, h, Kernel(step, failures=FAILURES), constants(units, y0, self.span), units)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         y = as_state(y)
-        self.constants = found_constants(self.top_units, y, self.span, self.h)
+        self.constants = constants(self.top_units, y, self.span)
         return super().record(y, n, every)
 
 
@@ -517,7 +405,7 @@ def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
     if kinds.rigid_body(top):
         return closed_form(top, y0, times), Work(steps=len(times))  # type: ignore[arg-type]
     units = Units(top, y0, 1.0)
-    states = units.leave(positions(units.spans(NAME, times), found_constants(units, y0, 0.0)))
+    states = units.leave(positions(units.spans(NAME, times), constants(units, y0, 0.0)))
     states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))
 
