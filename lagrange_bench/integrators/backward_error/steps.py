@@ -141,10 +141,11 @@ def projected_step(tableau: Tableau, alpha: float, s: State, h: Series, power: i
 
     A second Newton step would change only terms of second order.
     """
-    j, _, xx, xJ = on_series(runge_kutta.products)(*s)
-    energy = 0.5 * (j + s[2] * s[2]) + alpha * s[5]
+    project, in_units = map(on_series, runge_kutta.projection(uniform_system()))
+    units = (1.0, 1.0, 1.0, 1.0)
+    invariants = in_units(s, (0.0, 0.0, 0.0, *units, alpha))[3]
     after = runge_kutta_step(tableau, alpha, s, h, power)
-    return on_series(runge_kutta.projected)(after, (alpha, energy, xx, xJ), COUNTERS)
+    return project(after, (*invariants, *units, alpha), COUNTERS)
 
 
 def taylor_step(order: int, alpha: float, s: State, h: Series, power: int) -> State:

@@ -28,20 +28,18 @@ import numpy as np
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
-from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel, StateUnits
+from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.tape import Split, Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.system import System
-from lagrange_bench.integrators.problem.top import LagrangeTop
-from lagrange_bench.integrators.problem.units import Units, ldexp, units_in_field
+from lagrange_bench.integrators.problem.units import ldexp, units_in_field
 from lagrange_bench.integrators.problem.vectors import dot
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 
 PROJECTING = "verner9_projected"
-ALPHA, ENERGY, C1, C2 = range(4)  # places of the constants of the projection
 DAMPING = 2.0**-46
 TINY = 2.0**-50  # after a correction with a smaller square only round-off is left
 LIMIT = 10  # Newton steps
@@ -128,20 +126,12 @@ def stepper(name: str, problem: Any, h: float, split: Split, calls: int) -> Fixe
 # ------------------------------------------------------------------------------------ projection
 
 
-@jit
-def products(J1, J2, J3, x1, x2, x3):
-    """J1² + J2², J1x1 + J2x2, |x|², x·J."""
-    t = J1 * x1 + J2 * x2
-    return J1 * J1 + J2 * J2, t, (x1 * x1 + x2 * x2) + x3 * x3, t + J3 * x3
+IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, RATE, LENGTH, NUMBERS = range(
+    8
+)  # places of the constants; then the parameters
 
 
-@jit
-def lack(c, j, J3, x3, xx, xJ):
-    """By how much H, |x|²/2 and x·J fall short."""
-    return c[ENERGY] - (0.5 * (j + J3 * J3) + c[ALPHA] * x3), 0.5 * (c[C1] - xx), c[C2] - xJ
-
-
-@jit(inline=True)
+@unrolled
 def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
     """λ of G Gᵀ λ = g, damped."""
     # a22 times the Schur complement of a22, and its right-hand side
@@ -152,86 +142,51 @@ def multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3):
     return l1, (g2 - (a12 * l1 + a23 * l3)) * q, l3
 
 
-@jit
-def projected(s, c, counters):
-    J1, J2, J3, x1, x2, x3 = s
-    alpha = c[ALPHA]
-    for _ in range(LIMIT):
-        j, t, a22, a23 = products(J1, J2, J3, x1, x2, x3)
-        g1, g2, g3 = lack(c, j, J3, x3, a22, a23)
-        # G Gᵀ; gradients by (J1, J2, x1, x2, x3): (J1, J2, 0, 0, alpha), (0, 0, x), (x1, x2, J)
-        a11, a33 = j + alpha * alpha, (a22 - x3 * x3) + (j + J3 * J3)
-        a12, a13 = alpha * x3, t + alpha * J3
-        l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-        J1, J2, x1, x2, x3 = (
-            J1 + (l1 * J1 + l3 * x1),
-            J2 + (l1 * J2 + l3 * x2),
-            x1 + (l2 * x1 + l3 * J1),
-            x2 + (l2 * x2 + l3 * J2),
-            x3 + (l1 * alpha + (l2 * x3 + l3 * J3)),
-        )
-        square = l1 * g1 + l2 * g2 + l3 * g3
-        if square <= TINY:
-            break
-    else:
-        counters[loops.FAILURE] = NOT_CONVERGED
-        counters[loops.RESIDUAL] = square
-    return J1, J2, J3, x1, x2, x3
-
-
-IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, NUMBERS = range(6)  # places of the constants of the projection
-
-
 @cache
-def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """`projected` for any |J|²/2 + U(x), and (s, c) → (J, x, force, residuals). J3 is left alone where the motion conserves it.
+def projection(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(s, c, counters) → the nearest state on the torus, for any |J|²/2 + U(x); and what (s, c) is in units of order one.
 
-    c : the places above, then t and the parameters. The state is in the user's units, the projection in units of order one.
+    These are J, x, the force, and the values of H, |x|²/2 and x·J. The state is in the user's units.
     """
-    numbers, conserves_J3 = tuple_loader(1 + system.parameters), 2 in system.constant
-    rest = (0.0, 0.0, 0.0)
-    moved = adding(6, tuple(range(6)))
+    numbers, moved = tuple_loader(system.parameters), adding(6, tuple(range(6)))
+    conserves_J3 = 2 in system.constant  # then it is left alone
 
     @unrolled
-    def scaled(s, q, per_rate, per_length):
-        """J, x, the force, and the values of H, |x|²/2 and x·J, in units of order one."""
-        per_energy = per_rate * per_rate
+    def scaled(s, p, per_rate, per_length):
+        per_energy, position = per_rate * per_rate, (0.0, 0.0, 0.0, 0.0, *s[3:], *p)
         J, x = tuple(v * per_rate for v in s[:3]), tuple(v * per_length for v in s[3:])
-        (U,) = system.energy(q[0], *rest, *s[3:], *q[1:])
-        g = tuple(v * (per_energy / per_length) for v in system.gradient(q[0], *rest, *s[3:], *q[1:])[3:])
+        (U,) = system.energy(*position)
+        g = tuple(v * (per_energy / per_length) for v in system.gradient(*position)[3:])
         return J, x, g, (0.5 * dot(J, J) + U * per_energy, 0.5 * dot(x, x), dot(x, J))
 
     @unrolled
-    def products(J, x, g):
-        """G Gᵀ of the gradients (J, g), (0, x), (x, J), without J3 if it is conserved."""
+    def newton(J, x, g, lacking, rate, length):
+        """The increment of the state, and its square in units of order one."""
 
         def moving(v, w):
             plane = v[0] * w[0] + v[1] * w[1]
             return plane if conserves_J3 else plane + v[2] * w[2]
 
+        # G Gᵀ of the gradients (J, g), (0, x), (x, J), without J3 if it is conserved
         a11, a13, a33 = moving(J, J) + dot(g, g), moving(J, x) + dot(g, J), moving(x, x) + dot(J, J)
-        return a11, dot(g, x), a13, dot(x, x), dot(x, J), a33
-
-    @unrolled
-    def correction(J, x, g, l1, l2, l3, per_rate, per_length):
-        rows = [(l1 * a + l3 * b) / per_rate for a, b in zip(J, x, strict=True)]
+        l1, l2, l3 = multipliers(a11, dot(g, x), a13, dot(x, x), dot(x, J), a33, *lacking)
+        rows = [(l1 * a + l3 * b) * rate for a, b in zip(J, x, strict=True)]
         if conserves_J3:
             rows[2] = 0.0
-        return *rows, *((l1 * a + (l2 * b + l3 * j)) / per_length for a, b, j in zip(g, x, J, strict=True))
+        increment = *rows, *((l1 * a + (l2 * b + l3 * j)) * length for a, b, j in zip(g, x, J, strict=True))
+        return increment, dot((l1, l2, l3), lacking)
 
     @jit
-    def lacking(s, c):
-        J, x, g, values = scaled(s, numbers(c, NUMBERS), c[PER_RATE], c[PER_LENGTH])
-        return J, x, g, (c[IN_ENERGY] - values[0], c[IN_C1] - values[1], c[IN_C2] - values[2])
+    def in_units(s, c):
+        return scaled(s, numbers(c, NUMBERS), c[PER_RATE], c[PER_LENGTH])
 
     @jit
-    def finish(s, c, counters):
+    def project(s, c, counters):
         for _ in range(LIMIT):
-            J, x, g, (g1, g2, g3) = lacking(s, c)
-            a11, a12, a13, a22, a23, a33 = products(J, x, g)
-            l1, l2, l3 = multipliers(a11, a12, a13, a22, a23, a33, g1, g2, g3)
-            s = moved(s, correction(J, x, g, l1, l2, l3, c[PER_RATE], c[PER_LENGTH]))
-            square = l1 * g1 + l2 * g2 + l3 * g3
+            J, x, g, (energy, half, product) = in_units(s, c)
+            lacking = c[IN_ENERGY] - energy, c[IN_C1] - half, c[IN_C2] - product
+            increment, square = newton(J, x, g, lacking, c[RATE], c[LENGTH])
+            s = moved(s, increment)
             if square <= TINY:
                 break
         else:
@@ -239,18 +194,18 @@ def projected_in_field(system: System) -> tuple[Callable[..., Any], Callable[...
             counters[loops.RESIDUAL] = square
         return s
 
-    return finish, lacking
+    return project, in_units
 
 
 @cache
-def followed_by(tableau: Tableau, system: System, finish: Callable[..., Any]) -> Callable[..., Any]:
-    """The step of a formula, then `finish(s, c, counters)`, whose constants follow those of `stepping`."""
-    split = increment_of(tableau, system)
-    step, first = stepping(split, system), FIRST + len(split.fixed.outputs)
+def projected(system: System) -> Callable[..., Any]:
+    """The step of Verner 9, then the projection, whose constants follow those of `stepping`."""
+    split = increment_of(VERNER9, system)
+    step, first, (project, _) = stepping(split, system), FIRST + len(split.fixed.outputs), projection(system)
 
     @jit
     def both(s, c, counters):
-        return finish(step(s, c, counters), c[first:], counters)
+        return project(step(s, c, counters), c[first:], counters)
 
     return both
 
@@ -286,52 +241,28 @@ EIGHTH = fixed(
 NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
-def prepare_projected(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
+def prepare_projected(problem: Any, y0: Array, h: float) -> FixedStepper:
     """Every step ends on the H, C1 and C2 of y0."""
-    units, c = Units(top, y0, h), np.zeros(4)
-    c[ALPHA] = units.alpha
+    units, system = units_in_field(PROJECTING, problem, y0, h), problem.system
+    scales = [ldexp(1.0, power) for power in (-units.rate, -units.length, units.rate, units.length)]
+    c, in_units = np.array((0.0, 0.0, 0.0, *scales, *problem.numbers)), projection(system)[1]
 
-    def lacking(state: Array) -> tuple[float, ...]:
-        j, _, xx, xJ = products(*state)
-        return lack(c, j, state[2], state[5], xx, xJ)  # type: ignore[no-any-return]
+    def invariants(y: Array) -> Array:
+        return np.array(in_units(tuple(y.tolist()), c)[3])
 
-    energy, half, product = lacking(units.enter(y0))
-    c[ENERGY], c[C1], c[C2] = -energy, -2.0 * half, -product
-    first = constants_of(increment_of(VERNER9, top.system), LagrangeTop(units.alpha), units.time(h))
-    step = followed_by(VERNER9, top.system, projected)
-    return _on_torus(h, np.array((*first, *c)), step, lacking, units)
-
-
-def prepare_projected_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """As `prepare_projected`, for any field."""
-    units = units_in_field(PROJECTING, problem, y0, h)
-    finish, lacking_in = projected_in_field(problem.system)
-    c = np.array((0.0, 0.0, 0.0, ldexp(1.0, -units.rate), ldexp(1.0, -units.length), problem.start, *problem.numbers))
-
-    def lacking(y: Array) -> tuple[float, ...]:
-        return lacking_in(tuple(y.tolist()), c)[3]  # type: ignore[no-any-return]
-
-    c[IN_ENERGY : IN_C2 + 1] = [-lack for lack in lacking(y0)]
-    first = constants_of(increment_of(VERNER9, problem.system), problem, h)
-    step = followed_by(VERNER9, problem.system, finish)
-    return _on_torus(h, np.array((*first, *c)), step, lacking, loops.OWN_UNITS)
-
-
-def _on_torus(
-    h: float, c: Array, step: Any, lacking: Callable[[Array], tuple[float, ...]], units: StateUnits
-) -> FixedStepper:
-    """A stepper that refuses states whose invariants are off by more than round-off."""
-    if not loops.finite(c):
+    c[IN_ENERGY : IN_C2 + 1] = invariants(y0)
+    constants = np.array((*constants_of(increment_of(VERNER9, system), problem, h), *c))
+    if not loops.finite(constants):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 
     class ProjectedStepper(FixedStepper):
         def enter(self, y: Array) -> Array:
-            state = super().enter(y)
-            if not all(abs(lack) <= OFF_TORUS for lack in lacking(state)):
+            if not np.all(np.abs(invariants(y) - c[: IN_C2 + 1]) <= OFF_TORUS):
                 raise StepError(PROJECTING, "the state is not on the torus this step was prepared for", h=h)
-            return state
+            return super().enter(y)
 
-    return ProjectedStepper(PROJECTING, h, Kernel(step, failures=FAILURES, rhs_per_step=VERNER9.stages), c, units)
+    kernel = Kernel(projected(system), failures=FAILURES, rhs_per_step=VERNER9.stages)
+    return ProjectedStepper(PROJECTING, h, kernel, constants)
 
 
 PROJECTED = replace(
@@ -340,7 +271,6 @@ PROJECTED = replace(
     label="Verner 9, projected",
     claims=Claims(conserves={"H", "J3", "C1", "C2"}),
     source=f"{VERNER}; Hairer, Lubich and Wanner, Geometric Numerical Integration (2006), IV.4",
-    prepare=prepare_projected_in_field,
+    prepare=prepare_projected,
     needs=kinds.top,
-    kernels_for={"uniform": prepare_projected},  # the general kernel costs 2.2 times as much there
 )
