@@ -177,7 +177,7 @@ def _draw_steps(steps: pd.DataFrame, style):
         for first, second in zip(range(len(names) - 1), range(1, len(names)), strict=True):
             if style.family(names[first]) != style.family(names[second]):
                 ax.axhline(places[first] - 0.5, color="#d5d5d5", linewidth=0.6)
-    axes[0].set_yticks(places, [style.plain(style.label(name)) for name in names])
+    axes[0].set_yticks(places, [style.of(name)["label"] for name in names])
     axes[0].set_ylim(-0.7, len(names) - 0.3)
     fig.caption = (
         "What a step and a set-up cost, by family: the dot is the least of all step sizes or tolerances tried, the bar "

@@ -211,14 +211,15 @@ def _draw_h(rows: pd.DataFrame, style):
     """Draw the page's first figure. Every method is a thin line; one of each family is bold and named."""
     stored = list(dict.fromkeys(rows.state))
     tops = list(STATES) if {*STATES} <= {*stored} else stored[:2]
-    fig, axes = style.figure("page", 3.6, ncols=len(tops), sharex=True, sharey=True, squeeze=False)
+    titles = [style.plain(states.label(state)) for state in tops]
+    ylabel = f"largest error up to t = {SPAN:g}"
+    fig, axes = style.panels(titles, 2, (0.0, 3.6), style.STEP, ylabel, sharex=True, sharey=True)
     first = rows[(rows.state == tops[0]) & (rows.status == "done")]
     best = ["rk4", "strang", *style.best_of_families(first[first.h == 1 / 8].set_index("method").error)]
-    for ax, state in zip(axes[0], tops, strict=True):
+    for ax, state in zip(axes, tops, strict=True):
         style.draw_methods(ax, rows[(rows.state == state) & ~(rows.error <= 0)], "h", "error", best)
         style.ulp_line(ax)
-        ax.set(xlabel=style.STEP, ylim=(1e-16, 30), title=style.plain(states.label(state)))
-    axes[0, 0].set_ylabel(f"largest error up to t = {SPAN:g}")
+        ax.set_ylim(1e-16, 30)
     style.legend_below(fig)
     ours = rows[(rows.method == "backlund") & (rows.status == "done")].error
     if ours.max() < ROUND_OFF:

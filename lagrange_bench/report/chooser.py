@@ -132,7 +132,7 @@ def _answer(best: pd.DataFrame) -> tuple[Any, ...]:
         others, what = others[~others.method.map(_is_exact)], "best that is not exact"
     rivals = [f"{what}: {_times(run, first)}" for _, run in others[:1].iterrows()]
     rivals += [_times(run, first) for _, run in others[1:].iterrows() if run.method in FAMOUS]
-    return first, style.label(first.method), first.method, cost, "; ".join(rivals)
+    return first, tables.label(first.method), first.method, cost, "; ".join(rivals)
 
 
 def _is_exact(method: str) -> bool:
@@ -143,4 +143,4 @@ def _is_exact(method: str) -> bool:
 def _times(run: pd.Series, first: pd.Series) -> str:
     ratio = run.price / first.price
     times = f"{tables.show(float(f'{ratio:.2g}'))} times" if round(abs(ratio - 1), 9) > TIE - 1 else "just"
-    return f"{style.label(run.method)}, {times} as long"
+    return f"{tables.label(run.method)}, {times} as long"

@@ -5,11 +5,7 @@ import re
 from collections.abc import Callable
 from html import escape
 from pathlib import Path
-from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
-from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from lagrange_bench.experiments.drawing import style
@@ -22,7 +18,6 @@ FONTS = "'DejaVu Sans',Verdana,sans-serif"
 TITLED = re.compile(rf'<g id="{style.TITLE}([^"]*)">')
 
 
-CANVASES: dict[str, Any] = {"svg": FigureCanvasSVG, "pdf": FigureCanvasPdf, "png": FigureCanvasAgg}
 # metadata that differ from day to day
 WITHOUT = {
     "svg": ("Date", "Creator", "Format", "Type"),
@@ -62,15 +57,14 @@ def write(path: Path, figure: Figure) -> str:
 
 
 def _printed(figure: Figure, kind: str) -> bytes:
-    """The bytes of a file. figure.savefig would lay everything out twice."""
+    """The bytes of a file."""
     for ax in figure.axes:
         for line in ax.lines:
             if line.get_gid() is None and not str(line.get_label()).startswith("_"):
                 line.set_gid(style.title(str(line.get_label())))
     buffer = io.BytesIO()
     with style.apply():
-        figure.set_dpi(DPI)
-        getattr(CANVASES[kind](figure), f"print_{kind}")(buffer, metadata=dict.fromkeys(WITHOUT[kind]))
+        figure.savefig(buffer, format=kind, dpi=DPI, metadata=dict.fromkeys(WITHOUT[kind]))
     return buffer.getvalue()
 
 

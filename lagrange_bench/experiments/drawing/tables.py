@@ -1,4 +1,4 @@
-"""Numbers as a reader sees them, here and on the page; tables as HTML cells, Markdown, LaTeX (booktabs, siunitx), CSV.
+"""Numbers and names as a reader sees them, here and on the page; tables as HTML cells, Markdown, LaTeX (booktabs, siunitx), CSV.
 
 Measured numbers have three digits: 0.0171, 1.23×10⁻⁵. Counts are exact: 1024, 47 369. Powers of ten are 10⁴, 10⁻¹². CSV holds
 every digit.
@@ -7,10 +7,15 @@ every digit.
 import math
 import numbers
 import re
+import unicodedata
+from contextlib import suppress
 from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+
+from lagrange_bench.integrators.interface import Method
+from lagrange_bench.integrators.registry import METHODS, find_stored
 
 MISSING = "–"
 WHOLE = 10**7  # whole numbers up to here are counts, even as floats
@@ -18,8 +23,7 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 GROUP = "\N{NARROW NO-BREAK SPACE}"
 UNIT = re.compile(r"\bus\b")
 NUMBER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]?\d{1,3}(?!\w|\.\d)")
-DECIMAL = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
-METHODS = ("method", "cheapest", "next", "best of the others")  # columns of methods: a paper wants labels, not keys
+OF_METHODS = ("method", "cheapest", "best of the others")  # columns of methods: a paper wants labels, not keys
 
 
 class Cell(NamedTuple):
@@ -39,9 +43,8 @@ def flat(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def heading(column: Any) -> str:
-    """The name of a column for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶, 32.0 is 32."""
-    name = str(column)
-    return show(float(name)) if DECIMAL.fullmatch(name) else UNIT.sub("µs", name.replace("_", " "))
+    """The name of a column for a reader: setup_us is "setup µs", 1e-06 is 10⁻⁶."""
+    return numbers_in(UNIT.sub("µs", str(column).replace("_", " ")))
 
 
 def cells(frame: pd.DataFrame) -> list[list[Cell]]:
@@ -59,9 +62,7 @@ def markdown(frame: pd.DataFrame) -> str:
 
 def latex(frame: pd.DataFrame, caption: str = "") -> str:
     r"""A `tabular` to \input into a table float, with columns of siunitx."""
-    from lagrange_bench.experiments.drawing.looks import label
-
-    frame = frame.assign(**{name: frame[name].map(label, na_action="ignore") for name in METHODS if name in frame})
+    frame = frame.assign(**{name: frame[name].map(label, na_action="ignore") for name in OF_METHODS if name in frame})
     numeric = [name for name in frame.columns if _is_numeric(frame[name])]
     columns = {name: [tex(value, name in numeric) for value in frame[name]] for name in frame.columns}
     body = pd.DataFrame({_tex_text(heading(name)): texts for name, texts in columns.items()})
@@ -77,6 +78,23 @@ def latex(frame: pd.DataFrame, caption: str = "") -> str:
 def csv(frame: pd.DataFrame) -> str:
     """Comma separated values: every digit, empty fields for missing values."""
     return str(frame.to_csv(index=False, lineterminator="\n"))
+
+
+def record_of(method: str) -> Method | None:
+    """The record of a method; None if it cannot be loaded here."""
+    with suppress(Exception):
+        return find_stored(method, METHODS)
+    return None
+
+
+def label(method: str) -> str:
+    """The name of a method in tables and sentences; in a figure see `style.of`. A method without a record keeps its name."""
+    record = record_of(method)
+    return printable(record.label if record else method)
+
+
+def printable(text: str) -> str:
+    return "".join(c for c in text if c == "\n" or not unicodedata.category(c).startswith("C"))
 
 
 def show(value: Any) -> str:
