@@ -151,6 +151,13 @@ def check_real(value: Any, name: str) -> float:
     return number
 
 
+def check_reals(values: Any, name: str) -> tuple[float, ...]:
+    """`values` as finite floats."""
+    if isinstance(values, (str, bytes)) or not hasattr(values, "__iter__"):
+        raise ValueError(f"{name} must be numbers; got {values!r}")
+    return tuple(check_real(value, f"{name}[{i}]") for i, value in enumerate(values))
+
+
 def check_one_or_many(value: Any, name: str) -> Any:
     """`value` as a finite float; or an array (n,) of them, which is copied and read-only."""
     if not isinstance(value, np.ndarray) or value.ndim != 1:

@@ -20,15 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_flag, check_real
+from lagrange_bench.integrators.checks import Array, check_flag, check_reals
 from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.compiling.tape import Tape, Term, record_own
-from lagrange_bench.integrators.problem.symmetry import STATES, is_of_height, random_states, values_at, vanish
+from lagrange_bench.integrators.compiling.tape import Term, record_own
+from lagrange_bench.integrators.problem.symmetry import is_of_height, random_states, vanish
 from lagrange_bench.integrators.problem.system import System, potential_system, top_system
 from lagrange_bench.integrators.problem.top import LagrangeTop, Top
-
-# relative difference between a gradient of the user and the derived one
-SAME = 1e-8
 
 
 class Potential:
@@ -40,8 +37,6 @@ class Potential:
         Its name in messages and tables.
     value : callable
         (x1, x2, x3, p) → V, in the units of |J|².
-    gradient : callable, optional
-        (x1, x2, x3, p) → (∂V/∂x1, ∂V/∂x2, ∂V/∂x3). By default it is derived, and otherwise compared with the derived one.
     parameters : sequence of str, optional
         Names of the parameters; by default a top may have any number of them.
     note : str
@@ -50,15 +45,14 @@ class Potential:
     Raises
     ------
     ValueError
-        An argument of the wrong type. From `formulas` and `PerturbedTop`: a function that is no such formula, a gradient that is
-        not V's, or another number of parameters.
+        An argument of the wrong type. From `formula` and `PerturbedTop`: a function that is no such formula, or another number of
+        parameters.
     """
 
     def __init__(
         self,
         name: str,
         value: Callable[..., Any],
-        gradient: Callable[..., Any] | None = None,
         *,
         parameters: Sequence[str] | None = None,
         note: str = "",
@@ -69,47 +63,31 @@ class Potential:
             raise ValueError(f"potential {name}: value must be a function of (x1, x2, x3, p); got {value!r}")
         if isinstance(parameters, str):
             raise ValueError(f"potential {name}: parameters must be a sequence of names; got {parameters!r}")
-        self.name, self.value, self.gradient, self.note = name, value, gradient, note
+        self.name, self.value, self.note = name, value, note
         self.parameters = None if parameters is None else tuple(parameters)
-        self._formulas: dict[int, tuple[Program, Program]] = {}
+        self._formulas: dict[int, Program] = {}
 
     def __repr__(self) -> str:
         return f"Potential({self.name!r})"
 
     def __getstate__(self) -> dict[str, Any]:
         # a function from a prompt cannot be pickled, but its recorded formula can
-        return {**self.__dict__, "value": None, "gradient": None}
+        return {**self.__dict__, "value": None}
 
-    def formulas(self, count: int) -> tuple[Program, Program]:
-        """V and ∇V, the user's or derived, as programs of x and `count` parameters; ValueError as of the class."""
+    def formula(self, count: int) -> Program:
+        """V as a program of x and `count` parameters; ValueError as of the class."""
         if self.parameters is not None and count != len(self.parameters):
             names = ", ".join(self.parameters)
             needed = f"{len(self.parameters)} numbers ({names})"
             raise ValueError(f"parameters of the potential {self.name}: {needed}; got {count}")
         if count not in self._formulas:
-            value = self._record("value", self.value, count, 1)
-            tape = Tape()
-            inputs = [tape.input() for _ in range(value.inputs)]
-            gradient = derived = tape.program(tape.gradient(tape.run(value, *inputs)[0], inputs[:3]))
-            if self.gradient is not None:
-                gradient = self._record("gradient", self.gradient, count, 3)
-                x_and_p = random_states(3 + count).T
-                ours, theirs = values_at(derived, x_and_p), values_at(gradient, x_and_p)
-                if not vanish(ours - theirs, np.hstack((ours, theirs)), SAME):
-                    raise ValueError(f"potential {self.name}: gradient is not the derivative of value")
-            self._formulas[count] = value, gradient
+
+            def plain(*numbers: Term) -> tuple[Any, ...]:
+                return (self.value(*numbers[:3], numbers[3:]),)
+
+            where = f"potential {self.name}: value"
+            self._formulas[count] = record_own(plain, 3 + count, where, "(x1, x2, x3, p)", f"{count} parameters")
         return self._formulas[count]
-
-    def _record(self, word: str, function: Callable[..., Any], count: int, outputs: int) -> Program:
-        def plain(*numbers: Term) -> tuple[Any, ...]:
-            result = function(*numbers[:3], numbers[3:])
-            return tuple(result) if outputs > 1 else (result,)
-
-        where = f"potential {self.name}: {word}"
-        program = record_own(plain, 3 + count, where, "(x1, x2, x3, p)", f"{count} parameters")
-        if len(program.outputs) != outputs:
-            raise ValueError(f"potential {self.name}: {word} must return {outputs} numbers; got {len(program.outputs)}")
-        return program
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +109,7 @@ class PerturbedTop(Top):
     Raises
     ------
     ValueError
-        Parameters of the wrong number or kind; a potential that is no formula, or whose gradient is not V's, or that is said to
-        be axisymmetric and is not.
+        Parameters of the wrong number or kind; a potential that is no formula, or that is said to be axisymmetric and is not.
     """
 
     top: LagrangeTop
@@ -145,21 +122,17 @@ class PerturbedTop(Top):
             raise ValueError(f"top of a PerturbedTop must be a LagrangeTop; got {type(self.top).__name__}")
         if not isinstance(self.potential, Potential):
             raise ValueError(f"potential must be a Potential, such as POTENTIALS['tide']; got {self.potential!r}")
-        parameters = self.parameters
-        if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
-            raise ValueError(f"parameters must be numbers, one for each parameter; got {parameters!r}")
         self.top.require_single()
-        checked = tuple(check_real(value, f"parameters[{i}]") for i, value in enumerate(parameters))
-        object.__setattr__(self, "parameters", checked)
-        self.potential.formulas(len(checked))  # or a ValueError
+        object.__setattr__(self, "parameters", check_reals(self.parameters, "parameters"))
+        _ = self._V  # or a ValueError
         if check_flag(self.axisymmetric, "axisymmetric") and not self._has_no_vertical_torque():
             raise ValueError(f"axisymmetric: {self.description} changes when x turns about the vertical")
 
     def _has_no_vertical_torque(self) -> bool:
         """Whether (x × ∇V)₃ is round-off at random states."""
-        x, p = random_states(3).T, [np.full(STATES, value) for value in self.numbers[1:]]
-        slopes = values_at(self.potential.formulas(len(self.parameters))[1], (*x, *p)).T
-        arms = np.column_stack((x[0] * slopes[1], -x[1] * slopes[0]))
+        states = random_states(6)
+        slopes = self._values(self.alpha_and_rest[1].gradient, states, 0.0)
+        arms = np.column_stack((states[:, 3] * slopes[:, 4], -states[:, 4] * slopes[:, 3]))
         return vanish(arms.sum(axis=1, keepdims=True), arms)
 
     @property
@@ -180,20 +153,17 @@ class PerturbedTop(Top):
     @cached_property
     def system(self) -> System:  # type: ignore[override]
         """H and its bracket as formulas of `arguments`."""
-        formulas = self.potential.formulas(len(self.parameters))
-        return top_system(*formulas, frozenset({2} if "J3" in self.conserved else ()))
+        return top_system(self._V, frozenset({2} if "J3" in self.conserved else ()))
 
     @cached_property
     def alpha_and_rest(self) -> tuple[float, System]:
         """alpha and the system of V."""
-        formulas = self.potential.formulas(len(self.parameters))
-        return self.require_single(), potential_system(*formulas, self.system.constant)
+        return self.require_single(), potential_system(self._V, self.system.constant)
 
     @cached_property
     def conserved(self) -> frozenset[str]:
         """H, C1, C2, and J3 if V depends on x3 only or the user says that it is axisymmetric."""
-        V, _ = self.potential.formulas(len(self.parameters))
-        is_round = self.axisymmetric or is_of_height(V, self.numbers[1:])
+        is_round = self.axisymmetric or is_of_height(self._V, self.numbers[1:])
         return frozenset({"H", "C1", "C2", "J3"} if is_round else {"H", "C1", "C2"})
 
     @cached_property
@@ -204,7 +174,7 @@ class PerturbedTop(Top):
     def check_state(self, y: Any, name: str = "y0") -> Array:
         """A state as a fresh array (6,). ValueError: `y` is no state, or V or the force is not finite there."""
         state = super().check_state(y, name)
-        if not np.isfinite((self._V(state), *self.force(state))).all():
+        if not np.isfinite((self._value(state), *self.force(state))).all():
             raise ValueError(f"{name}: {self.description} is not finite at x = {state[3:].tolist()}")
         return state
 
@@ -219,7 +189,13 @@ class PerturbedTop(Top):
     def invariant_scales(self, y: ArrayLike) -> Array:
         """Sizes (4,) of the terms in H, J3, C1, C2 at one state, for relative drift and ulps."""
         H, *others = super().invariant_scales(y)
-        return np.array((H + abs(self._V(y)), *others))
+        return np.array((H + abs(self._value(y)), *others))
 
-    def _V(self, y: ArrayLike) -> float:
+    @property
+    def _V(self) -> Program:
+        """V as a program of x and the parameters."""
+        return self.potential.formula(len(self.parameters))
+
+    def _value(self, y: ArrayLike) -> float:
+        """V at one state."""
         return float(self._values(self.alpha_and_rest[1].energy, y, 0.0)[0])

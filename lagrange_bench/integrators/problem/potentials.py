@@ -19,14 +19,6 @@ def _quadratic(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     return (p[0] * x1 * x1 + p[1] * x2 * x2 + p[2] * x3 * x3) / 2 + across
 
 
-def _quadratic_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
-    return (
-        p[0] * x1 + (p[3] * x2 + p[4] * x3),
-        p[1] * x2 + (p[3] * x1 + p[5] * x3),
-        p[2] * x3 + (p[4] * x1 + p[5] * x2),
-    )
-
-
 def _axisymmetric(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     total: Any = 0.0
     for c in reversed(p):
@@ -34,23 +26,9 @@ def _axisymmetric(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     return total * x3
 
 
-def _axisymmetric_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
-    total: Any = 0.0
-    for power, c in reversed(list(enumerate(p, 2))):
-        total = total * x3 + power * c
-    return 0.0, 0.0, total * x3
-
-
 def _charge(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     d = (x1 - p[1], x2 - p[2], x3 - p[3])
     return -p[0] / sqrt(dot(d, d))
-
-
-def _charge_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
-    d = (x1 - p[1], x2 - p[2], x3 - p[3])
-    square = dot(d, d)
-    pull = p[0] / (square * sqrt(square))
-    return pull * d[0], pull * d[1], pull * d[2]
 
 
 def _tide(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
@@ -58,30 +36,25 @@ def _tide(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
     return p[0] * (along * along) / 2
 
 
-def _tide_gradient(x1: Any, x2: Any, x3: Any, p: Any) -> Any:
-    pull = p[0] * dot(p[1:], (x1, x2, x3))
-    return pull * p[1], pull * p[2], pull * p[3]
-
-
 # V = x·Sx/2: an uneven field to second order. Near a point any smooth field is uniform up to this term. V is also the energy of
 # a soft magnetic body in a uniform field: its induced moment is a linear function of the axis.
 # Source: Landau & Lifshitz, Electrodynamics of Continuous Media (1984), sections 4 and 8.
 QUADRATIC = Potential(
-    "quadratic", _quadratic, _quadratic_gradient, parameters=("S11", "S22", "S33", "S12", "S13", "S23"),
+    "quadratic", _quadratic, parameters=("S11", "S22", "S33", "S12", "S13", "S23"),
     note="x·Sx/2: an uneven field to second order, or an induced moment; S in units of J²/x²",
 )  # fmt: skip
 
 # V = c2 x3² + c3 x3³ + …: any field that is symmetric about the vertical, as a polynomial in the height. J3 is conserved and the
 # motion integrable: by elliptic functions (`truth.tide`) if only c2 is not 0, by hyperelliptic ones from the third power on.
 AXISYMMETRIC = Potential(
-    "axisymmetric", _axisymmetric, _axisymmetric_gradient,
+    "axisymmetric", _axisymmetric,
     note="c2 x3² + c3 x3³ + …: a field symmetric about the vertical; ck in units of J²/x^k",
 )  # fmt: skip
 
 # V = −k/|x − a|: a point charge (or mass) at a attracts the tip of the axis, k > 0, or repels it. Singular at a.
 # Source: Jackson, Classical Electrodynamics (1998), section 1.5.
 CHARGE = Potential(
-    "charge", _charge, _charge_gradient, parameters=("k", "a1", "a2", "a3"),
+    "charge", _charge, parameters=("k", "a1", "a2", "a3"),
     note="−k/|x − a|: a point charge or mass at a pulls the tip of the axis; k in units of J² x",
 )  # fmt: skip
 
@@ -89,7 +62,7 @@ CHARGE = Potential(
 # k = 3 (GM/r³)(C − A)/A for |x| = 1, from MacCullagh's formula. Source: Murray & Dermott, Solar System Dynamics (1999),
 # section 5.3; Goldstein, Poole & Safko, Classical Mechanics (2002), section 5.8.
 TIDE = Potential(
-    "tide", _tide, _tide_gradient, parameters=("k", "n1", "n2", "n3"),
+    "tide", _tide, parameters=("k", "n1", "n2", "n3"),
     note="k (n·x)²/2: the tide of a distant mass in direction n; k = 3 (GM/r³)(C − A)/A, in units of J²/x²",
 )  # fmt: skip
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_numbers, check_real
+from lagrange_bench.integrators.checks import Array, check_numbers, check_real, check_reals
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.tape import record_own
 from lagrange_bench.integrators.problem.parts import Part, find_parts, is_top, weight_and_rest
@@ -86,10 +86,8 @@ class Problem:
             raise ValueError(f"name of a problem must be a word; got {name!r}")
         if frame not in ("space", "body"):
             raise ValueError(f"problem {name}: frame must be 'space' or 'body'; got {frame!r}")
-        if isinstance(parameters, (str, bytes)) or not hasattr(parameters, "__iter__"):
-            raise ValueError(f"problem {name}: parameters must be numbers; got {parameters!r}")
         self.name, self.space = name, find_space(space)
-        self.numbers = tuple(check_real(v, f"problem {name}: parameters[{i}]") for i, v in enumerate(parameters))
+        self.numbers = check_reals(parameters, f"problem {name}: parameters")
         energy = self._record("hamiltonian", hamiltonian)
         self.extra_invariants = tuple(
             (word, self._record(f"invariants[{word!r}]", formula)) for word, formula in (invariants or {}).items()

@@ -8,7 +8,7 @@ What a user says of a problem, such as that a function is conserved, is believed
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -43,13 +43,6 @@ def random_states(size: int) -> Array:
     """STATES rows of `size` random numbers, of lengths from about 0.1 to 3."""
     draw = np.random.default_rng(1)
     return draw.normal(size=(STATES, size)) * 10.0 ** draw.uniform(-1.0, 0.5, size=(STATES, 1))
-
-
-def values_at(program: Program, columns: Iterable[Array]) -> Array:
-    """The outputs of a program (N, k) at inputs given as columns (N,)."""
-    with np.errstate(all="ignore"):
-        outputs = program.on_arrays(*columns)
-    return np.stack([np.broadcast_to(output, STATES) for output in outputs], axis=1)
 
 
 def vanish(values: Array, terms: Array, least: float = SAME) -> bool:

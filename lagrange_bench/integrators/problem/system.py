@@ -331,31 +331,28 @@ def make_system(space: Space, energy: Program, *, body: bool = False, constant: 
 
 
 @lru_cache(maxsize=256)
-def top_system(V: Program, slopes: Program, constant: frozenset[int] = frozenset()) -> System:
-    """|J|²/2 + alpha x3 + V(x) on e3, from programs V and ∇V of (x, *p); the parameters are alpha and p."""
+def top_system(V: Program, constant: frozenset[int] = frozenset()) -> System:
+    """|J|²/2 + alpha x3 + V(x) on e3, from a program V of (x, *p); the parameters are alpha and p."""
+    return _with_potential(V, constant, lambda J, x, alpha, value: dot(J, J) / 2.0 + (alpha * x[2] + value))
+
+
+@lru_cache(maxsize=256)
+def potential_system(V: Program, constant: frozenset[int] = frozenset()) -> System:
+    """V(x) alone, with the inputs of `top_system`."""
+    return _with_potential(V, constant, lambda J, x, alpha, value: value)
+
+
+def _with_potential(V: Program, constant: frozenset[int], energy: Callable[..., Any]) -> System:
+    """The system of H = `energy(J, x, alpha, V)` on e3."""
     tape = Tape()
     _, *J = (tape.input() for _ in range(4))
     x, alpha = [tape.input() for _ in range(3)], tape.input()
     p = [tape.input() for _ in range(V.inputs - 3)]
-    kinetic = dot(J, J) / 2.0
     (value,) = tape.run(V, *x, *p)
-    energy = kinetic + (alpha * x[2] + value)
-    g1, g2, g3 = tape.run(slopes, *x, *p)
-    return System(E3, tape.program((energy,)), tape.program((*J, g1, g2, g3 + alpha)), constant=constant)
-
-
-@lru_cache(maxsize=256)
-def potential_system(V: Program, slopes: Program, constant: frozenset[int] = frozenset()) -> System:
-    """V(x) alone, with the inputs of `top_system`."""
-    tape = Tape()
-    inputs = [tape.input() for _ in range(8 + V.inputs - 3)]
-    x, p = inputs[4:7], inputs[8:]
-    return System(
-        E3, tape.program(tape.run(V, *x, *p)), tape.program((*(0.0,) * 3, *tape.run(slopes, *x, *p))), constant=constant
-    )
+    return make_system(E3, tape.program((energy(J, x, alpha, value),)), constant=constant)
 
 
 @cache
 def uniform_system() -> System:
     """|J|²/2 + alpha x3, the Lagrange top."""
-    return top_system(Program(3, (), (("=", 0.0),)), Program(3, (), (("=", 0.0),) * 3), frozenset({2}))
+    return top_system(Program(3, (), (("=", 0.0),)), frozenset({2}))
