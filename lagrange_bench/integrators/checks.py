@@ -38,23 +38,30 @@ def keyword_options(function: Callable[..., Any]) -> tuple[str, ...]:
     return tuple(p.name for p in parameters if p.kind is inspect.Parameter.KEYWORD_ONLY)
 
 
+def _as_reals(values: Any) -> Array | None:
+    """`values` as a fresh array of finite doubles, or None."""
+    try:
+        numbers = np.array(values)
+    except ValueError:  # rows of different lengths
+        return None
+    is_real = numbers.dtype.kind in "iuf" and np.isfinite(numbers).all()
+    return numbers.astype(np.float64, copy=False) if is_real else None
+
+
+def check_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
+    """`values` as a fresh array of finite doubles, of one of these shapes; else ValueError."""
+    numbers = _as_reals(values)
+    if numbers is None or numbers.shape not in shapes:
+        raise ValueError(f"{name} must be finite real numbers, shape {' or '.join(map(str, shapes))}; got {values!r}")
+    return numbers
+
+
 def check_state(y0: Any, name: str = "y0") -> Array:
     """`y0` as a fresh (6,) float64 array; else ValueError."""
-    try:
-        y = np.array(y0)
-    except ValueError as error:
-        raise ValueError(f"{name} must be six real numbers (J1, J2, J3, x1, x2, x3): {error}") from None
-    if y.shape != (6,):
-        hint = f"; if {y0!r} is a step, write h={y0!r}" if y.shape == () else ""
-        raise ValueError(f"{name} must have shape (6,), that is (J1, J2, J3, x1, x2, x3); got shape {y.shape}{hint}")
-    if y.dtype.kind not in "iuf":
-        raise ValueError(f"{name} must be real numbers; got dtype {y.dtype}")
-    if y.dtype != np.float64:
-        y = y.astype(np.float64)
-    numbers = y.tolist()  # of six numbers Python is quicker than NumPy
-    if not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{name} must be finite; got {numbers}")
-    if not any(numbers[3:]):
+    if np.isscalar(y0):
+        raise ValueError(f"{name} must be a state (J1, J2, J3, x1, x2, x3); if {y0!r} is a step, write h={y0!r}")
+    y = check_array(y0, name, (6,))
+    if not y[3:].any():
         raise ValueError(f"{name} has x = 0: the axis of the top needs |x| > 0")
     return y
 
@@ -68,13 +75,10 @@ def as_state(y: Any, size: int = 6) -> Array:
 
 def check_numbers(y: Any, name: str, size: int) -> Array:
     """`y`, of any shape, as a fresh array (size,) of finite real numbers; else ValueError."""
-    try:
-        numbers = np.array(y)
-    except ValueError as error:
-        raise ValueError(f"{name} must be {size} real numbers: {error}") from None
-    if numbers.size != size or numbers.dtype.kind not in "iuf" or not np.isfinite(numbers).all():
-        raise ValueError(f"{name} must be {size} finite real numbers; got {np.asarray(y).tolist()}")
-    return numbers.astype(np.float64).reshape(size)
+    numbers = _as_reals(y)
+    if numbers is None or numbers.size != size:
+        raise ValueError(f"{name} must be {size} finite real numbers; got {y!r}")
+    return numbers.reshape(size)
 
 
 def check_step(h: Any, name: str = "h") -> float:
@@ -87,17 +91,10 @@ def check_step(h: Any, name: str = "h") -> float:
 
 def check_times(t: Any, single: bool = False) -> Array:
     """`t` as a one-dimensional array of finite floats; with `single` one time is allowed, too, and gets no axis."""
-    try:
-        times = np.asarray(t)
-    except ValueError:  # rows of different lengths
-        times = np.array(None)
-    if (
-        times.ndim not in ((0, 1) if single else (1,))
-        or times.dtype.kind not in "iuf"
-        or not np.all(np.isfinite(times))
-    ):
+    times = _as_reals(t)
+    if times is None or times.ndim not in ((0, 1) if single else (1,)):
         raise ValueError(f"t must be {'a time or ' if single else ''}a one-dimensional array of finite real times")
-    return times.astype(np.float64)
+    return times
 
 
 def check_times_or_grid(t: Any, h: Any, steps: Any, every: Any) -> Array | None:
@@ -162,9 +159,7 @@ def check_one_or_many(value: Any, name: str) -> Any:
     """`value` as a finite float; or an array (n,) of them, which is copied and read-only."""
     if not isinstance(value, np.ndarray) or value.ndim != 1:
         return check_real(value, name)
-    numbers = np.array(value, dtype=np.float64) if value.dtype.kind in "iuf" else np.full(1, np.nan)
-    if not np.isfinite(numbers).all():
-        raise ValueError(f"{name} must be finite real numbers; got dtype {value.dtype}")
+    numbers = check_array(value, name, value.shape)
     numbers.flags.writeable = False
     return numbers
 

@@ -19,7 +19,7 @@ from typing import Any
 from lagrange_bench.integrators import methods
 from lagrange_bench.integrators.interface import Method, StepError
 from lagrange_bench.integrators.methods import ARCHIVE, BUILT_IN
-from lagrange_bench.integrators.own_modules import import_own
+from lagrange_bench.integrators.own_modules import import_own, no_exit
 from lagrange_bench.integrators.problem.perturbed import Potential
 from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS, POTENTIALS_BUILT_IN
 from lagrange_bench.integrators.problem.top import TOPS, NamedTop
@@ -64,10 +64,8 @@ class Registry(Mapping[str, Any]):
         entry = self._entries[name]
         if not hasattr(entry, "load"):  # a record; entry points of importlib_metadata have a type of their own
             return entry
-        try:
+        with no_exit():
             record = entry.load()
-        except SystemExit as end:
-            raise ImportError(f"it calls sys.exit({end.code!r})") from end
         if not isinstance(record, self.kind):
             raise TypeError(f"{entry.value} is a {type(record).__name__}, not a lagrange_bench.{self.kind.__name__}")
         return record

@@ -21,9 +21,7 @@ KINDS = {
     "none": Potential("none", lambda x1, x2, x3, p: 0.0),
     "square": Potential("square", lambda x1, x2, x3, p: p[0] * x1 * x1 / 2),
     # heyoka must not turn a division by a double into a product with its rounded reciprocal
-    "divided": Potential(
-        "divided", lambda x1, x2, x3, p: x1 * x1 / 0.6 - (-x3) / p[0], lambda x1, x2, x3, p: (x1 / 0.3, 0.0, 1 / p[0])
-    ),
+    "divided": Potential("divided", lambda x1, x2, x3, p: x1 * (x1 / 0.6) - (-x3) / p[0]),
 }
 
 

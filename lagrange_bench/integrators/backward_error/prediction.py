@@ -178,17 +178,6 @@ class PredictedPhase:
         self.clock_growth, turn_growth = (float(v) * second for v in self.ramp.mean / self.h**2)
         self.turn, self.turn_growth = turn * second, turn_growth * second
 
-    def steps(self, t: ArrayLike) -> Array:
-        """The numbers of steps for the times t (N,): whole numbers if t is a multiple of h up to rounding."""
-        n = check_times(t) / self.user_h
-        whole = np.rint(n)
-        return np.where(np.abs(n - whole) <= 4.0 * np.finfo(float).eps * np.abs(n), whole, n)
-
-    def shifts(self, t: ArrayLike) -> tuple[Array, Array]:
-        """The time by which the method is ahead, and the angle by which it has turned too far, (N,) each; t as in `states`."""
-        p = self._along(self.steps(t))
-        return p[:, 0] / self.units.time(1.0), p[:, 1]
-
     def states(self, t: ArrayLike) -> Array:
         """The states (N, 6) of the method at times t (N,), multiples of h as in `Trajectory.t`; between them a smooth curve.
 
@@ -196,18 +185,15 @@ class PredictedPhase:
         are wrong by about error²/amplitude, with the amplitude of the nutation relative to the scales of J and x. If the error is
         as large as the amplitude, the prediction may be worse than none.
         """
-        n = self.steps(t)
-        p = self._along(n)
+        n = check_times(t) / self.user_h
+        # by parts: Σ_{k<n} k g(s_k) = n (n − 1)/2 mean + (n − 1) w(s_n) − Σ_{0<k<n} w(s_k)
+        ramped = np.outer(n * (n - 1) / 2, self.ramp.mean) + (n - 1)[:, None] * self.ramp.wave(n)
+        p = self.along(n) + ramped + self.ramp.wave(np.zeros(1)) - self.ramps(n)
         y = exact.solution(self.top, self.y0, self.h * n + p[:, 0])
         c, s = np.cos(p[:, 1]), np.sin(p[:, 1])
         for i in (0, 3):
             y[:, i], y[:, i + 1] = c * y[:, i] - s * y[:, i + 1], s * y[:, i] + c * y[:, i + 1]
         return self.units.leave(y + times(np.linalg.pinv(gradients(self.top, y)), self.off(n)))
-
-    def _along(self, n: Array) -> Array:
-        # by parts: Σ_{k<n} k g(s_k) = n (n − 1)/2 mean + (n − 1) w(s_n) − Σ_{0<k<n} w(s_k)
-        ramped = np.outer(n * (n - 1) / 2, self.ramp.mean) + (n - 1)[:, None] * self.ramp.wave(n)
-        return self.along(n) + ramped + self.ramp.wave(np.zeros(1)) - self.ramps(n)
 
 
 def exact_in_time(top: LagrangeTop, y0: Array, h: float) -> PredictedPhase:
@@ -281,7 +267,10 @@ def flows(top: LagrangeTop, states: Array) -> Array:
     X = np.zeros((*states.shape, 2))
     X[:, :, 0] = top.rhs(states)
     X[:, (0, 3), 1], X[:, (1, 4), 1] = -states[:, (1, 4)], states[:, (0, 3)]
-    if not independent(X):
+    # the gradients of the invariants are independent where the flows are
+    lengths = np.linalg.norm(X, axis=1, keepdims=True)
+    values = np.linalg.svd(X / np.where(lengths > 0, lengths, 1.0), compute_uv=False)
+    if not np.all(values[:, -1] > THIN * values[:, 0]):
         raise NoPrediction("the flows of H and J3 are one: a regular precession, or very close to it")
     return X
 
@@ -293,21 +282,13 @@ def gradients(top: LagrangeTop, states: Array) -> Array:
 
 def shears(top: LagrangeTop, states: Array) -> Array:
     """X⁺(f' E − E') at states (N, 6), shape (N, 2, 4). Because X⁺ Gᵀ = 0, it is X⁺(f' Gᵀ − Gᵀ')(G Gᵀ)⁻¹."""
-    G, rates = gradients(top, states), top.rhs(states)
+    X, G, rates = flows(top, states), gradients(top, states), top.rhs(states)
     still = gradients(top, np.zeros_like(states))  # gradients are affine functions of the state
     changes = gradients(top, rates) - still
     transposed = G.transpose(0, 2, 1)
-    if not independent(transposed):
-        raise NoPrediction("the gradients of the invariants are not independent")
     f = np.array([top.jacobian(y) for y in states])
     changed = f @ transposed - changes.transpose(0, 2, 1)
-    return np.linalg.pinv(flows(top, states)) @ changed @ np.linalg.inv(G @ transposed)
-
-
-def independent(columns: Array) -> bool:
-    lengths = np.linalg.norm(columns, axis=1, keepdims=True)
-    values = np.linalg.svd(columns / np.where(lengths > 0, lengths, 1.0), compute_uv=False)
-    return bool(np.all(values[:, -1] > THIN * values[:, 0]))
+    return np.linalg.pinv(X) @ changed @ np.linalg.inv(G @ transposed)
 
 
 def smooth(values: Array) -> bool:

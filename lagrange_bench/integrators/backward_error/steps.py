@@ -189,16 +189,12 @@ def kicked(coefficients: tuple[float, float, float], alpha: float, s: State, h: 
 
 
 def turned(t: Series, J: State, x: State, power: int) -> State:
-    """x turned about J by the angle t|J|: x + sin(t|J|)/|J| J×x + (1 − cos t|J|)/|J|² J×(J×x)."""
-    z = -(t * t) * (J[0] * J[0] + J[1] * J[1] + J[2] * J[2])
-    sine, cosine, term = Series(0.0 * z.c), Series(0.0 * z.c), z
-    sine.c[0], cosine.c[0] = 1.0, 0.5
-    for k in range(1, power // 2 + 1):
-        sine, cosine = sine + term / math.factorial(2 * k + 1), cosine + term / math.factorial(2 * k + 2)
-        term = z * term
-    u = cross(J, x)
-    v, sine, cosine = cross(J, u), t * sine, t * (t * cosine)
-    return tuple(a + sine * b + cosine * c for a, b, c in zip(x, u, v, strict=True))
+    """x turned about J by the angle t|J|: the series of exp(t J×) x."""
+    axis, term = [t * v for v in J], x
+    for k in range(1, power + 1):
+        term = tuple(v / k for v in cross(axis, term))
+        x = tuple(a + b for a, b in zip(x, term, strict=True))
+    return x
 
 
 def kernel_step(

@@ -45,7 +45,7 @@ QUADRATIC = Potential(
 )  # fmt: skip
 
 # V = c2 x3² + c3 x3³ + …: any field that is symmetric about the vertical, as a polynomial in the height. J3 is conserved and the
-# motion integrable: by elliptic functions (`truth.tide`) if only c2 is not 0, by hyperelliptic ones from the third power on.
+# motion integrable: by elliptic functions if only c2 is not 0, by hyperelliptic ones from the third power on.
 AXISYMMETRIC = Potential(
     "axisymmetric", _axisymmetric,
     note="c2 x3² + c3 x3³ + …: a field symmetric about the vertical; ck in units of J²/x^k",

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange_bench.integrators.checks import Array, check_flag, check_numbers, check_real
+from lagrange_bench.integrators.checks import Array, check_array, check_flag, check_numbers, check_real
 from lagrange_bench.integrators.compiling.tape import Program, Tape
 from lagrange_bench.integrators.problem import free_motion
 from lagrange_bench.integrators.problem.inertia import (
@@ -43,7 +43,7 @@ from lagrange_bench.integrators.problem.inertia import (
     upright,
 )
 from lagrange_bench.integrators.problem.problem import Problem
-from lagrange_bench.integrators.problem.rotation import as_motion, real_array
+from lagrange_bench.integrators.problem.rotation import as_motion
 from lagrange_bench.integrators.problem.system import System, find_space
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -100,8 +100,8 @@ class RigidBody(Problem):
         fixed: bool = True,
     ) -> None:
         self.mass, self.fixed = check_real(mass, "mass"), check_flag(fixed, "fixed")
-        self.com, self.gravity = real_array(com, "com", (3,)), real_array(gravity, "gravity", (3,))
-        moments = real_array(inertia_com, "inertia_com", (3,), (3, 3))
+        self.com, self.gravity = check_array(com, "com", (3,)), check_array(gravity, "gravity", (3,))
+        moments = check_array(inertia_com, "inertia_com", (3,), (3, 3))
         self.facts = {
             **{"mass": self.mass, "com": self.com.tolist(), "inertia_com": moments.tolist()},
             **{"gravity": self.gravity.tolist(), "fixed": self.fixed},
@@ -231,7 +231,7 @@ class RigidBody(Problem):
                 raise ValueError("position and velocity are those of a body that flies: RigidBody(…, fixed=False)")
             return y
         flight = [
-            np.zeros(3) if v is None else real_array(v, name, (3,))
+            np.zeros(3) if v is None else check_array(v, name, (3,))
             for name, v in (("position", position), ("velocity", velocity))
         ]
         return np.concatenate((y, *flight))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import Array, warn_caller
+from lagrange_bench.integrators.checks import Array, check_array, warn_caller
 from lagrange_bench.integrators.compiling.compiled import jit
 
 if TYPE_CHECKING:
@@ -16,17 +16,6 @@ if TYPE_CHECKING:
 EXACT = 1e-12
 # and up to which it is scaled, with a warning: 7 printed digits
 ROUNDED = 1e-6
-
-
-def real_array(values: Any, name: str, *shapes: tuple[int, ...]) -> Array:
-    """`values` as a fresh array of finite doubles. ValueError if they are not real, or of none of these shapes."""
-    try:
-        v = np.array(values)
-    except ValueError:
-        v = np.empty(0)
-    if v.shape not in shapes or v.dtype.kind not in "iuf" or not np.all(np.isfinite(v)):
-        raise ValueError(f"{name} must be finite real numbers, shape {' or '.join(map(str, shapes))}; got {values!r}")
-    return v.astype(np.float64)
 
 
 def as_rotation(rotation: Any) -> Rotation:
@@ -45,7 +34,7 @@ def as_rotation(rotation: Any) -> Rotation:
         if not rotation.single:
             raise ValueError(f"rotation must be a single one; got {len(rotation)}")
         return rotation
-    R = real_array(rotation, "rotation", (3, 3), (4,))
+    R = check_array(rotation, "rotation", (3, 3), (4,))
     if R.shape == (4,):
         what, off = "a unit quaternion, scalar first", abs(float(np.linalg.norm(R)) - 1.0)
     else:
@@ -64,8 +53,8 @@ def as_motion(rotation: Any, omega_body: Any, omega_world: Any) -> tuple[Rotatio
     if (omega_body is None) == (omega_world is None):
         raise ValueError("give either omega_body or omega_world")
     if omega_world is None:
-        return turn, real_array(omega_body, "omega_body", (3,))
-    return turn, turn.inv().apply(real_array(omega_world, "omega_world", (3,)))
+        return turn, check_array(omega_body, "omega_body", (3,))
+    return turn, turn.inv().apply(check_array(omega_world, "omega_world", (3,)))
 
 
 def product(a: Any, b: Any) -> Any:
