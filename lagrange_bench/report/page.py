@@ -21,7 +21,7 @@ from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.report import chooser, claims, lists, live, origin, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, described, draw, packed
+from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, described, draw, packed, read
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -82,22 +82,19 @@ def assemble(results: Path, choice: Choice = ALL, drawn: Drawn = lambda done, to
     sections = []
     for done, name in enumerate(names):
         drawn(done, len(names))
-        sections.append(draw(name, stored))
+        sections.append(read(name, stored))
+        draw(sections[-1])
     drawn(len(names), len(names))
     only_own = stored.experiments() and not set(stored.experiments()) & set(EXPERIMENTS)
     whole = not choice and not only_own
     if not whole:
         sections = [section for section in sections if not section.absent]
     source = origin.find(results, choice)
-    for section in sections:
-        section.origin = source
     old = _old(sections)
     drawn_from = "; ".join(filter(None, (origin.described(source), old)))
     errors = [f"{section.experiment}: {error}" for section in sections for error in section.errors]
     report = Report(sections, drawn_from, whole, errors, old=old)
     rows = {section.experiment: section.rows for section in sections}
-    for section in sections:
-        promises.keep(section.experiment, section.rows, {table.name: table.frame for table in section.tables})
     if whole:
         _judge(report, rows, source)
     return report

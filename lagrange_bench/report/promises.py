@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from lagrange_bench.experiments.catalogue import load
 from lagrange_bench.experiments.drawing.tables import flat, show
 from lagrange_bench.experiments.measuring.states import CLOSE, RANDOM, RELEASED, SPINNING, WIDE, methods_on
 from lagrange_bench.experiments.work_precision import APART, TARGETS, best, useful
@@ -18,6 +17,7 @@ from lagrange_bench.integrators.problem.potentials import PERTURBED_TOPS
 from lagrange_bench.integrators.problem.top import TOPS
 from lagrange_bench.integrators.registry import BUILT_IN, METHODS, available
 from lagrange_bench.report.claims import Bound, Claim, Measure, NoData, Reading, Refuted, ShortAnswer, select, values
+from lagrange_bench.report.sections import tables_of
 from lagrange_bench.results.store import Store, find_results
 
 EXACT = ("backlund", "closed-form")  # families that are exact in time
@@ -31,23 +31,14 @@ SETS = {  # of tops, as `where` names them
     "@released": RELEASED,
     "@spinning": SPINNING,
 }
-Tables = dict[str, pd.DataFrame]
-_TABLES: dict[str, tuple[pd.DataFrame, Tables]] = {}  # of each experiment the rows judged last, and their tables
-
-
-def keep(experiment: str, rows: pd.DataFrame, tables: Tables) -> None:
-    """Cache the tables of these rows: several claims ask for the same, and the page has made them already."""
-    _TABLES[experiment] = (rows, tables)
 
 
 def table(rows: pd.DataFrame, experiment: str, name: str) -> pd.DataFrame:
     """The named table an experiment makes of its rows. NoData: it makes none of that name."""
-    if experiment not in _TABLES or _TABLES[experiment][0] is not rows:
-        keep(experiment, rows, {each: flat(frame) for each, frame in load(experiment).tables(rows).items()})
-    table = _TABLES[experiment][1].get(name, pd.DataFrame())
-    if table.empty:
+    made = tables_of(experiment, rows)
+    if name not in made or made[name].empty:
         raise NoData(f"no table {name!r}")
-    return table
+    return flat(made[name])
 
 
 def entries(

@@ -19,6 +19,7 @@ from markupsafe import Markup
 from lagrange_bench.experiments.catalogue import UnknownExperiment, load_stored
 from lagrange_bench.experiments.drawing import figures, style, tables
 from lagrange_bench.experiments.measuring.reductions import with_failures
+from lagrange_bench.report import origin
 from lagrange_bench.report.origin import PUBLISHED, Origin, commits, days
 from lagrange_bench.results import sources
 from lagrange_bench.results.store import Store, StoreError
@@ -27,6 +28,8 @@ from lagrange_bench.support.files import write_file
 DECLINED = "StepError"  # what a method raises that declines a step
 OPENED = ("phase_h", "work_precision_time", "phase_time")  # figures that are not folded, in this order
 Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
+# of each experiment the rows that tables were made of last, and these tables
+_TABLES: dict[str, tuple[pd.DataFrame, dict[str, pd.DataFrame]]] = {}
 
 
 @dataclass
@@ -51,6 +54,7 @@ class Section:
     experiment: str
     title: str = ""
     about: str = ""
+    module: ModuleType | None = None  # None: it cannot be loaded here
     rows: pd.DataFrame = field(default_factory=pd.DataFrame)
     packed: str = ""  # the rows as CSV with every digit, see `packed`
     figures: list[DrawnFigure] = field(default_factory=list)
@@ -127,46 +131,47 @@ class Section:
         return re.sub(r"[^\w.-]+", "-", f"{self.experiment}_{name}")
 
 
-def draw(experiment: str, store: Store) -> Section:
-    """The section of an experiment; never raises for what cannot be read or drawn, but says so in it."""
-    section = Section(experiment, title=experiment.replace("_", " ").capitalize())
+def read(experiment: str, store: Store) -> Section:
+    """The section of what is stored of an experiment, not drawn yet. What cannot be loaded or read is said in it."""
+    title = experiment.replace("_", " ").capitalize()
+    section = Section(experiment, title, origin=origin.find(store.folder, store.choice))
     try:
-        module = load_stored(experiment)
-        title, _, about = (module.__doc__ or section.title).strip().partition("\n")
+        section.module = load_stored(experiment)
+        title, _, about = (section.module.__doc__ or section.title).strip().partition("\n")
         section.title, section.about = title.rstrip("."), about.strip()
     except UnknownExperiment as error:
         section.errors.append(str(error))  # its rows are still shown
-        module = None
     try:
-        read(section, store, module)
+        journal = store.open(experiment)
     except StoreError as error:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
-    if section.rows.empty:
         return section
-    full_columns = section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all")
-    section.packed = packed(tables.csv(full_columns))
-    if module is None:
-        return section
-    try:
-        section.figures = draw_figures(module, section.rows)
-    except Exception as error:
-        section.errors.append(f"figures cannot be drawn: {described(error)}")
-    try:
-        section.tables = make_tables(module, section.rows)
-    except Exception as error:
-        section.errors.append(f"tables cannot be made: {described(error)}")
-    return section
-
-
-def read(section: Section, store: Store, module: ModuleType | None) -> None:
-    """Puts what is stored of an experiment, and what is to be said of it, into its section."""
-    journal = store.open(section.experiment)
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
     section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
     section.source_ages = journal.source_ages()
-    if module is not None:
-        section.rows = with_failures(section.rows, getattr(module, "MEASURED", {}))
+    if section.module is not None:
+        section.rows = with_failures(section.rows, getattr(section.module, "MEASURED", {}))
         section.failures = _with_incomplete(section.failures, section.rows)
+    return section
+
+
+def draw(section: Section) -> None:
+    """Adds figures, tables and packed rows to a section. What cannot be drawn is said in it."""
+    if section.rows.empty:
+        return
+    full_columns = section.rows.drop(columns="key", errors="ignore").dropna(axis="columns", how="all")
+    section.packed = packed(tables.csv(full_columns))
+    if section.module is None:
+        return
+    try:
+        section.figures = draw_figures(section)
+    except Exception as error:
+        section.errors.append(f"figures cannot be drawn: {described(error)}")
+    try:
+        made = tables_of(section.experiment, section.rows)
+        section.tables = [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+    except Exception as error:
+        section.errors.append(f"tables cannot be made: {described(error)}")
 
 
 def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
@@ -180,24 +185,33 @@ def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame
     return pd.concat([failures, more], ignore_index=True)
 
 
-def draw_figures(module: ModuleType, rows: pd.DataFrame) -> list[DrawnFigure]:
+def draw_figures(section: Section) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
-    with style.apply():
-        drawn = module.draw(rows.copy())
-        words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
-        made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
-    seen = [figure for figure in made if f"{module.__name__.rpartition('.')[2]}_{figure.name}" in OPENED]
+    drawn = plots(section)
+    words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
+    made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
+    seen = [figure for figure in made if section.file(figure.name) in OPENED]
     if any(figures.wide(drawn[figure.name]) for figure in seen):
-        with style.apply("column"):
-            narrow = module.draw(rows.copy())
-            for figure in seen:
-                figure.phone = figures.svg(narrow[figure.name])
+        narrow = plots(section, "column")
+        for figure in seen:
+            figure.phone = figures.svg(narrow[figure.name])
     return made
 
 
-def make_tables(module: ModuleType, rows: pd.DataFrame) -> list[DrawnTable]:
-    made = module.tables(rows.copy())
-    return [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+def plots(section: Section, width: str | None = None) -> dict[str, figures.Figure]:
+    """The figures that an experiment draws from its rows; raises whatever drawing raises."""
+    if section.module is None or section.rows.empty:
+        return {}
+    with style.apply(width):
+        drawn: dict[str, figures.Figure] = section.module.draw(section.rows.copy())
+    return drawn
+
+
+def tables_of(experiment: str, rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """The tables that an experiment makes of its rows. The last ones are kept: claims ask for those of the page again."""
+    if experiment not in _TABLES or _TABLES[experiment][0] is not rows:
+        _TABLES[experiment] = rows, load_stored(experiment).tables(rows.copy())
+    return _TABLES[experiment][1]
 
 
 def described(error: Exception) -> str:

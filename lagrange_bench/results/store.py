@@ -220,6 +220,10 @@ class Journal(NamedTuple):
     latest: list[Record]
     problems: list[str]
 
+    def done(self) -> dict[str, str | None]:
+        """Keys of the computed cells, each with the digest of its sources."""
+        return {record["key"]: record.get("sources") for record in self.latest if record["status"] == "done"}
+
     def source_ages(self) -> Counter[str]:
         """How many cells are SAME, OTHER, OUTDATED or UNKNOWN, by `sources.judge`."""
         here = Sources()
@@ -322,16 +326,6 @@ class Store:
                 what = "damaged" if number <= len(lines) else "cut off while it was written"
                 problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
         return records, problems
-
-    def done(self, experiment: str) -> tuple[dict[str, str | None], list[str]]:
-        """Keys of the computed cells, each with the digest of its sources; and what is wrong with damaged lines.
-
-        Only the records that `latest` takes count. A cell with a later record of other sources is not computed.
-        """
-        records, problems = self.read(experiment)
-        versions = {record["version"] for record in records}
-        shown = (record for version in versions for record in latest(records, version))
-        return {r["key"]: r.get("sources") for r in shown if r["status"] == "done"}, problems
 
     def open(self, experiment: str) -> Journal:
         """Read what is stored of an experiment now: the records that `latest` takes, of the present VERSION."""

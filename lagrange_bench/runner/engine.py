@@ -174,8 +174,9 @@ def _missing(
     """
     module = load(experiment)
     counts = summary.experiments[experiment] = Counts()
-    done, problems = store.done(experiment)
-    summary.notes += problems
+    journal = store.open(experiment)
+    done = journal.done()
+    summary.notes += journal.problems
     seen, tasks = set(), []
     for position, cell in enumerate(map(clean, cells)):
         if not choice.takes(cell):

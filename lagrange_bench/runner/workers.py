@@ -20,7 +20,6 @@ from functools import cache
 from itertools import islice
 from multiprocessing import resource_tracker
 from pathlib import Path
-from queue import SimpleQueue
 from time import perf_counter
 from typing import Any, Protocol, Self
 
@@ -80,9 +79,7 @@ class Local:
         self.ahead, self._limit = 2 * jobs, limit
         self._threads = ThreadPoolExecutor(jobs)
         self._workers = [Worker() for _ in range(jobs)]
-        self._idle: SimpleQueue[Worker] = SimpleQueue()
-        for worker in self._workers:
-            self._idle.put(worker)
+        self._idle = [*self._workers]  # as many as threads, so that there is always one
 
     def __enter__(self) -> Self:
         return self
@@ -98,11 +95,11 @@ class Local:
         return self._threads.submit(self._compute, task)
 
     def _compute(self, task: Task) -> Outcome:
-        worker = self._idle.get()
+        worker = self._idle.pop()
         try:
             return worker.compute(task, self._limit)
         finally:
-            self._idle.put(worker)
+            self._idle.append(worker)
 
 
 class Worker:
