@@ -137,10 +137,6 @@ class ClaimVerdict(NamedTuple):
         return next((finding.short for finding in self.findings if finding.short), "")
 
     @property
-    def measured(self) -> str:
-        return "; ".join(finding.measured for finding in self.findings if finding.measured)
-
-    @property
     def note(self) -> str:
         short = f"{self.short}, judged by others" if self.short and self.word != UNTESTED else ""
         return "; ".join(dict.fromkeys(filter(None, (short, *(finding.note for finding in self.findings)))))

@@ -25,7 +25,7 @@ from lagrange_bench.results import sources
 from lagrange_bench.results.store import Store, StoreError
 from lagrange_bench.support.files import write_file
 
-DECLINED = "StepError"  # what a method raises that declines a step
+DECLINED = "StepError: "  # how the failure of a method begins that declines a step
 OPENED = ("phase_h", "work_precision_time", "phase_time")  # figures that are not folded, in this order
 Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
 # of each experiment the rows that tables were made of last, and these tables
@@ -59,7 +59,6 @@ class Section:
     packed: str = ""  # the rows as CSV with every digit, see `packed`
     figures: list[DrawnFigure] = field(default_factory=list)
     tables: list[DrawnTable] = field(default_factory=list)
-    failures: pd.DataFrame = field(default_factory=pd.DataFrame)
     provenance: pd.DataFrame = field(default_factory=pd.DataFrame)
     origin: Origin = PUBLISHED
     source_ages: Counter[str] = field(default_factory=Counter)  # of the cells: see `Journal.source_ages`
@@ -117,14 +116,19 @@ class Section:
         """How many cells come from other source code than the present one, or from unknown code."""
         return sources.summary(self.source_ages)
 
+    @property
+    def failures(self) -> pd.DataFrame:
+        """A row for each cell that was declined, failed or lacks a number."""
+        return self.rows[self.rows["status"] == "failed"] if len(self.rows) else self.rows
+
     def ended(self, declined: bool) -> pd.DataFrame:
         """The cells whose method declined the step (a result), or those that failed by accident: their fields, the reason."""
-        if self.failures.empty:
-            return self.failures
-        cells = self.failures[(self.failures["error_type"] == DECLINED) == declined]
-        reason = cells["error_message"] if declined else cells["error_type"] + ": " + cells["error_message"]
-        fields = cells.drop(columns=["key", *cells.filter(like="error_")])
-        return fields.dropna(axis="columns", how="all").assign(reason=reason)
+        cells = self.failures
+        if cells.empty:
+            return cells
+        cells = cells[cells["failure"].str.startswith(DECLINED) == declined]
+        fields = cells.drop(columns=["key", "status", "failure"]).dropna(axis="columns", how="all")
+        return fields.assign(reason=cells["failure"].str.removeprefix(DECLINED))
 
     def file(self, name: str) -> str:
         """Name of the file, without suffix, of a figure or table."""
@@ -147,11 +151,8 @@ def read(experiment: str, store: Store) -> Section:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
         return section
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
-    section.rows, section.failures, section.provenance = journal.rows(), journal.failures(), journal.provenance()
-    section.source_ages = journal.source_ages()
-    if section.module is not None:
-        section.rows = with_failures(section.rows, getattr(section.module, "MEASURED", {}))
-        section.failures = _with_incomplete(section.failures, section.rows)
+    section.rows = with_failures(journal.rows(), getattr(section.module, "MEASURED", {}))
+    section.provenance, section.source_ages = journal.provenance(), journal.source_ages()
     return section
 
 
@@ -172,17 +173,6 @@ def draw(section: Section) -> None:
         section.tables = [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
     except Exception as error:
         section.errors.append(f"tables cannot be made: {described(error)}")
-
-
-def _with_incomplete(failures: pd.DataFrame, rows: pd.DataFrame) -> pd.DataFrame:
-    """The failed cells, and those that lack a number."""
-    more = rows[(rows["status"] == "failed") & ~rows["key"].isin(failures.get("key", ()))]
-    if more.empty:
-        return failures
-    kind, message = more["failure"].str.split(": ", n=1, expand=True).to_numpy().T
-    more = more.dropna(axis="columns", how="all").drop(columns=["status", "failure"])
-    more = more.assign(error_type=kind, error_message=message, error_traceback="")
-    return pd.concat([failures, more], ignore_index=True)
 
 
 def draw_figures(section: Section) -> list[DrawnFigure]:

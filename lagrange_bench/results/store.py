@@ -243,15 +243,6 @@ class Journal(NamedTuple):
                 table.append(restore({**record["cell"], **row, **added}))
         return _frame(table, columns=None if table else list(ADDED))
 
-    def failures(self) -> pd.DataFrame:
-        """The cells that failed: their fields, `key`, `error_type`, `error_message` and `error_traceback`."""
-        table = []
-        for record in self.latest:
-            if record["status"] == "failed":
-                error = {f"error_{name}": text for name, text in record["error"].items()}
-                table.append(restore({**record["cell"], "key": record["key"], **error}))
-        return _frame(table)
-
     def provenance(self) -> pd.DataFrame:
         """Where the rows of each cell come from: `key`, `seconds` and the facts of `provenance.provenance`."""
         return _frame([{"key": r["key"], "seconds": r["seconds"], **r["provenance"]} for r in self.latest])

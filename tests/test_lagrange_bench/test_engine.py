@@ -89,7 +89,7 @@ def test_a_failing_cell_is_a_result(toy, in_process, run, tmp_path):
     assert (tally(first), first.exit_code) == ((2, 0, 5), 1)
     errors = {failure["cell"]["do"]: failure["error"] for failure in first.failures}
     assert {what: error[: len(ERRORS[what])] for what, error in errors.items()} == ERRORS
-    assert "raise ArithmeticError" in toy.store.open(TOY).failures()["error_traceback"][0]
+    assert "raise ArithmeticError" in toy.store.open(TOY).latest[0]["error"]["traceback"]
     assert toy.store.path(TOY).stat().st_size < 50_000
     file.write_text("")
     assert tally(toy(cells)) == (1, 2, 4)  # failures are tried again, successes are not

@@ -135,8 +135,7 @@ def test_the_last_success_counts_but_for_what_another_environment_or_source_made
         (row,) = results.rows("toy").to_dict("records")
         assert (row["status"], row.get("square")) == (("done", shown**2) if shown else ("failed", None))
         assert shown or row["failure"] == f"ArithmeticError: attempt {attempt}", "of failures the last"
-        journal = results.open("toy")
-        assert (len(journal.failures()), len(journal.done())) == ((0, 1) if shown else (1, 0))
+        assert len(results.open("toy").done()) == (shown is not None)
 
 
 def test_a_failed_append_says_what_to_do_and_costs_no_other_cell(filled, monkeypatch):
