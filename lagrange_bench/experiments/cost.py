@@ -19,7 +19,7 @@ from lagrange_bench.experiments.measuring.states import (
     options_of,
     rounded,
 )
-from lagrange_bench.integrators import METHODS, Method, prepare
+from lagrange_bench.integrators import METHODS, prepare
 from lagrange_bench.integrators.api import integrate
 from lagrange_bench.integrators.truth import exact
 
@@ -44,7 +44,7 @@ HEADLINES = {  # h as a fraction of the nutation period
     "full": tuple({"fraction": fraction} for fraction in (0.125, 0.5, 0.95, 2.5)),
 }
 # kind of method → steps in one call of `advance`: so many that the cost of the call itself does not matter
-CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100, "implicit": 10}
+CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100}
 
 
 def cells(profile: str) -> list[dict]:
@@ -70,7 +70,7 @@ def _measure_step(cell: dict) -> list[dict]:
     options = options_of(cell)
     h = cell["periods"] * exact.nutation_period(top, y0) if "periods" in cell else cell.get("h", 1.0) * unit
     stepper = prepare(top, y0, h, cell["method"], **options)
-    n = CALL[_kind(METHODS[cell["method"]])]
+    n = CALL["interpreted" if interpreted(METHODS[cell["method"]]) else METHODS[cell["method"]].control]
     stepper.advance(y0, n)
     steps = stepper.work.steps
     timed = timing.time_call(lambda: stepper.advance(y0, n), repeats=cell["repeats"])
@@ -82,12 +82,6 @@ def _measure_step(cell: dict) -> list[dict]:
             "setup_us": rounded(min(setups) * 1e6),
         }
     ]
-
-
-def _kind(method: Method) -> str:
-    if interpreted(method):
-        return "implicit" if method.family == "implicit" else "interpreted"
-    return method.control
 
 
 def _measure_headline(cell: dict) -> list[dict]:

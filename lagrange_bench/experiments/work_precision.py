@@ -11,6 +11,7 @@ torus, has a column of its own. Nonlinear equations are solved to round-off.
 "Evaluations" are right-hand sides, for methods that have any. Times are in units of 1/(|J| + √(|alpha||x|)).
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
@@ -178,13 +179,9 @@ def races(
 
 def champions(good: pd.DataFrame) -> list[str]:
     """From each family the method that is cheapest at most of the target errors; from the Bäcklund maps the exact step."""
-    wins: dict[str, dict[str, int]] = {}
-    for target in TARGETS:
-        for family, group in best(good, target).groupby("family", sort=False):
-            of_family = wins.setdefault(str(family), {})
-            name = group.method.iloc[0]
-            of_family[name] = of_family.get(name, 0) + 1
-    chosen = {family: max(of_family, key=lambda name: of_family[name]) for family, of_family in wins.items()}
+    winners = pd.concat([best(good, target).drop_duplicates("family") for target in TARGETS])
+    families = winners.groupby("family", sort=False).method
+    chosen = {str(family): Counter(names).most_common(1)[0][0] for family, names in families}
     if (good.method == OURS).any():
         chosen[METHODS[OURS].family] = OURS
     return list(chosen.values())

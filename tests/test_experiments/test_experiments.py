@@ -1,6 +1,5 @@
 """Every experiment at a tiny size: measured, stored, and drawn from what was stored; and the sections of `paper`."""
 
-from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from tempfile import TemporaryDirectory
@@ -127,7 +126,5 @@ def test_the_command_tells_the_residuals(answer):
     assert len(answer("paper", "separation")["residuals"]) > 5
 
 
-def test_an_implicit_method_in_the_interpreter_takes_a_tenth_of_the_steps():
-    methods = METHODS["rk45"], replace(METHODS["rk45"], family="implicit")
-    steps = [states.affordable(method, 10**7, full) for method in methods for full in (True, False)]
-    assert steps == [20_000, 2_000, 2_000, 200]
+def test_an_interpreted_method_takes_fewer_steps():
+    assert [states.affordable(METHODS["rk45"], 10**7, full) for full in (True, False)] == [20_000, 2_000]

@@ -159,11 +159,9 @@ def interpreted(method: Method) -> bool:
 
 
 def affordable(method: Method, steps: int, full: bool) -> int:
-    """The number of steps of a long run: `steps`, for interpreted methods at most a limit, for implicit ones a tenth of it."""
-    if not interpreted(method):
-        return steps
+    """The number of steps of a long run: `steps`, for interpreted methods at most a limit."""
     limit = 20_000 if full else 2_000
-    return min(steps, limit // 10 if method.family == "implicit" else limit)
+    return min(steps, limit) if interpreted(method) else steps
 
 
 def accuracy_settings(method: Method, steps: Iterable[float], tolerances: Iterable[float]) -> list[dict[str, float]]:
