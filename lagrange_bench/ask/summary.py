@@ -8,27 +8,20 @@ import numpy as np
 
 from lagrange_bench.experiments.measuring import metrics
 from lagrange_bench.integrators import Trajectory
-from lagrange_bench.integrators.interface import Array, Method
+from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.truth import exact, truths
 from lagrange_bench.results import provenance
 from lagrange_bench.support.output import table
 
-LAM = "lam given: one step is the flow over another time than h, and a turn"
 
-
-def judge(trajectory: Trajectory, y0: Array, lam: bool = False) -> dict[str, Any]:
-    """The invariants, their drift relative to `invariant_scales`, and the error against the true solution.
-
-    lam : whether λ was given. Then a step does not take the time h, and there is no error.
-    """
+def judge(trajectory: Trajectory, y0: Array) -> dict[str, Any]:
+    """The invariants, their drift relative to `invariant_scales`, and the error against the true solution."""
     top, y = trajectory.top, np.vstack([y0, trajectory.y])
     with np.errstate(all="ignore"):  # |x|² may overflow: then the values that contain it are not given
         invariants = top.invariants(y)
         drift = metrics.relative_drift(invariants, top.invariant_scales(y0))
     try:
-        if lam:
-            raise ValueError(LAM)
         errors = trajectory.error()
         if np.isnan(errors).any():
             raise ValueError("the motion is chaotic: no digit of its final state is known")
@@ -56,12 +49,11 @@ def describe(trajectory: Trajectory, y0: Array, data: dict[str, Any], label: str
     grid = "given times"
     if data["h"] is not None:
         grid = f"h = {data['h']:g} (own unit), h_scaled = {data['h_scaled']:g}, {data['steps']} steps"
-    upto = f"up to t = {data['t_final']:.10g}" if error["note"] != LAM else "which h only labels"
     count = data["recorded"]
     head = [
         f"top     {data['top'] or 'of your own'}: {_kind(top, y0)}",
         f"method  {data['method']}: {label}{settings}",
-        f"times   {grid}, {upto}, {count} state{'' if count == 1 else 's'} recorded",
+        f"times   {grid}, up to t = {data['t_final']:.10g}, {count} state{'' if count == 1 else 's'} recorded",
     ]
     states = [("", *(f" {name}" for name in trajectory.columns()))]
     states += [("start", *_exactly(y0)), ("end", *_exactly(trajectory.y[-1]))]
@@ -113,15 +105,15 @@ def save(path: Path, trajectory: Trajectory, facts: dict[str, Any]) -> str:
     return f"{'replaced' if existed else 'written'}: {path}"
 
 
-def draw(path: Path, trajectory: Trajectory, method: Method, name: str | None) -> str:
+def draw(path: Path, trajectory: Trajectory, name: str | None) -> str:
     from lagrange_bench.experiments.drawing import figures, style
 
     with style.apply():
         figure, ax = style.figure(4.2, 4.2, subplot_kw={"projection": "3d"})
-        trajectory.plot("axis", ax=ax, color=style.of(method.name)["color"], label="axis x", linewidth=0.9, ms=2)
+        trajectory.plot("axis", ax=ax, color=style.of(trajectory.method)["color"], label="axis x", linewidth=0.9, ms=2)
         times = f"t = {trajectory.t[0]:g} … {trajectory.t[-1]:g}, {len(trajectory.t)} states"
         title = f"Axis of the top{f' “{name}”' if name else ''}, |x| = {math.hypot(*trajectory.y[0, 3:]):.4g}"
-        ax.set_title(f"{style.plain(title)}\n{style.plain(method.label)}, {times}")
+        ax.set_title(f"{style.plain(title)}\n{style.plain(trajectory.method)}, {times}")
         ax.set_box_aspect((1, 1, 1), zoom=0.88)  # leaves room for the labels, which the layout engine does not see
         ax.locator_params(nbins=5)
         ax.get_legend().remove()

@@ -14,15 +14,15 @@ from lagrange_bench.support.words import number, numbers, option, read, schedule
 __all__ = ["number", "numbers", "option", "scheduler"]  # types of options, too
 
 
-def in_range(parse: Callable[[str], Any], least: float, most: float, what: str) -> Callable[[str], Any]:
-    """A type of options: `parse`, with a ValueError that says `what` is wanted if the value is not in the range."""
+def in_range(parse: Callable[[str], Any], least: float, most: float, wanted: str) -> Callable[[str], Any]:
+    """A type of options: `parse`, with a ValueError that says what is `wanted` if the value is not in the range."""
 
     def kind(text: str) -> Any:
         with suppress(ValueError, ArithmeticError):
             value = read(parse, text)
             if least <= value <= most:
                 return value
-        raise ValueError(f"must be {what}; got {text!r}")
+        raise ValueError(f"must be {wanted}; got {text!r}")
 
     return kind
 
@@ -95,8 +95,8 @@ def loaded(registry: Any) -> tuple[dict[str, Any], list[dict[str, str]]]:
 
 
 def add_choice(command: argparse.ArgumentParser) -> None:
-    for flag, what in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
-        text = f"only the cells of these {what}; cells that belong to none are left out, too (default: all)"
+    for flag, things in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
+        text = f"only the cells of these {things}; cells that belong to none are left out, too (default: all)"
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
 
 

@@ -57,8 +57,8 @@ def run(options: argparse.Namespace) -> Answer:
     sum_up = f"{method.name} ({method.label}, {file}): {true} claims hold, {len(failed)} fail"
     sum_up += f": {', '.join(failed)}" if failed else ""
     rivals = [name for name in RIVALS if name != method.name]
-    what = "work_precision phase perturbed" if method.needs != "uniform" else "work_precision phase"
-    command = f"lagrange-bench run {what} --methods {','.join([options.method, *rivals])}"
+    experiments = "work_precision phase" if method.needs == "uniform" else "work_precision phase perturbed"
+    command = f"lagrange-bench run {experiments} --methods {','.join([options.method, *rivals])}"
     after = [] if failed or options.problem else [command]
     listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
     data = {"method": method.name, "file": file, "passed": not failed, "verdicts": listed, "next": after}

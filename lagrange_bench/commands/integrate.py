@@ -19,7 +19,6 @@ reading what --output wrote, without losing a bit:
 """
 
 import argparse
-from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
@@ -124,15 +123,12 @@ def run(options: argparse.Namespace) -> Answer:
         "every": every,
         "work": vars(trajectory.work),
     }
-    lam = method.family == "backlund" and settings.get("lam") is not None
-    if lam:
-        method = replace(method, label="Bäcklund, given λ")
-    data = plain({**facts, "seconds": seconds, **summary.judge(trajectory, y0, lam)})
+    data = plain({**facts, "seconds": seconds, **summary.judge(trajectory, y0)})
     done = []
     if options.output is not None:
         done.append(summary.save(options.output, trajectory, plain(facts)))
     if options.draw is not None:
-        done.append(summary.draw(options.draw, trajectory, method, name))
+        done.append(summary.draw(options.draw, trajectory, name))
     if options.output is None:
         data |= {"t": trajectory.t, "y": trajectory.y}
     data["files"] = [str(path) for path in (options.output, options.draw) if path is not None]

@@ -41,9 +41,9 @@ def run(options: argparse.Namespace) -> Answer:
         data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]
         return Answer("\n".join(table(listed)), data)
     top = options.top or "generic"
-    for word, names, what in ((options.section, known, "section"), (top, TOPS, "top")):
+    for word, names, kind in ((options.section, known, "section"), (top, TOPS, "top")):
         if word not in names:
-            raise ValueError(f"unknown {what} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
+            raise ValueError(f"unknown {kind} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
     named = TOPS[top]
     found = known[options.section][1](named.top, named.state)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]

@@ -198,11 +198,13 @@ class Trajectory(BodyMotion, Rows):
         Raises
         ------
         ValueError
-            The run is too long for a reference solution, or there is none.
+            The run is too long for a reference solution, or there is none; or λ was given, and a step does not take the time h.
         """
         from lagrange_bench.integrators.truth import truths  # with mpmath: a run does not wait for it
 
         start = self._started("error")
+        if start.method.family == "backlund" and start.options.get("lam") is not None:
+            raise ValueError("lam given: one step is the flow over another time than h, and a turn")
         if start.h is None:
             true = truths.solution(self.problem, start.state, self.t)
         else:

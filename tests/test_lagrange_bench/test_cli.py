@@ -252,7 +252,9 @@ def test_where_and_when_a_trajectory_is(answer, tmp_path):
     data = answer("integrate", "--times", "-1:0.1:12")
     assert np.allclose(data["t"], np.linspace(-1, 0.1, 12), rtol=1e-14)
     expected = integrate(GENERIC.top, GENERIC.state, 0.1, 20, lam=0.1 + 0.5j, pin=0)
-    assert answer(*SHORT, "--option", "lam=0.1+0.5j", "--option", "pin=0")["y_final"] == expected.y[-1].tolist()
+    data = answer(*SHORT, "--option", "lam=0.1+0.5j", "--option", "pin=0")
+    assert data["y_final"] == expected.y[-1].tolist()
+    assert (data["error"]["final"], data["error"]["note"][:9]) == (None, "lam given"), "a step is not the flow over h"
 
 
 def test_a_run_longer_than_the_reference_solution_is_not_judged(answer):
