@@ -158,8 +158,6 @@ class Comparison:
         if "failure" in rows and len(rows) and (rows["status"] == "failed").all():
             raise ValueError(f"every run failed: {rows['failure'].iloc[0]}")
         numbers = [str(name) for name in rows.select_dtypes("number")]
-        if not numbers:
-            raise ValueError("there is nothing to draw: no row has a number")
         for word, name in (("x", x), ("y", y)):
             if name not in numbers:
                 hint = f"{suggestion(str(name), numbers)} There are {', '.join(numbers)}"
@@ -183,7 +181,7 @@ class Comparison:
         return rows[rows["top"].isin(rows["top"][both])]
 
     def _draw(self, ax: Axes, rows: pd.DataFrame, x: str, y: str, look: dict[str, Any]) -> None:
-        sampled = "t_scaled" in rows and bool(rows["t_scaled"].notna().any())  # rows are samples of runs, and not runs
+        sampled = not _lack(rows, "t_scaled")  # rows are samples of runs, and not runs
         race = x in ("seconds", "total") and y == "error"
         log = [self._is_log(rows, name) for name in (x, y)]
         if log[1] and not self._is_error(y):
@@ -260,7 +258,7 @@ def _axes(ax: Any, tops: list[str]) -> list[Any]:
     columns = min(len(tops), 2)
     rows = -(-len(tops) // columns)
     width, height = plt.rcParams["figure.figsize"]
-    size = (width * (1.15 if columns == 1 else 1.9), height * (1 if rows == 1 else 0.8 * rows))
+    size = (columns * width, rows * height)
     _, grid = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
     for spare in grid.flat[len(tops) :]:
         spare.remove()

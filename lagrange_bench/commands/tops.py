@@ -31,36 +31,28 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.integrators.truth import exact
 
     tops, broken = loaded(NAMED_TOPS)
-    data, rows = [], [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
-    for named in (named for named in tops.values() if kinds.uniform(named.top)):
-        kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
-        rows.append((*_start(named), kind, f"{period:.4g}"))
-        data.append({**_facts(named), "regime": kind, "nutation_period": period})
+    data: list[dict[str, Any]] = []
+    rows = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "motion", "nutation")]
     inside = [("name", "alpha", "state J1,J2,J3,x1,x2,x3", "potential", "parameters", "conserves")]
-    for named in (named for named in tops.values() if not kinds.uniform(named.top)):
+    for named in tops.values():
+        start = named.name, f"{named.alpha:g}", ",".join(f"{value:.10g}" for value in named.y0)
+        facts = {"name": named.name, "alpha": named.alpha, "state": list(named.y0)}
+        facts |= {"label": named.label, "note": named.note}
+        if kinds.uniform(named.top):
+            kind, period = exact.regime(named.top, named.state), exact.nutation_period(named.top, named.state)
+            rows.append((*start, kind, f"{period:.4g}"))
+            data.append({**facts, "regime": kind, "nutation_period": period})
+            continue
+        potential, parameters = named.top.potential.name, named.top.parameters
         conserved = [name for name in INVARIANTS if name in named.top.conserved]
-        numbers = ",".join(f"{value:.10g}" for value in named.top.parameters)
-        inside.append((*_start(named), named.top.potential.name, numbers, " ".join(conserved)))
-        facts = {
-            "potential": named.top.potential.name,
-            "parameters": list(named.top.parameters),
-            "conserves": conserved,
-        }
-        data.append({**_facts(named), **facts})
+        numbers = ",".join(f"{value:.10g}" for value in parameters)
+        inside.append((*start, potential, numbers, " ".join(conserved)))
+        data.append({**facts, "potential": potential, "parameters": list(parameters), "conserves": conserved})
     lines = [*table(rows), "", "in a potential:", *table(inside)]
     if options.verbose:
         lines += ["", *table([("name", "note"), *((facts["name"], facts["note"]) for facts in data)])]
     lines += [f"{facts['name']}: cannot be loaded: {facts['error']}" for facts in broken]
     return Answer("\n".join(lines), data + broken)
-
-
-def _start(named: Any) -> tuple[str, str, str]:
-    return named.name, f"{named.alpha:g}", ",".join(f"{v:.10g}" for v in named.y0)
-
-
-def _facts(named: Any) -> dict[str, Any]:
-    facts = {"label": named.label, "note": named.note}
-    return {"name": named.name, "alpha": named.alpha, "state": list(named.y0), **facts}
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
