@@ -277,7 +277,7 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     c, least = constants(units.alpha, tuple(state.tolist()), span)
     if not (least >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
-    kernel = Kernel(step, real_map.restorer_of(state, units.alpha), 8 if abs(span) < LONG else 1)
+    kernel = Kernel(step, real_map.restore_invariants, 8 if abs(span) < LONG else 1)
     return AdditionStepper(name, h, kernel, c, units)
 
 

@@ -43,7 +43,7 @@ def _stepper(name: str, top: LagrangeTop, y0: Array, h: float, pin: int, lam: co
     else:
         c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), -1 if h < 0 else 1)
     real_map.check_constants(name, c, h)
-    back, block = (real_map.restorer_of(state, units.alpha), pin) if pin else (None, NEVER)
+    back, block = (real_map.restore_invariants, pin) if pin else (None, NEVER)
     return real_map.TorusStepper(name, h, Kernel(real_map.KERNELS[real_map.form(c)], back, block), c, units, turn)
 
 
@@ -101,13 +101,11 @@ def many(
         check_parameter(lam)
         return np.zeros(n, dtype=bool)
     states, units, c, turns = (np.empty((n, width)) for width in (6, 6, real_map.CONSTANTS, 4))
-    taken, dependent = np.zeros((2, n), dtype=bool)
-    real_map.many_constants(alphas, Y0, h, states, c, units, taken, turns, dependent)
-    for precise, back in enumerate((real_map.restore_invariants, real_map.restore_invariants_precisely)):
-        tops = np.flatnonzero(taken & (dependent == precise))
-        if len(tops):
-            kernel = (real_map.step, back, pin) if pin else (real_map.step, None, NEVER)
-            run_lanes(kernel, states, c, tops, steps, every, out, stopped)
+    taken = np.zeros(n, dtype=bool)
+    real_map.many_constants(alphas, Y0, h, states, c, units, taken, turns)
+    if np.any(taken):
+        kernel = (real_map.step, real_map.restore_invariants, pin) if pin else (real_map.step, None, NEVER)
+        run_lanes(kernel, states, c, np.flatnonzero(taken), steps, every, out, stopped)
     real_map.leave_many(out, taken, turns, every, units)
     return taken
 

@@ -7,10 +7,9 @@ The start. T = h and Θ = 0 mean dλ/dh = −m λ̄/(2η). With s = iτ, τ = �
 
     dλ/ds = m̂ (E − O)/E,    λ = s (E + O),    with E and O the even and odd part of λ/s.
 
-So the l_k are polynomials in p_k = q_k/q_0, where Q(u) = Σ q_k u^k, with rational coefficients: l_2 = p1/6,
-l_3 = p2/6 − p1²/24, … (`series`). With τ^k p_k = P_k, R/τ and η/τ are polynomials in P_1 … P_4. They are used up to the weight
-`WEIGHT`. Here λ is in units of τ and m in units of √C1. In these, Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴, and nothing
-depends on the caller's units.
+The l_k come one by one from the numbers p_k = q_k/q_0, where Q(u) = Σ q_k u^k (`series`): l_2 = p1/6, l_3 = p2/6 − p1²/24, …
+Here λ is in units of τ and m in units of √C1. In these, s = i and Q(u) = 1 + P_1 u + P_2 u² + P_3 u³ + P_4 u⁴, P_k = τ^k p_k,
+and nothing depends on the caller's units.
 
 Larger times. `double_time` has the formula of `time_step`, with the divisions by N = 2|m|² and by B = N b side by side.
 
@@ -25,20 +24,15 @@ A kernel calls `R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha
 from __future__ import annotations
 
 import math
-import operator
-from collections import Counter
-from fractions import Fraction
-from functools import cache
-from typing import Any
+from operator import mul
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import Program, sqrt
-from lagrange_bench.integrators.compiling.tape import record
+from lagrange_bench.integrators.compiling.expression import sqrt
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.torus import real_map
 
-# highest weight of the polynomials of the start
-WEIGHT = 10
+# terms of the power series of the start
+TERMS = 11
 # longest time of the start, in units of 1/√max(2H + 2|alpha|√C1, |alpha|√C1)
 REACH = 2.0**-3
 # most doublings
@@ -48,79 +42,46 @@ LEAST = 1 / 4
 
 increments = jit(real_map.increments, inline=True)
 
-Polynomial = dict[tuple[int, int, int, int], Fraction]  # in p1, …, p4 by their exponents
-
-
 # ---------------------------------------------------------------- the power series
 
 
-def _times(a: Polynomial, b: Polynomial) -> Polynomial:
-    product: Any = Counter()
-    for i, u in a.items():
-        product.update({tuple(map(operator.add, i, j)): u * v for j, v in b.items()})
-    return product
+def cauchy(a, b):
+    """Σ a_i b_(n−i), the last coefficient of the product of two power series of n + 1 terms."""
+    first, *others = map(mul, a, reversed(b))
+    return sum(others, first)
 
 
-def _sum(*terms: tuple[Fraction | int, Polynomial]) -> Polynomial:
-    total: Any = Counter()
-    for factor, a in terms:
-        total.update({k: factor * v for k, v in a.items()})
-    return {k: v for k, v in total.items() if v}
-
-
-@cache
-def series(weight: int) -> list[Polynomial]:
-    """a_n of λ/s = Σ a_n s^n, n up to `weight`: l_{n+1} of the docstring."""
-    one: Polynomial = {(0, 0, 0, 0): Fraction(1)}
-    p: list[Any] = [{tuple(int(i == k) for i in range(4)): Fraction(1)} for k in range(4)]
-    a, m = [one], [one]  # of λ/s and of m̂
-    powers = [[one] + [{}] * weight, a, [one], [one], [one]]  # of λ/s, by the power
-    for n in range(1, weight + 1):
-        # s^n in m̂² = 1 + Σ p_k s^k (λ/s)^k, then in E dλ/ds = m̂ (E − O): both are linear in what is new
-        square = _sum(*((1, _times(p[k - 1], powers[k][n - k])) for k in range(1, min(n, 4) + 1)))
-        m.append(_sum((Fraction(1, 2), square), *((Fraction(-1, 2), _times(m[j], m[n - j])) for j in range(1, n))))
-        right = [((-1) ** (n - j), _times(m[j], a[n - j])) for j in range(1, n + 1)]
-        left = [(i - n - 1, _times(a[i], a[n - i])) for i in range(2, n, 2)]
-        a.append(_sum(*((Fraction(c, n + 1 + n % 2), t) for c, t in (*right, *left))))
-        for k in range(2, 5):
-            powers[k].append(_sum(*((1, _times(powers[k - 1][i], a[n - i])) for i in range(n + 1))))
+def series(P):
+    """a_n of λ/s = Σ a_n s^n."""
+    a, m = [1.0], [1.0]  # of λ/s and of m̂
+    powers = [[1.0], a, [1.0], [1.0], [1.0]]  # of λ/s, by the power
+    for n in range(1, TERMS):
+        # s^n in m̂² = 1 + Σ P_k s^k (λ/s)^k, then in E dλ/ds = m̂ (E − O): both are linear in what is new
+        degree = min(n, 4)
+        square = cauchy(P[:degree], [powers[k][n - k] for k in range(degree, 0, -1)])
+        m.append(0.5 * (square - (cauchy(m[1:], m[1:]) if n > 1 else 0.0)))
+        total = cauchy(m[1:], [-c if i % 2 else c for i, c in enumerate(a)])
+        for i in range(2, n, 2):
+            total -= (n + 1 - i) * (a[i] * a[n - i])
+        a.append(total * (1 / (n + 1 + n % 2)))
+        for k in (2, 3, 4):
+            powers[k].append(cauchy(powers[k - 1], a))
     return a
 
 
-def _horner(a: Polynomial, P, order=(0, 2, 1, 3)):
-    """The value of a polynomial, nested: a polynomial in P[order[0]], whose coefficients are polynomials in P[order[1]], …"""
-    if not order:
-        return float(a[0, 0, 0, 0])
-    first, value, power = order[0], None, max(k[order[0]] for k in a)
-    for exponent in range(power, -1, -1):
-        if value is not None:
-            value = value * P[first]
-        part: Any = {
-            tuple(0 if i == first else e for i, e in enumerate(k)): v for k, v in a.items() if k[first] == exponent
-        }
-        if part:
-            c = _horner(part, P, order[1:])
-            value = c if value is None else value + c
-    return value
-
-
-@cache
-def _start_program() -> Program:
-    """R/τ and η/τ − 1 as formulas in P."""
-    a = series(WEIGHT)
-    eta: Polynomial = {}
-    R: Polynomial = {}
-    for n in range(1, WEIGHT + 1):  # i s^n is real for odd n, s^n for even
-        part, sign = (R, (-1) ** ((n + 1) // 2)) if n % 2 else (eta, (-1) ** (n // 2))
-        part.update({k: sign * v for k, v in a[n].items()})
-    return record(lambda *P: (_horner(R, P), _horner(eta, P)), 4)
+def alternating(a):
+    """a_0 − a_1 + a_2 − …, the last and smallest terms first."""
+    total = a[-1]
+    for c in a[-2::-1]:
+        total = c - total
+    return total
 
 
 @unrolled
 def start(P):
     """(R, η, Re m, Im m) for the time of the start; m = √Q(λ) with Re m > 0."""
-    R, more = _start_program()(*P)  # and η − 1
-    eta = 1.0 + more
+    a = series(P)
+    R, eta = -alternating(a[1::2]), alternating(a[::2])  # s = i
     t, r = 2.0 * R, R * R + eta * eta
     b3 = P[2] + t * P[3]
     b2 = P[1] + (t * b3 - r * P[3])

@@ -10,7 +10,6 @@ The denominator vanishes only at the unstable sleeping top if λ is the double r
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,6 @@ ALPHA, H, C1, C2, H_LO, C1_LO, C2_LO = range(13, 20)
 CONSTANTS = C2_LO + 1  # how many there are
 
 RIDGE = 2.0**-14  # see `corrected`
-DEPENDENT = 2.0**-8  # least eigenvalue of the Gram matrix over its trace; below it round-off is amplified about tenfold
 GRID = 1.5 * 2.0**27  # a number added to this is rounded to a multiple of 2^-25
 
 
@@ -178,19 +176,6 @@ def adjugate(a, b, d, e, f, g):
     return A, B, D, a * g - d * d, b * d - a * f, a * e - b * b, a * A + (b * B + d * D)
 
 
-@jit
-def nearly_dependent(s, alpha):
-    """Whether `restore_invariants` would amplify round-off, because the gradients of the invariants are nearly dependent.
-
-    With the eigenvalues l of the Gram matrix, 1/(1/l1 + 1/l2 + 1/l3) is between a third of the least one and the least one. The
-    test compares this with the trace.
-    """
-    matrix = gram(s, alpha)
-    A, _, _, E, _, G, determinant = adjugate(*matrix)
-    a, _, _, e, _, g = matrix
-    return not determinant > DEPENDENT * (a + (e + g)) * (A + (E + G))
-
-
 @unrolled
 def corrected(s, alpha, r1, r2, r3):
     """The state after one Newton step: the smallest change of J1, J2, x1, x2, x3 that removes the residuals of H, C1/2 and C2.
@@ -217,21 +202,6 @@ def corrected(s, alpha, r1, r2, r3):
     )
 
 
-@jit
-def restore_invariants(s, c):
-    """Move a state back onto (H, C1, C2), with residuals in plain doubles.
-
-    The round-off of the residuals, divided by the least singular value of the gradients, becomes an error of the state. If this
-    is too large, take `restore_invariants_precisely`.
-    """
-    J1, J2, J3, x1, x2, x3 = s
-    alpha = c[ALPHA]
-    r1 = (0.5 * ((J1 * J1 + J2 * J2) + J3 * J3) + alpha * x3 - c[H]) - c[H_LO]
-    r2 = 0.5 * (((x1 * x1 + x2 * x2) + x3 * x3 - c[C1]) - c[C1_LO])
-    r3 = ((x1 * J1 + x2 * J2) + x3 * J3 - c[C2]) - c[C2_LO]
-    return corrected(s, alpha, r1, r2, r3)
-
-
 @unrolled
 def halves(a):
     """a as a multiple of 2^-25 and a rest. Products of such multiples are exact, and so are their sums below 8."""
@@ -240,12 +210,13 @@ def halves(a):
 
 
 @jit(inline=True)
-def restore_invariants_precisely(s, c):
-    """The same with residuals right to 2^-75, for tops whose invariants are `nearly_dependent`.
+def restore_invariants(s, c):
+    """Move a state back onto (H, C1, C2), with residuals right to 2^-75.
 
     With G the gradients, an error e of the state leaves the residuals G e. The smallest change that removes G e is no longer
     than e, even if the gradients are nearly dependent. So the correction is as small as the error, if the residuals are right.
-    Large sums are exact here, and the rest is small.
+    (In plain doubles their round-off, divided by the least singular value of G, would become an error of the state.) Large sums
+    are exact here, and the rest is small.
     """
     J1, J2, J3, x1, x2, x3 = s
     alpha = c[ALPHA]
@@ -343,11 +314,10 @@ def form(c):
 
 
 @jit
-def many_constants(alphas, Y, h, states, c, units, taken, turns, dependent):
+def many_constants(alphas, Y, h, states, c, units, taken, turns):
     """Fill arrays for each top: its state and constants in its own units, these units, and its turn, 4 numbers.
 
-    taken : whether its kernel is `step`, and nothing of extreme size. Others, a few in a thousand, are left alone. dependent :
-    whether the invariants are `nearly_dependent`.
+    taken : whether its kernel is `step`, and nothing of extreme size. Others, a few in a thousand, are left alone.
     """
     for i in range(len(Y)):
         taken[i] = False
@@ -361,7 +331,6 @@ def many_constants(alphas, Y, h, states, c, units, taken, turns, dependent):
             units[i, k], units[i, k + 3] = J, x
         s = load_tuple(states[i], 0, 6)
         constants, turn = exact_constants(alpha, s, span)
-        dependent[i] = nearly_dependent(s, alpha)
         (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
         for k in range(CONSTANTS):
             c[i, k] = constants[k]
@@ -372,11 +341,6 @@ def many_constants(alphas, Y, h, states, c, units, taken, turns, dependent):
 
 Turn = tuple[tuple[float, float], tuple[float, float]]  # cos and sin of an angle, as double-doubles
 OFF_TORUS = 4e-11  # largest distance of an invariant from the prepared torus, in scaled units, that counts as round-off
-
-
-def restorer_of(state: Array, alpha: float) -> Any:
-    """The kernel that restores the invariants of the torus of a state, in scaled units."""
-    return restore_invariants_precisely if nearly_dependent(tuple(state), alpha) else restore_invariants
 
 
 class TorusStepper(FixedStepper):
