@@ -100,15 +100,10 @@ class Program:
     def _function(self) -> Callable[..., Any]:
         return self.python()
 
-    @cached_property
-    def on_arrays(self) -> Callable[..., tuple[Any, ...]]:
-        """The same function, with the same bits, for large arrays: quicker, because terms that are used once get no name."""
-        return self.python(nested=NESTED)
-
-    def python(self, constant: Callable[[float], Any] | None = None, nested: int = 1) -> Callable[..., Any]:
+    def python(self, constant: Callable[[float], Any] | None = None) -> Callable[..., Any]:
         """The lines as a Python function of the inputs, five times as fast as interpreting them.
 
-        constant : a function that is applied to each constant. nested : the largest depth of nested terms.
+        constant : a function that is applied to each constant.
         """
         room: dict[str, Any] = {name: partial(apply, name) for name in FUNCTIONS if name != "sqrt"}
         room |= {"sqrt": sqrt, "nan": math.nan, "inf": math.inf, "constant": constant}
@@ -125,7 +120,7 @@ class Program:
         lines = []
         for place, (operation, *arguments) in enumerate(self.lines, self.inputs):
             term, depth = PYTHON[operation].format(*map(word, arguments)), 1 + max(depths[a] for a in arguments)
-            if uses[place] == 1 and depth < nested:  # NumPy reuses the memory of a term without a name
+            if uses[place] == 1 and depth < NESTED:  # NumPy reuses the memory of a term without a name
                 words[place], depths[place] = f"({term})", depth
             else:
                 words[place] = f"v{place}"

@@ -260,7 +260,7 @@ class Problem:
                 return np.array(program(self.start + t, *states.tolist(), *self.numbers), dtype=float)
         with np.errstate(all="ignore"):
             components = [states[..., i] for i in range(n)]
-            values = program.on_arrays(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
+            values = program(np.float64(self.start) + t, *components, *map(np.float64, self.arguments))
         out = np.empty((*states.shape[:-1], len(values)))
         for i, value in enumerate(values):
             out[..., i] = value

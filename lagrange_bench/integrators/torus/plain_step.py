@@ -59,7 +59,9 @@ def series(P):
         # s^n in m̂² = 1 + Σ P_k s^k (λ/s)^k, then in E dλ/ds = m̂ (E − O): both are linear in what is new
         degree = min(n, 4)
         square = cauchy(P[:degree], [powers[k][n - k] for k in range(degree, 0, -1)])
-        m.append(0.5 * (square - (cauchy(m[1:], m[1:]) if n > 1 else 0.0)))
+        if n > 1:
+            square -= cauchy(m[1:], m[1:])
+        m.append(0.5 * square)
         total = cauchy(m[1:], [-c if i % 2 else c for i, c in enumerate(a)])
         for i in range(2, n, 2):
             total -= (n + 1 - i) * (a[i] * a[n - i])
