@@ -26,6 +26,7 @@ from lagrange_bench.integrators.paper.two_point import Point, point, pole_free
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus import clock
 from lagrange_bench.integrators.torus.any_parameter import check_parameter
+from lagrange_bench.integrators.truth.curve import horner, series
 from lagrange_bench.support.precision import workdps
 
 # ------------------------------------------------------------------------------------------ the limit λ1 → λ2
@@ -111,21 +112,15 @@ def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
 
     Taylor series in the precision of y, for moderate T. With `time_and_turn` it is the two-point map.
     """
-    state = np.asarray(y)
-    exact = state.dtype == object
-    size = float(max(abs(v) for v in state)) + float(abs(top.alpha)) ** 0.5
+    state, a = np.asarray(y), top.alpha
+    size = float(max(abs(v) for v in state)) + float(abs(a)) ** 0.5
     steps = int(np.ceil(8 * size * float(abs(T)))) or 1
-    terms = mp.dps + 10 if exact else 26
+    terms = (mp.dps + 10 if state.dtype == object else 26) + 1
+    J1, J2, J3, x1, x2, x3 = range(6)
+    fall = ((-a, x2),), ((a, x1),), ()
+    rates = (*fall, ((1, J2, x3), (-1, J3, x2)), ((1, J3, x1), (-1, J1, x3)), ((1, J1, x2), (-1, J2, x1)))
     for _ in range(steps):
-        series = [state]
-        for k in range(terms):
-            J, x = np.array(series)[:, :3], np.array(series)[::-1, 3:]
-            products = [np.sum(J[:, i] * x[:, j] - J[:, j] * x[:, i]) for i, j in ((1, 2), (2, 0), (0, 1))]
-            rates = [-top.alpha * x[0, 1], top.alpha * x[0, 0], 0 * x[0, 0], *products]
-            series.append(np.array(rates) / (k + 1))
-        state = series[-1]
-        for coefficient in series[-2::-1]:
-            state = state * (T / steps) + coefficient
+        state = np.array([horner(coefficients, T / steps) for coefficients in series(rates, state, 1, terms)])
     return gauge(state, function("exp", -1j * turn))
 
 
