@@ -8,7 +8,6 @@ import pandas as pd
 import pytest
 
 from lagrange_bench import METHODS, TOPS, LagrangeTop, PerturbedTop, StepError, available, exact
-from lagrange_bench.experiments.measuring.states import find
 from lagrange_bench.integrators import integrate, integrate_ensemble, prepare
 from lagrange_bench.integrators.compiling import lanes
 from lagrange_bench.integrators.problem.potentials import CHARGE, TIDE
@@ -59,11 +58,10 @@ def one_by_one(problem, states, **run):
 
 @pytest.mark.parametrize("h", [0.1, 5.0])
 def test_every_named_top_and_any_size_has_the_bits_of_its_own_run(h):
-    """In all forms of the exact step, with turns after the steps and without, and with both pins; side by side with powers of
-    two from 2^-1060 to 2^500, which are in their own units all the same, or taken alone."""
+    """In all forms of the exact step, with turns after the steps and without; side by side with powers of two from 2^-1060 to
+    2^500, which are in their own units all the same, or taken alone."""
     y, sizes = TOPS["generic"].state, ((0, 0), (-400, 0), (400, 0), (-1000, -300), (500, 0), (0, -1060))
     tops = [(n.alpha, n.state) for n in TOPS.values()]
-    tops += [(top.alpha, y0) for top, y0 in map(find, ("spinning000", "spinning001"))]
     tops += [(math.ldexp(1.0, max(2 * b - a, -1074)), y * np.ldexp(1.0, [b, b, b, a, a, a])) for a, b in sizes]
     many, states = LagrangeTop(np.array([alpha for alpha, _ in tops])), np.array([state for _, state in tops])
     run = {"h": h, "steps": 40, "every": 40}
