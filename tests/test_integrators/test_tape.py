@@ -15,8 +15,8 @@ from tests.faults import interrupted
 from tests.installed import installed
 
 
-def test_nothing_is_collected_that_would_be_rounded_elsewhere():
-    """Without fixed inputs only exact products of constants: 2 (a/2) is a, 3 (a/5) stays."""
+def test_products_of_constants_are_taken_only_where_nothing_is_rounded():
+    """2 (a/2) is a, 3 (a/5) stays."""
     assert record(lambda a: (2.0 * (a / 2.0), 3.0 * (a / 5.0)), 1).outputs[0] == 0
     assert len(record(lambda a: (3.0 * (a / 5.0),), 1).lines) == 2
 

@@ -77,8 +77,8 @@ class Term(Number):
 class Tape:
     """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all.
 
-    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. Once there is one, factors are collected.
-    Then products of fixed inputs and constants alone are computed before the loop: see `split`.
+    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. What depends on them alone is computed
+    before the loop: see `split`.
     """
 
     def __init__(self) -> None:
@@ -86,7 +86,6 @@ class Tape:
         self.places: dict[tuple[Any, ...], int] = {}
         self.inputs: list[Term] = []
         self.moving: list[bool] = []  # of each line: whether it depends on an input that is not fixed
-        self.collects = False
 
     def _record(self, *line: Any, moving: bool = False) -> Term:
         key = (line[0], *sorted(line[1:])) if line[0] in ("add", "mul") else line  # a + b = b + a, to the last bit
@@ -98,7 +97,6 @@ class Tape:
 
     def input(self, fixed: bool = False) -> Term:
         """One more unknown number."""
-        self.collects = self.collects or fixed
         self.inputs.append(self._record("input", len(self.inputs), moving=not fixed))
         return self.inputs[-1]
 
@@ -147,43 +145,27 @@ class Tape:
                 return self.constant(0.0)
             if operation == "add":
                 return self.make("mul", 2.0, terms[0])
-        folded = self._fold(operation, *terms)
-        if folded is not None:
-            return folded
+        if operation == "mul":
+            for factor, other in (terms, terms[::-1]):
+                c, (d, rest) = self.known(factor), self._factor(other)
+                if c is not None and d is not None and (_exact(c) or _exact(d)):
+                    return self.make("mul", c * d, rest)  # c (d m) as (c d) m, as nothing is rounded
         places = [term.place for term in terms]
         return self._record(operation, *places, moving=any(self.moving[place] for place in places))
 
-    def _fold(self, operation: str, *terms: Term) -> Term | None:
-        """f·(g·m) as (f·g)·m for fixed f and g; likewise −(g·m) and (g·m)/f. Constants only if nothing is rounded."""
-        if operation == "neg" and self.collects:
-            factor, rest = self._factor(terms[0])
-            return None if factor is None else -factor * rest
-        if operation == "div" and self.collects and not self.moving[terms[1].place]:
-            factor, rest = self._factor(terms[0])
-            return None if factor is None else (factor / terms[1]) * rest
-        if operation == "mul":
-            for fixed, other in (terms, terms[::-1]):
-                factor, rest = self._factor(other)
-                if factor is not None and not self.moving[fixed.place] and self._may_collect(fixed, factor):
-                    return (fixed * factor) * rest
-        return None
-
-    def _factor(self, term: Term) -> tuple[Term | None, Term]:
-        """(f, m) of a term f·m or m/(1/f) with fixed f and moving m; f is None for any other term."""
+    def _factor(self, term: Term) -> tuple[float | None, Term]:
+        """(d, m) of a term d·m with a constant d, or m/(1/d) with a power of two; d is None for any other term."""
         operation, *arguments = self.lines[term.place]
         if operation == "mul":
             for i in (0, 1):
-                if not self.moving[arguments[i]] and self.moving[arguments[1 - i]]:
-                    return Term(self, arguments[i]), Term(self, arguments[1 - i])
-        if operation == "div" and self.moving[arguments[0]] and not self.moving[arguments[1]]:
-            divisor = Term(self, arguments[1])
-            if self.collects or _exact(self.known(divisor)):
+                d = self.known(Term(self, arguments[i]))
+                if d is not None:
+                    return d, Term(self, arguments[1 - i])
+        if operation == "div":
+            divisor = self.known(Term(self, arguments[1]))
+            if divisor is not None and _exact(divisor):
                 return 1.0 / divisor, Term(self, arguments[0])
         return None, term
-
-    def _may_collect(self, f: Term, g: Term) -> bool:
-        """Whether f·g may become one factor: not a weight (a constant) times h, which would be one more constant of the step."""
-        return _exact(self.known(f)) or (_exact(self.known(g)) if self.known(f) is not None else self.collects)
 
     def run(self, program: Program, *numbers: Any) -> tuple[Term, ...]:
         """A program's outputs as terms of this tape."""
@@ -299,9 +281,9 @@ class Split(NamedTuple):
                 return tuple(map(float, self.fixed(*map(np.float64, numbers))))
 
 
-def _exact(factor: float | None) -> bool:
+def _exact(factor: float) -> bool:
     """Whether a product with it is not rounded: a power of two."""
-    return factor is not None and abs(math.frexp(factor)[0]) == 0.5
+    return abs(math.frexp(factor)[0]) == 0.5
 
 
 def record(function: Callable[..., Any], inputs: int) -> Program:
