@@ -228,10 +228,7 @@ def _prepare(method: Method, top: Any, y0: Array, h: float, options: dict[str, A
 
 
 def _evaluate(method: Method, top: Any, y0: Array, times: Array, options: dict[str, Any]) -> tuple[Array, Work]:
-    evaluate = method.evaluate_for(top, options)
-    if evaluate is None:
-        raise ValueError(f"t: {method.name} steps on a grid only; give h and steps")
-    y, work = evaluate(top, y0, times, **options)
+    y, work = method.evaluate_for(top, options)(top, y0, times, **options)
     check_rows(method.name, "evaluate", y, (len(times), len(y0)))
     _check_finite(method, y, None)
     return y, work

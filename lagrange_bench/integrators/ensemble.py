@@ -93,8 +93,7 @@ def integrate_ensemble(
         grid: dict[str, Any] = {"h": h, "steps": steps, "every": stride}
         times = grid_times(h, stride, steps // stride + 1)[-1 if every is None else 0 :]
     else:
-        if record.evaluate_for(sample, options) is None:
-            raise ValueError(f"t: {record.name} steps on a grid only; give h and steps")
+        record.evaluate_for(sample, options)  # or a ValueError
         grid = {"t": times}
     work = _Work(top, states, record, grid, options, np.empty((len(times), *states.shape)))
     work.do(threads)
@@ -177,19 +176,21 @@ class _Work:
 
 def _check_states(top: Any, Y0: ArrayLike) -> Array:
     """The states (n, size), contiguous float64; of a LagrangeTop not copied if Y0 is that already."""
-    problem, states = check_problem(top), np.asarray(Y0) if hasattr(Y0, "__array__") else None
-    if states is not None and kinds.uniform(problem) and states.ndim == 2 and states.shape[1] == 6:
-        _check_alphas(problem, len(states))
-        # along one axis only, `all` takes many times as long
-        if states.dtype.kind in "iuf" and np.isfinite(states).all() and states[:, 3:].any(axis=1).all():
-            return np.ascontiguousarray(states, dtype=np.float64)
+    problem = check_problem(top)
     try:
-        rows: list[Any] = list(Y0 if states is None else states)  # type: ignore[arg-type]
+        rows: Any = np.asarray(Y0) if hasattr(Y0, "__array__") else list(Y0)  # type: ignore[arg-type]
+        n = len(rows)
     except TypeError:
         raise ValueError(f"Y0 must be states, one for each motion; got {type(Y0).__name__}") from None
-    _check_alphas(problem, len(rows))
+    alpha: Any = getattr(problem, "alpha", 0.0)
+    if np.ndim(alpha) and len(alpha) != n:
+        raise ValueError(f"Y0 has {n} states, and the top {len(alpha)} values of alpha")
+    is_table = kinds.uniform(problem) and isinstance(rows, np.ndarray) and rows.shape == (n, 6)
+    # along one axis only, `all` takes many times as long
+    if is_table and rows.dtype.kind in "iuf" and np.isfinite(rows).all() and rows[:, 3:].any(axis=1).all():
+        return np.ascontiguousarray(rows, dtype=np.float64)
     checked = [_check_state(problem.motion(i), y, f"Y0[{i}]") for i, y in enumerate(rows)]
-    return np.array(checked) if rows else np.empty((0, problem.space.size))
+    return np.array(checked) if checked else np.empty((0, problem.space.size))
 
 
 def _check_state(problem: Any, y: Any, name: str) -> Array:
@@ -197,10 +198,3 @@ def _check_state(problem: Any, y: Any, name: str) -> Array:
     y, flight = split_state(problem, y)
     state: Array = problem.check_state(y, name)
     return state if flight is None else np.concatenate((state, flight))
-
-
-def _check_alphas(problem: Any, n: int) -> None:
-    """ValueError unless alpha of a top is a number, or an array with one for each of n states."""
-    alpha: Any = getattr(problem, "alpha", 0.0)
-    if np.ndim(alpha) and len(alpha) != n:
-        raise ValueError(f"Y0 has {n} states, and the top {len(alpha)} values of alpha")

@@ -260,16 +260,15 @@ class Method:
         check_options(self.name, build, options or {}, self.evaluate, "runs to given times t")
         return build
 
-    def evaluate_for(
-        self, problem: Any, options: Mapping[str, Any] | None = None
-    ) -> Callable[..., tuple[Array, Work]] | None:
-        """Dense output for this problem: (problem, y0, times, **options) → states and work; None if there is none.
+    def evaluate_for(self, problem: Any, options: Mapping[str, Any] | None = None) -> Callable[..., tuple[Array, Work]]:
+        """Dense output for this problem: (problem, y0, times, **options) → states and work.
 
-        ValueError if the method does not take the problem, or its dense output has no such option.
+        ValueError if the method does not take the problem, or has no dense output, or this has no such option.
         """
         by_steps = self.prepare_for(problem)
-        if self.evaluate is not None:
-            check_options(f"{self.name} at given times", self.evaluate, options or {}, by_steps, "runs by h and steps")
+        if self.evaluate is None:
+            raise ValueError(f"t: {self.name} steps on a grid only; give h and steps")
+        check_options(f"{self.name} at given times", self.evaluate, options or {}, by_steps, "runs by h and steps")
         return self.evaluate
 
     @property

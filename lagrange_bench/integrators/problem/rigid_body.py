@@ -22,9 +22,8 @@ Source: Arnold, Mathematical Methods of Classical Mechanics (1989), sections 29 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,7 +43,7 @@ from lagrange_bench.integrators.problem.inertia import (
 )
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.rotation import as_motion
-from lagrange_bench.integrators.problem.system import System, find_space
+from lagrange_bench.integrators.problem.system import BODY, System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 if TYPE_CHECKING:
@@ -53,8 +52,41 @@ if TYPE_CHECKING:
 UNIT = 1e-6  # largest difference of |q| from 1: a poor method loses as much in a long run, which may be continued
 
 
-# the axis of symmetry and what is 0 or 1 in the numbers of a body → its system and its invariants
-_RECORDED: dict[tuple[Any, ...], tuple[System, tuple[tuple[str, Program], ...]]] = {}
+@cache
+def _formulas(symmetry: int | None, pattern: tuple[float, ...]) -> tuple[System, tuple[tuple[str, Program], ...]]:
+    """The system and the invariants of a kind of bodies, with p = (1/I_r, D, w, up).
+
+    symmetry : the number of the axis. pattern : p with 0.5 for every number but 0 and 1, on which alone the formulas depend:
+    recording them takes ten times as long as all else of a body.
+    """
+    differences, weights, directions = pattern[1:4], pattern[4:7], pattern[7:]
+
+    def vertical_axis(y: Any, p: Any) -> list[Any]:
+        """|q|² Rᵀ(up) = (q0² − |v|²) up + 2 (v·up) v − 2 q0 v × up, with q = (q0, v); 0 and 1 in `up` are constants."""
+        up = [v if v in (0.0, 1.0) else p[7 + i] for i, v in enumerate(directions)]
+        q0, q = y[0], y[1:4]
+        scalar, along = q0 * q0 - sum(v * v for v in q), 2.0 * sum(v * u for v, u in zip(q, up, strict=True))
+        pairs = [(1, 2), (2, 0), (0, 1)]
+        across = [2.0 * q0 * (q[j] * up[k] - q[k] * up[j]) for j, k in pairs]
+        return [scalar * u + along * v - w for u, v, w in zip(up, q, across, strict=True)]
+
+    def hamiltonian(t: Any, y: Any, p: Any) -> Any:
+        """|L|²/(2 I_r) + Σ D_i L_i²/2 + w·Γ."""
+        kinetic = p[0] * sum(v * v for v in y[4:7]) / 2.0
+        kinetic = kinetic + sum(p[1 + i] * (y[4 + i] * y[4 + i]) / 2.0 for i in range(3) if differences[i])
+        return kinetic + sum(p[4 + i] * height for i, height in enumerate(vertical_axis(y, p)) if weights[i])
+
+    def vertical_momentum(t: Any, y: Any, p: Any) -> Any:
+        return sum(v * w for v, w in zip(y[4:7], vertical_axis(y, p), strict=True))
+
+    invariants = {"J3": vertical_momentum}
+    if symmetry is not None:
+        invariants["C2"] = lambda t, y, p: y[4 + symmetry]
+    problem = Problem("rigid_body", "body", hamiltonian, pattern, invariants, frame="body")
+    tape = Tape()
+    y, p = [tape.input() for _ in range(8)][1:], [tape.input() for _ in pattern]
+    differing = [p[1 + i] * y[4 + i] if differences[i] else tape.constant(0.0) for i in range(3)]
+    return replace(problem.system, relative_omega=tape.program(differing)), problem.extra_invariants
 
 
 class RigidBody(Problem):
@@ -120,50 +152,16 @@ class RigidBody(Problem):
         self.weight = np.where(np.abs(weight) > TURNED * np.max(np.abs(weight)), weight, 0.0)
         r, differences = differences_of_inverses(self.inertia)
         numbers = (1.0 / self.inertia[r], *differences, *self.weight, *self.up)
-        # formulas depend on the numbers only by what is 0 or 1: recording them takes ten times as long as all else here
         pattern = tuple(number if number in (0.0, 1.0) else 0.5 for number in numbers)
-        if (self.symmetry, pattern) not in _RECORDED:
-            _RECORDED[self.symmetry, pattern] = self._recorded(pattern)
-        self.name, self.space = "rigid_body", find_space("body")
-        self.system, self.extra_invariants = _RECORDED[self.symmetry, pattern]
+        self.name, self.space = "rigid_body", BODY
+        self.system, self.extra_invariants = _formulas(self.symmetry, pattern)
         self.numbers = tuple(map(float, numbers))
-
-    def _recorded(self, numbers: Sequence[float]) -> tuple[System, tuple[tuple[str, Program], ...]]:
-        """The system and the invariants of bodies of one kind."""
-        invariants = {"J3": self._vertical_momentum}
-        if (axis := self.symmetry) is not None:
-            invariants["C2"] = lambda t, y, p: y[4 + axis]
-        super().__init__("rigid_body", "body", self._hamiltonian, numbers, invariants=invariants, frame="body")
-        tape = Tape()
-        y, p = [tape.input() for _ in range(8)][1:], [tape.input() for _ in numbers]
-        differing = [p[1 + i] * y[4 + i] if numbers[1 + i] else tape.constant(0.0) for i in range(3)]
-        return replace(self.system, relative_omega=tape.program(differing)), self.extra_invariants
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self.facts.items())})"
 
     def __str__(self) -> str:
         return f"{type(self).__name__} with moments {', '.join(f'{value:.6g}' for value in self.inertia)} kg m²"
-
-    def _vertical_axis(self, y: Any, p: Any) -> list[Any]:
-        """|q|² Rᵀ(up) = (q0² − |v|²) up + 2 (v·up) v − 2 q0 v × up, with q = (q0, v); 0 and 1 in `up` are constants."""
-        up = [float(v) if v in (0.0, 1.0) else p[7 + i] for i, v in enumerate(self.up.tolist())]
-        q0, q = y[0], y[1:4]
-        scalar, along = q0 * q0 - sum(v * v for v in q), 2.0 * sum(v * u for v, u in zip(q, up, strict=True))
-        pairs = [(1, 2), (2, 0), (0, 1)]
-        across = [2.0 * q0 * (q[j] * up[k] - q[k] * up[j]) for j, k in pairs]
-        return [scalar * u + along * v - w for u, v, w in zip(up, q, across, strict=True)]
-
-    def _hamiltonian(self, t: Any, y: Any, p: Any) -> Any:
-        """|L|²/(2 I_r) + Σ D_i L_i²/2 + w·Γ; p = (1/I_r, D, w, up)."""
-        differences = differences_of_inverses(self.inertia)[1]
-        kinetic = p[0] * sum(v * v for v in y[4:7]) / 2.0
-        kinetic = kinetic + sum(p[1 + i] * (y[4 + i] * y[4 + i]) / 2.0 for i in range(3) if differences[i])
-        heights = enumerate(self._vertical_axis(y, p))
-        return kinetic + sum(p[4 + i] * height for i, height in heights if self.weight[i])
-
-    def _vertical_momentum(self, t: Any, y: Any, p: Any) -> Any:
-        return sum(v * w for v, w in zip(y[4:7], self._vertical_axis(y, p), strict=True))
 
     @cached_property
     def offers(self) -> frozenset[str]:

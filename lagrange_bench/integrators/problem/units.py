@@ -16,17 +16,12 @@ from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 LARGEST_SPAN = 1e15  # |h| in time scales of the top: the phase of a longer step has no digits left
-USUAL = 1e-200  # if squares are between this and its inverse, nothing under- or overflows
 MODERATE = 1000  # powers of two up to this one are doubles themselves
 
 
 @jit
 def exponents(alpha: float, y: Any, h: float) -> tuple[int, int]:
     """Exponents (rate, length): |J| + √(|alpha||x|), or 1/|h| if this is 0, is about 2^rate, and |x| about 2^length."""
-    jj, xx, a = y[0] * y[0] + y[1] * y[1] + y[2] * y[2], y[3] * y[3] + y[4] * y[4] + y[5] * y[5], abs(alpha)
-    if USUAL < jj < 1.0 / USUAL and USUAL < xx < 1.0 / USUAL and USUAL < a * a < 1.0 / USUAL:
-        x = math.sqrt(xx)
-        return math.frexp(math.sqrt(jj) + math.sqrt(a * x))[1], math.frexp(x)[1]
     J, rate = scaled_norm(y[0], y[1], y[2])
     x, length = scaled_norm(y[3], y[4], y[5])
     a, weight = math.frexp(abs(alpha))
