@@ -79,37 +79,36 @@ def compare(old: Path, new: Path, rtol: float = 0.0, atol: float = 0.0) -> Compa
     return result
 
 
-def compare_cell(
-    old: Record, new: Record, times: Iterable[str], tolerance: Tolerance
-) -> tuple[str, dict[str, Difference]]:
-    """ "same", "close" or "changed", and the columns that changed. times : names of columns that are times, too."""
-    if not differences(old, new, times, lambda _: (0.0, 0.0)):
-        return "same", {}
-    columns = differences(old, new, times, tolerance)
-    return "changed" if columns else "close", columns
-
-
 def is_time(column: str, cell: dict[str, Any], times: Iterable[str] = ()) -> bool:
     """Whether a column depends on the clock."""
     return column in times or (bool(cell.get("timing")) and not WORDS.isdisjoint(column.split("_")))
 
 
-def differences(old: Record, new: Record, times: Iterable[str], tolerance: Tolerance) -> dict[str, Difference]:
-    """Columns that differ by more than the tolerance. Times, also those in `times`, are left out."""
-    if old["status"] != new["status"] or old["status"] == "failed":
+def compare_cell(
+    old: Record, new: Record, times: Iterable[str], tolerance: Tolerance
+) -> tuple[str, dict[str, Difference]]:
+    """ "same", "close" or "changed", and the columns that differ by more than the tolerance.
+
+    Times are left out. times : names of columns that are times, too.
+    """
+    if "failed" in (old["status"], new["status"]):
         words = [r["status"] if r["error"] is None else failure_text(r["error"]) for r in (old, new)]
-        return {} if words[0] == words[1] else {"status": Difference(0, math.inf, math.inf, *words)}
+        if words[0] == words[1]:
+            return "same", {}
+        return "changed", {"status": Difference(0, math.inf, math.inf, *words)}
     timed = bool(old["cell"].get("timing"))  # the clock decides how many rows there are: compare those that both have
     if len(old["rows"]) != len(new["rows"]) and not timed:
         counts = len(old["rows"]), len(new["rows"])
-        return {"rows": Difference(0, float(abs(counts[1] - counts[0])), math.inf, *counts)}
-    changes: dict[str, Difference] = {}
+        return "changed", {"rows": Difference(0, float(abs(counts[1] - counts[0])), math.inf, *counts)}
+    word, changes = "same", dict[str, Difference]()
     for before, after in zip(old["rows"], new["rows"], strict=False):
         for column in dict.fromkeys((*before, *after)):
             if is_time(column, old["cell"], times) or (timed and (column not in before or column not in after)):
                 continue
             a, b = restore(before.get(column)), restore(after.get(column))
             absolute, relative = _distance(a, b)
+            if relative > 0.0:
+                word = "close"
             rtol, atol = tolerance(column)
             if relative > rtol and absolute > atol:
                 entry = changes.setdefault(column, Difference(0, 0.0, 0.0, a, b))
@@ -117,7 +116,7 @@ def differences(old: Record, new: Record, times: Iterable[str], tolerance: Toler
                 entry.absolute = max(entry.absolute, absolute)
                 if relative > entry.relative:
                     entry.relative, entry.old, entry.new = relative, a, b
-    return changes
+    return "changed" if changes else word, changes
 
 
 def _distance(a: Any, b: Any) -> tuple[float, float]:
