@@ -122,24 +122,14 @@ def run(
     tasks = [task for missing in plan.values() for task in missing]
     timed = [task for task in tasks if task.cell.get("timing")]
     others = [task for task in tasks if not task.cell.get("timing")]
+    there = cluster.Cluster(scheduler, limit) if scheduler else workers.Local(jobs or machine.usable_cores(), limit)
     with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
-
-        def finish(outcomes: Sequence[tuple[Task, Outcome]]) -> None:
-            with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
-                store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
-                for task, outcome in outcomes:
-                    _count(summary, task, outcome)
-            for task, outcome in outcomes:
-                bar.advance(task.experiment, outcome["status"] == "failed" and outcome["error"]["type"] != "StepError")
-
         try:
-            if others:
-                here = workers.Local(jobs or machine.usable_cores(), limit)
-                with cluster.Cluster(scheduler, limit) if scheduler else here as executor:
-                    workers.compute_all(others, executor, bar.begin, finish)
-            if timed:
-                with workers.Local(1, limit) as executor:
-                    workers.compute_all(timed, executor, bar.begin, finish)
+            for part, executor in ((others, there), (timed, workers.Local(1, limit))):
+                if part:
+                    with executor:
+                        for outcomes in workers.compute_all(part, executor, bar.begin):
+                            _keep(outcomes, store, summary, bar)
         except KeyboardInterrupt:
             stored = sum(counts.stored + counts.computed for counts in summary.experiments.values())
             asked = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
@@ -229,12 +219,22 @@ def _word(error: str) -> str:
     return "declined" if error.startswith("StepError:") else "failed"
 
 
-def _count(summary: Summary, task: Task, outcome: Outcome) -> None:
-    counts = summary.experiments[task.experiment]
-    counts.seconds += outcome["seconds"]
-    if outcome["status"] == "done":
-        counts.computed += 1
-    else:
+def _keep(outcomes: Sequence[tuple[Task, Outcome]], store: Store, summary: Summary, bar: progress.Cells) -> None:
+    """Store and count what was computed."""
+    with interrupts.interrupt_held_back():  # a cell is both stored and counted, or neither
+        store.append(*(make_record(t.experiment, t.version, t.position, t.cell, **o) for t, o in outcomes))
+        words = [_count(summary, task, outcome) for task, outcome in outcomes]
+    for (task, _), word in zip(outcomes, words, strict=True):
+        bar.advance(task.experiment, word == "failed")
+
+
+def _count(summary: Summary, task: Task, outcome: Outcome) -> str:
+    """Count a cell, and return as what."""
+    counts, word = summary.experiments[task.experiment], "computed"
+    if outcome["error"]:
         error = failure_text(outcome["error"])
-        setattr(counts, _word(error), getattr(counts, _word(error)) + 1)
+        word = _word(error)
         summary.failures.append({"experiment": task.experiment, "cell": task.cell, "error": error})
+    counts.seconds += outcome["seconds"]
+    setattr(counts, word, getattr(counts, word) + 1)
+    return word

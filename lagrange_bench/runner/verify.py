@@ -2,7 +2,7 @@
 
 import random
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
@@ -62,16 +62,13 @@ def verify(folder: Path | None, sample: int, seed: int, longest: float, show: bo
     if ages := sources.summary(result.stored):
         result.notes.append(ages)
     current: dict[tuple[str, str], Record] = {}
-    with progress.follow({"verify": len(records)}, show) as bar:
-
-        def finish(outcomes: Sequence[tuple[Task, workers.Outcome]]) -> None:
+    tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
+    processes = workers.Local(machine.usable_cores(), limit=100 * longest)
+    with progress.follow({"verify": len(records)}, show) as bar, processes as executor:
+        for outcomes in workers.compute_all(tasks, executor, lambda _: bar.begin("verify")):
             for task, outcome in outcomes:
                 current[task.experiment, _canonical(task.cell)] = {"cell": task.cell, **outcome}
                 bar.advance("verify", False)
-
-        tasks = [Task(r["experiment"], r["version"], r["position"], r["cell"]) for r in records]
-        with workers.Local(machine.usable_cores(), limit=100 * longest) as executor:
-            workers.compute_all(tasks, executor, lambda _: bar.begin("verify"), finish)
     result.cells = len(records)
     for record in records:
         experiment, cell = record["experiment"], record["cell"]

@@ -12,7 +12,7 @@ import signal
 import threading
 import traceback
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass
@@ -45,7 +45,6 @@ class Task:
 
 
 Outcome = dict[str, Any]  # status, rows, error, warnings, seconds; and digests of the sources, unless the process died
-Finish = Callable[[Sequence[tuple[Task, Outcome]]], None]
 
 
 class Executor(Protocol):
@@ -56,8 +55,10 @@ class Executor(Protocol):
     def submit(self, task: Task) -> Future[Outcome]: ...
 
 
-def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None], finish: Finish) -> None:
-    """Compute every task, and call `finish` in this process with each handful of outcomes."""
+def compute_all(
+    tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None]
+) -> Iterator[list[tuple[Task, Outcome]]]:
+    """Compute every task, and yield the outcomes by the handful. begin : gets the experiment of a task that is handed over."""
     left, running = iter(tasks), dict[Future[Outcome], Task]()
     while True:
         for task in islice(left, executor.ahead - len(running)):
@@ -66,7 +67,7 @@ def compute_all(tasks: Iterable[Task], executor: Executor, begin: Callable[[str]
         if not running:
             return
         done, _ = wait(running, return_when=FIRST_COMPLETED)
-        finish([(running.pop(future), future.result()) for future in done])
+        yield [(running.pop(future), future.result()) for future in done]
 
 
 class Local:
