@@ -148,7 +148,7 @@ def judge(rows: dict[str, pd.DataFrame], source: Origin = PUBLISHED) -> list[Jud
     for claim in promises.CLAIMS:
         verdict = claims.judge(claim, rows.get(claim.experiment, pd.DataFrame()))
         wanted = PUBLISHED if verdict.word in (claims.UNTESTED, claims.CONSISTENT) else source
-        judged.append(Judged(claim, verdict, Section(claim.experiment, origin=wanted).again))
+        judged.append(Judged(claim, verdict, f"{wanted.run(claim.experiment)} && {wanted.report}"))
     return judged
 
 

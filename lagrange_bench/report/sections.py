@@ -80,11 +80,6 @@ class Section:
         """The command that computes the section."""
         return self.origin.run(self.experiment)
 
-    @property
-    def again(self) -> str:
-        """The commands that compute and draw it."""
-        return f"{self.command} && {self.origin.report}{self._module}"
-
     def redraw(self, figure: str) -> str:
         """The command that draws one of its figures from the same rows."""
         return f"lagrange-bench figure {self.file(figure)}{self.origin.option}{self._module}"
