@@ -1,7 +1,5 @@
 """Checks of arguments. Each returns the argument in its proper type, or raises a ValueError that names it."""
 
-from __future__ import annotations
-
 import inspect
 import math
 import os

@@ -1,7 +1,5 @@
 """Imports the user's own modules, which a command line names, also from the current folder."""
 
-from __future__ import annotations
-
 import importlib
 import sys
 from collections.abc import Iterable, Iterator

@@ -18,8 +18,6 @@ For a symmetric heavy body it has the exact step, which goes from the start to t
 Whole periods are taken off the time first. Their length, and the turns in a period, have over 30 digits.
 """
 
-from __future__ import annotations
-
 import math
 from functools import cache
 from importlib.metadata import version

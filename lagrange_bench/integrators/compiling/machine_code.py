@@ -10,8 +10,6 @@ a digest of their content. If it is missing or wrong, the files are removed, and
 LAGRANGE_BENCH_CACHE names another folder of caches; if it is empty, there is no cache.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os

@@ -27,8 +27,6 @@ curve. It shares nothing with this file.
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

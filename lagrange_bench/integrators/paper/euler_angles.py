@@ -19,8 +19,6 @@ the solution is x3 = (2/alpha)(℘(z) + H/6), z = t + d, d = ω3 + u0 with u0 re
 J+'' = i m J+' + alpha x3 J+ is Lamé's equation with n = 1: hence the σ. For φ see `Motion.phi`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from fractions import Fraction
 from functools import lru_cache

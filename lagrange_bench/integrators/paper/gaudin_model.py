@@ -15,8 +15,6 @@ Points (λ, v) of the curve are in `gaudin_curve`, the maps that take them in `g
 `gaudin_doubling`, the limit in which two sites become a top in `contraction`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from random import Random
 from typing import Any

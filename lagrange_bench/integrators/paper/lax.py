@@ -11,8 +11,6 @@ comes from √C1 at λ = 0 along the straight segment. Code passes m, which has 
 Corrected here (see `ERRATA`): the curve (2.22) has 2 alpha J3/u, and L of (2.21) has the r-matrix −P/(u − v).
 """
 
-from __future__ import annotations
-
 from random import Random
 from typing import Any
 

@@ -7,8 +7,6 @@ antiparallel to x, and |J|²/(|alpha||x|) from 1e-3 to 100 and from 100 to 1e3. 
 part of 1e-1 to 1e-8.
 """
 
-from __future__ import annotations
-
 import math
 import random
 import re

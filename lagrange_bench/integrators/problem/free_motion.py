@@ -15,8 +15,6 @@ Roots have 128 bits.
 Source: Landau & Lifshitz, Mechanics (1976), section 37.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 from typing import NamedTuple

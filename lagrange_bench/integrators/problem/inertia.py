@@ -1,7 +1,5 @@
 """Moments of inertia: principal axes about a fixed point, the axis of symmetry, and differences without cancellation."""
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -1,7 +1,5 @@
 """Predicates that a `Method` may need beside the words of `interface.NEEDS`; their docstrings say what they ask for."""
 
-from __future__ import annotations
-
 from typing import Any
 
 

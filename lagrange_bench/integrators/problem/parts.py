@@ -12,8 +12,6 @@ H is read from its tape as a sum. Products are multiplied out if a factor does n
 parts has no closed flow here. If two of the coefficients of J1², J2², J3² are equal, |J|² is taken out of them.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

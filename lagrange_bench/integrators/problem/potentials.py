@@ -3,8 +3,6 @@
 As alpha x3, V is energy over the moment of inertia across the axis, in the units of |J|². x is the axis, of any length.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import Any
 

@@ -6,8 +6,6 @@ occur in it. The numbers of its parameters are put in first, so that a term time
 What a user says of a problem, such as that a function is conserved, is believed unless it fails at one of `STATES` random states.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

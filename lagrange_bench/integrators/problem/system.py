@@ -16,8 +16,6 @@ A `System` is a space with H(t, y, p). Its right-hand side, its Jacobian and the
 Source: Marsden & Ratiu, Introduction to Mechanics and Symmetry (1999), chapters 13 and 14.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

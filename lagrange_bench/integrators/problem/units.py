@@ -1,7 +1,5 @@
 """Units in which a top is of order one. They are powers of two, so a change of units rounds nothing."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

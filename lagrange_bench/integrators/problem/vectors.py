@@ -1,7 +1,5 @@
 """Products of two vectors of three numbers. The numbers may be floats, symbols of formulas, or arrays."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 
