@@ -24,9 +24,9 @@ DPI = 80
 
 def directions(run: Any) -> Array:
     """The unit vectors that move, (N, k, 3): the axis of a top, or the three principal axes of a body."""
-    if kinds.rigid_body(run.problem):
-        return (run.rotation.as_matrix() @ run.problem.axes.T).transpose(0, 2, 1)
-    if run.problem.space.name != "e3":
+    if kinds.rigid_body(run.top):
+        return (run.rotation.as_matrix() @ run.top.axes.T).transpose(0, 2, 1)
+    if run.top.space.name != "e3":
         raise ValueError(f"{run.top!r} has no axis that could be drawn on a sphere")
     x = run.y[:, None, 3:6]
     return x / np.linalg.norm(x, axis=2, keepdims=True)

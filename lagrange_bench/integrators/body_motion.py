@@ -29,16 +29,15 @@ class BodyMotion:
     """Rotation, position, velocities, energy and momentum of a `RigidBody` at the N times of a run; AttributeError for others."""
 
     top: Any
-    problem: Any
     y: Array
     states: Array
 
     @property
     def _body(self) -> RigidBody:
         """The body that moves; AttributeError for other problems."""
-        if not kinds.rigid_body(self.problem):
+        if not kinds.rigid_body(self.top):
             raise AttributeError(f"{self.top!r} has no rotation or position: follow a RigidBody")
-        return self.problem
+        return self.top
 
     def _with_rotation(self) -> NDArray[np.bool_]:
         """A mask of the rows with a rotation: there is none where the method failed."""
@@ -91,7 +90,7 @@ class BodyMotion:
     @property
     def energy(self) -> Array:
         """Kinetic plus potential energy of a RigidBody, J, shape (N,); 0 at rest at the height of the origin."""
-        body, turning = self._body, self.problem.energy(self.states)
+        body, turning = self._body, self.top.energy(self.states)
         if body.fixed:
             return turning
         return turning + body.mass * (np.sum(self.velocity**2, axis=1) / 2 - self.position @ body.gravity)
@@ -105,10 +104,10 @@ class BodyMotion:
         return self.rotation.apply(self.y[:, 4:7] @ self._body.axes)
 
     def _motion(self) -> dict[str, Array]:
-        if not kinds.rigid_body(self.problem):
+        if not kinds.rigid_body(self.top):
             return {}
         known, names = self._with_rotation(), ["position", "quaternion", "omega_body"]
-        names += [] if self.problem.fixed else ["velocity"]
+        names += [] if self.top.fixed else ["velocity"]
         motion = {name: np.full((len(known), len(MOTION_COLUMNS[name])), np.nan) for name in names}
         if known.any():  # SciPy 1.15 cannot make a Rotation of no rows
             run = replace(self, y=self.y[known])  # type: ignore[type-var]

@@ -42,15 +42,15 @@ def plot(run: Any, what: str, ax: Axes | None, look: dict[str, Any]) -> Axes:
             ax.plot(run.t, values, **{"label": name, **_look(run, look)})
         ax.set_ylabel("components")
     elif what == "invariants":
-        first, scales = run.problem.invariants(run.start.state, 0.0), run.problem.invariant_scales(run.start.state)
-        for name, drift in zip(run.problem.names, ((run.invariants() - first) / scales).T, strict=True):
+        first, scales = run.top.invariants(run.start.state, 0.0), run.top.invariant_scales(run.start.state)
+        for name, drift in zip(run.top.names, ((run.invariants() - first) / scales).T, strict=True):
             ax.plot(run.t, np.maximum(np.abs(drift), LEAST), **{"label": name, **look})
         ax.set(yscale="log", ylabel="relative change of the invariants")
     else:
         from lagrange_bench.integrators.truth import truths
 
         ax.plot(run.t, np.maximum(run.error(), LEAST), **{"label": run.method, **look})
-        ax.set(yscale="log", ylabel=f"error against the {truths.name(run.problem)}")
+        ax.set(yscale="log", ylabel=f"error against the {truths.name(run.top)}")
     ax.set(xlabel="time t", title=textwrap.shorten(f"{run.method}: {run.top!r}", 60, placeholder=" …"))
     ax.legend()
     return ax
@@ -58,7 +58,7 @@ def plot(run: Any, what: str, ax: Axes | None, look: dict[str, Any]) -> Axes:
 
 def _axis(run: Any) -> Array:
     """The axis x of a top, or the unit vector along the axis of a symmetric body, at all times, (N, 3)."""
-    problem = run.problem
+    problem = run.top
     if problem.space.name == "e3":
         return run.states[:, 3:6]
     if not kinds.rigid_body(problem) or problem.symmetry is None:
@@ -92,7 +92,7 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
 
 def _look(run: Any, look: dict[str, Any]) -> dict[str, Any]:
     """How states are drawn: joined by a line if they are close together, else as dots."""
-    turns = np.ptp(run.t) / (2 * np.pi * run.problem.scales(run.states[0])[2]) if len(run.t) else 0.0
+    turns = np.ptp(run.t) / (2 * np.pi * run.top.scales(run.states[0])[2]) if len(run.t) else 0.0
     return look if len(run.t) >= JOINED * turns else {**DOTS, **look}
 
 

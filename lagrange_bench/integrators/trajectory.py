@@ -61,11 +61,6 @@ class Rows:
     work: Work
     start: RunInputs | None = None
 
-    @property
-    def problem(self) -> Any:
-        """The problem that was followed."""
-        return self.top
-
     def columns(self) -> tuple[str, ...]:
         """The names of the n numbers of a state.
 
@@ -74,7 +69,7 @@ class Rows:
         tuple of str
             Of a top J1, J2, J3, x1, x2, x3.
         """
-        names: tuple[str, ...] = self.problem.space.columns
+        names: tuple[str, ...] = self.top.space.columns
         return names
 
     def _motion(self) -> dict[str, Array]:
@@ -84,7 +79,7 @@ class Rows:
     @property
     def states(self) -> Array:
         """The states (N, n), of an ensemble (rows, motions, n): `y` without position and velocity of a flying body."""
-        return self.y[..., : self.problem.space.size]
+        return self.y[..., : self.top.space.size]
 
     def invariants(self) -> Array:
         """The invariants of the problem at all times.
@@ -94,7 +89,7 @@ class Rows:
         (..., m)
             Shape (N, m), of an ensemble (rows, motions, m); of a top H, J3, C1, C2; else see `problem.names`.
         """
-        return self.problem.invariants(self.states, self.t.reshape(-1, *(1,) * (self.y.ndim - 2)))
+        return self.top.invariants(self.states, self.t.reshape(-1, *(1,) * (self.y.ndim - 2)))
 
     def to_frame(self, invariants: bool = False) -> pd.DataFrame:
         """A pandas frame with a row for each time (and motion).
@@ -115,7 +110,7 @@ class Rows:
 
         parts = {self.columns(): self.states, **{MOTION_COLUMNS[name]: part for name, part in self._motion().items()}}
         if invariants:
-            parts[self.problem.names] = self.invariants()
+            parts[self.top.names] = self.invariants()
         n = self.y.shape[1] if self.y.ndim == 3 else 1
         columns = {"t": np.repeat(self.t, n)}
         if self.y.ndim == 3:
@@ -206,10 +201,10 @@ class Trajectory(BodyMotion, Rows):
         if start.method.family == "backlund" and start.options.get("lam") is not None:
             raise ValueError("lam given: one step is the flow over another time than h, and a turn")
         if start.h is None:
-            true = truths.solution(self.problem, start.state, self.t)
+            true = truths.solution(self.top, start.state, self.t)
         else:
-            true = truths.after_steps(self.problem, start.state, start.h, np.rint(self.t / start.h).astype(np.int64))
-        return scaled_distance(self.problem, start.state, self.states, true)
+            true = truths.after_steps(self.top, start.state, start.h, np.rint(self.t / start.h).astype(np.int64))
+        return scaled_distance(self.top, start.state, self.states, true)
 
     def _started(self, word: str) -> RunInputs:
         if self.start is None:

@@ -141,11 +141,6 @@ class PerturbedTop(Top):
         return self.top.alpha
 
     @property
-    def arguments(self) -> tuple[Any, ...]:
-        """alpha and the parameters."""
-        return self.alpha, *self.parameters
-
-    @property
     def description(self) -> str:
         """The name of the problem in messages."""
         return f"the potential {self.potential.name}"

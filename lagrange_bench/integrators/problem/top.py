@@ -39,13 +39,18 @@ class Top(Problem):
     names = INVARIANTS  # J3 among them, conserved or not
     alpha: Any
 
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        """alpha, for many tops an array, then the parameters of a potential."""
+        return self.alpha, *self.parameters
+
     def require_single(self) -> float:
         """alpha; ValueError if there are many tops."""
         return float(self.numbers[0])
 
     @cached_property
     def numbers(self) -> tuple[float, ...]:  # type: ignore[override]
-        """The parameters of `system`: alpha, then the parameters of a potential. ValueError if there are many tops."""
+        """`arguments`; ValueError if there are many tops."""
         if isinstance(self.alpha, np.ndarray):
             raise ValueError(f"top holds {len(self.alpha)} values of alpha, which only integrate_ensemble takes")
         return self.arguments
@@ -112,11 +117,6 @@ class LagrangeTop(Top):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "alpha", check_one_or_many(self.alpha, "alpha"))
-
-    @property
-    def arguments(self) -> tuple[Any, ...]:
-        """The parameters of `system`; for many tops an array."""
-        return (self.alpha,)
 
     def motion(self, place: int) -> LagrangeTop:
         """One of many tops."""
