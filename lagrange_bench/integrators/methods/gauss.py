@@ -161,12 +161,10 @@ def kernel(stages: int, system: System) -> Any:
     def residual(s, c, counters, K, Y, R, per_size):
         """Put Y = s + μ K and R = h b f(Y) − K into arrays. Returns Σ|R|, each relative to the size of its vector."""
         size = 0.0
+        times_stages(c, MU, K, 0, Y)
         for i in range(S):
             for a in range(n):
-                total = 0.0
-                for j in range(S):
-                    total += c[MU + S * j + i] * K[n * j + a]  # small terms first
-                Y[n * i + a] = total + s[a]
+                Y[n * i + a] += s[a]
             t = time(c, counters, c[NODES + i])
             store_tuple(R, n * i, rates((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005 - compiled code does not unpack
             for a in range(n):
@@ -175,8 +173,8 @@ def kernel(stages: int, system: System) -> Any:
         return size
 
     @jit
-    def linearise(c, counters, Y, D, pivots, weights):
-        """Factor D = ν − h b f'(Y), each row over the binade of its vector, so that units do not choose the pivots.
+    def linearise(c, counters, Y, D, pivots, per_size):
+        """Factor D = ν − h b f'(Y), each row over the size of its vector, so that units do not choose the pivots.
 
         Returns the sign of its determinant.
         """
@@ -193,7 +191,7 @@ def kernel(stages: int, system: System) -> Any:
                 for j in range(S):
                     D[row + n * j + a] += c[NU + S * j + i]
                 for k in range(m):
-                    D[row + k] *= weights[a]
+                    D[row + k] *= per_size[a]
         factor(m, D, pivots)
         sign = 1.0
         for k in range(m):
@@ -204,18 +202,12 @@ def kernel(stages: int, system: System) -> Any:
     @jit
     def solve(s, c, K, counters):
         """Compute K of the step. Returns the number of iterations, or 0 if there were too many."""
-        Y, R, D, r, pivots = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m)
-        per_size, weights = stack(n), stack(n)
+        Y, R, D, r, pivots, per_size = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m), stack(n)
         now = (time(c, counters, 0.0),) + s  # noqa: RUF005
         found = sizes(now, numbers(c, NUMBERS))
         for a in range(n):
-            total = found[a] + abs(c[STEP]) * found[n + a]
-            per_size[a], weights[a] = (
-                0.0 * total,
-                1.0,
-            )  # what has no size does not move; of an infinite size, not a number
-            if 0.0 < total < math.inf:
-                per_size[a], weights[a] = 1.0 / total, math.ldexp(1.0, -math.frexp(total)[1])
+            size = found[a] + abs(c[STEP]) * found[n + a]
+            per_size[a] = 1.0 / size if 0.0 < size < math.inf else 1.0  # what has no size does not move
         last, sign, factored = math.inf, 1.0, False
         for k in range(LIMIT):
             size = residual(s, c, counters, K, Y, R, per_size)
@@ -228,10 +220,10 @@ def kernel(stages: int, system: System) -> Any:
                     counters[loops.FAILURE] = FOLDED
                 return k + 1
             if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
-                sign, factored = linearise(c, counters, Y, D, pivots, weights), True
+                sign, factored = linearise(c, counters, Y, D, pivots, per_size), True
             if factored:
                 for i in range(m):
-                    r[i] = R[i] * weights[i % n]
+                    r[i] = R[i] * per_size[i % n]
                 substitute(m, D, pivots, r)
                 times_stages(c, NU, r, 0, R)
             for i in range(m):
@@ -270,15 +262,12 @@ def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> No
 
 def stepper(name: str, stages: int, problem: Any, y0: Array, h: float) -> loops.FixedStepper:
     """Collocation in so many Gauss nodes."""
-    system = problem.system
-    if kinds.top(problem):
-        slope = float(np.linalg.svd(problem.jacobian(y0)[:3, 3:], compute_uv=False)[0])  # half the time of `norm`
-        span = abs(h) * (math.hypot(*y0[:3]) + math.sqrt(slope) * math.sqrt(math.hypot(*y0[3:])))
-    else:
-        span = abs(h) / problem.scales(y0)[2]
+    system, span = problem.system, abs(h) / problem.scales(y0)[2]
     check_span(name, span, h)
     nodes, b, mu, nu, ahead = matrices(stages)
-    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), (ahead if span <= 1 else 0 * ahead).T.ravel(), problem.numbers)
+    if span > 1:
+        ahead = 0 * ahead
+    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), ahead.T.ravel(), problem.numbers)
     c = np.concatenate(((problem.start, h), *parts))
     memory = stages * system.size
     step = loops.Kernel(kernel(stages, system), failures=FAILURES, timed=system.timed, memory=memory)

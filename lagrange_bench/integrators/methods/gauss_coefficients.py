@@ -50,27 +50,12 @@ def legendre_zeros(n: int) -> list[Fraction]:
     return [(a - b) / 2 for a, b in zip(zeros, reversed(zeros), strict=True)]
 
 
-def inverse(A: list[list[Fraction]]) -> list[list[Fraction]]:
-    """A⁻¹, by elimination without pivoting."""
-    n = len(A)
-    M = [[*row, *(Fraction(i == j) for j in range(n))] for i, row in enumerate(A)]
-    for k in range(n):
-        M[k] = [v / M[k][k] for v in M[k]]
-        for i in (i for i in range(n) if i != k):
-            M[i] = [u - M[i][k] * v for u, v in zip(M[i], M[k], strict=True)]
-    return [row[n:] for row in M]
-
-
 @cache
 def matrices(stages: int) -> tuple[Array, Array, Array, Array, Array]:
     """c, b, μ, μ⁻¹ and the matrix that extrapolates K from one step to the next, in doubles."""
     c, b, mu = tableau(stages)
     grid = 2**52
-    mu = [[Fraction(round(m * grid), grid) for m in row] for row in mu]
-    ahead = [[b[i] / b[j] * lagrange(c, j, c[i] + 1) for j in range(stages)] for i in range(stages)]
-    return tuple(np.array(values, dtype=float) for values in (c, b, mu, inverse(mu), ahead))  # type: ignore[return-value]
-
-
-def lagrange(c: list[Fraction], j: int, t: Fraction) -> Fraction:
-    """The polynomial that is 1 at c[j] and 0 at the other nodes, at t."""
-    return math.prod(((t - node) / (c[j] - node) for node in c if node != c[j]), start=Fraction(1))
+    nodes, weights = np.array(c, dtype=float), np.array(b, dtype=float)
+    rounded = np.array([[round(m * grid) / grid for m in row] for row in mu])
+    ahead = np.vander(nodes + 1) @ np.linalg.inv(np.vander(nodes)) * weights[:, None] / weights
+    return nodes, weights, rounded, np.linalg.inv(rounded), ahead
