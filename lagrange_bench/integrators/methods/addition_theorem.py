@@ -235,9 +235,8 @@ def constants(alpha, y, h):
     """The constants of `step` on the torus of y, and the least denominator. Computed in double-double, rounded once."""
     torus = cubic(alpha, y)
     period = ts.nutation_period(alpha, y)
-    turn, r, turns = (ONE, ZERO), dd(h), 0.0
-    if abs(h) > 0.5 * period[0]:
-        turns = np.rint(h / period[0])
+    turn, r = (ONE, ZERO), dd(h)
+    turns = np.rint(h / period[0])  # 0 for an infinite period
     if turns != 0.0:
         r = sub(r, mul(period, dd(turns)))
         c, s = ts.precession(ts.spectral_polynomial(alpha, y), alpha, y, period)

@@ -13,7 +13,6 @@ the program DOP853.
 
 import math
 from collections.abc import Callable
-from fractions import Fraction
 from functools import cache, partial
 from typing import Any
 
@@ -43,23 +42,21 @@ NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
 A = tuple(map(floats, DOP853.a))
 B = floats(DOP853.b)
-# The error estimate of order 3 subtracts these from the weights.
-LESS = {
-    0: "0.244094488188976377952755905512",
-    8: "0.733846688281611857341361741547",
-    11: "0.0220588235294117647058823529412",
-}
-E3 = tuple(float(b - Fraction(LESS.get(i, 0))) for i, b in enumerate(DOP853.b))
 
 
 @cache
-def more() -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
-    """The error estimate of order 5, stages 13 to 16, and the weights d4 … d7 of the interpolant, from SciPy."""
+def more() -> tuple[tuple[float, ...], tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+    """The error estimates of orders 5 and 3, stages 13 to 16, and the weights d4 … d7 of the interpolant, from SciPy."""
     import scipy.integrate  # imported here, so that other methods that import this module need not wait for it
 
     program = scipy.integrate.DOP853
     ahead = tuple(tuple(row[: 13 + i].tolist()) for i, row in enumerate(program.A_EXTRA))
-    return tuple(program.E5[:12].tolist()), (B, *ahead), tuple(map(tuple, program.D.tolist()))
+    return (
+        tuple(program.E5[:12].tolist()),
+        tuple(program.E3[:12].tolist()),
+        (B, *ahead),
+        tuple(map(tuple, program.D.tolist())),
+    )
 
 
 @unrolled
@@ -82,7 +79,7 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
     Constants: RTOL, ATOL, the time at the start, parameters.
     """
-    moving, n, numbers, (E5, AHEAD, D) = system.moving, system.size, tuple_loader(system.parameters), more()
+    moving, n, numbers, (E5, E3, AHEAD, D) = system.moving, system.size, tuple_loader(system.parameters), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
         """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters. Their products come first."""
