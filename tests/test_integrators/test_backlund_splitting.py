@@ -53,10 +53,12 @@ def problem(name, units=1.0):
 @pytest.mark.parametrize("name", bs.SCHEMES)
 def test_schemes_integrate_the_perturbation_to_their_order(name):
     """To first order in ε a scheme is a quadrature of V along the flow: exact for polynomials below its first order."""
-    a, b, *_ = bs.SCHEMES[name]
-    nodes, order = np.cumsum([Fraction(w) for w in a])[:-1] - Fraction(1, 2), ORDERS[name]
+    scheme, order = bs.SCHEMES[name], ORDERS[name]
+    nodes = np.cumsum([Fraction(w) for w in scheme.a])[:-1] - Fraction(1, 2)
     moments = [Fraction((k + 1) % 2, (k + 1) * 2**k) for k in range(order + 1)]
-    defects = [abs(float(np.array(list(map(Fraction, b))) @ nodes**k - moment)) for k, moment in enumerate(moments)]
+    defects = [
+        abs(float(np.array(list(map(Fraction, scheme.b))) @ nodes**k - moment)) for k, moment in enumerate(moments)
+    ]
     assert max(defects[:order]) < 1e-15
     assert defects[order] > 1e-7  # and no more
 

@@ -255,11 +255,24 @@ class FixedStepper(Stepper):
         return StepError(self.name, reason, h=self.h, step=last)
 
 
+@cache
+def compile_map(step: Callable[..., Any], size: int = 6) -> Callable[..., Any]:
+    """(rows, every, c, counters): one step of each row, in place. CLOCK grows by `every` from row to row."""
+
+    @jit
+    def run(rows: Array, every: int, c: Array, counters: Array) -> None:
+        for i in range(len(rows)):
+            put_column(rows, i * size, step(column(rows, i * size, size, 1), c, counters), 1)
+            counters[CLOCK] += every
+
+    return run
+
+
 class ConjugateStepper(FixedStepper):
     """A stepper whose method is conjugate to its kernel: states enter and leave the kernel through a compiled map.
 
-    `map_rows(rows, *arguments, counters)` maps rows in place, with the arguments `preprocess` or `postprocess`, which are inverse
-    to each other. The other arguments are those of `FixedStepper`.
+    `conversion` is a step like that of the kernel. It maps a state into the kernel with the constants `preprocess`, and out of it
+    with `postprocess`. The other arguments are those of `FixedStepper`.
     """
 
     def __init__(
@@ -269,27 +282,26 @@ class ConjugateStepper(FixedStepper):
         kernel: Kernel,
         constants: Array,
         *,
-        map_rows: Callable[..., Any],
-        preprocess: tuple[Any, ...],
-        postprocess: tuple[Any, ...],
+        conversion: Callable[..., Any],
+        preprocess: Array,
+        postprocess: Array,
     ) -> None:
-        self._map_rows, self._preprocess, self._postprocess = map_rows, preprocess, postprocess
+        self._run_map, self._preprocess, self._postprocess = compile_map(conversion), preprocess, postprocess
         super().__init__(name, h, kernel, constants)
-        map_rows(np.empty((0, self.size)), *preprocess, np.zeros(SIZE))  # compile
+        self._map(np.empty((0, self.size)), 0, preprocess)  # compile
 
     def enter(self, y: Array) -> Array:
-        return self._map(np.array(y)[None], self._preprocess)[0]
-
-    def leave(self, rows: Array) -> Array:
-        return self._map(rows, self._postprocess)
+        return self._map(np.array(y)[None], 0, self._preprocess)[0]
 
     def rows(self, out: Array, every: int) -> Array:
-        self.leave(out[1:])
+        self._map(out[1:], every, self._postprocess)
         return out
 
-    def _map(self, rows: Array, arguments: tuple[Any, ...]) -> Array:
+    def _map(self, rows: Array, every: int, constants: Array) -> Array:
+        """The rows, mapped in place. They belong to the steps every, 2 every, …"""
         counters = np.zeros(SIZE)
-        self._map_rows(rows, *arguments, counters)
+        counters[CLOCK] = every
+        self._run_map(rows, every, constants, counters)
         if counters[FAILURE] or not finite(rows.ravel()):
             left = "the state left the range of floating-point numbers"
             raise StepError(self.name, self.kernel.failures.get(int(counters[FAILURE]), left), h=self.h)

@@ -34,7 +34,9 @@ from lagrange_bench.integrators.torus.any_parameter import check_parameter, pape
 PIN = 8  # steps between two pins, by default
 
 
-def _stepper(name: str, top: LagrangeTop, y0: Array, h: float, pin: int, lam: complex | None = None) -> FixedStepper:
+def stepper(
+    name: str, top: LagrangeTop, y0: Array, h: float, pin: int = PIN, lam: complex | None = None
+) -> FixedStepper:
     """Steps of the time h; or, with `lam`, of the two-point map of that parameter."""
     units = Units(top, y0, h)
     state, turn = units.enter(y0), real_map.NO_TURN
@@ -56,18 +58,18 @@ def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam:
     lam : λ with Im λ > 0. The map is then a step of the time T(λ) and a turn about e3, and h only labels the steps. h < 0
         takes the inverse map.
     """
-    return _stepper("backlund", top, y0, h, check_count(pin, "pin"), lam)
+    return stepper("backlund", top, y0, h, check_count(pin, "pin"), lam)
 
 
 def prepare_unpinned(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     """The exact step over h, never pinned: it shows what the map does by itself."""
-    return _stepper("backlund_unpinned", top, y0, h, 0)
+    return stepper("backlund_unpinned", top, y0, h, 0)
 
 
 def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> FixedStepper:
     """The two-point map with the paper's time step, λ = i h √C1/2: second order, T = h + O(h³)."""
     lam = papers_parameter("backlund_paper", y0, h)
-    return _stepper("backlund_paper", top, y0, h, check_count(pin, "pin"), lam)
+    return stepper("backlund_paper", top, y0, h, check_count(pin, "pin"), lam)
 
 
 def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
@@ -75,11 +77,16 @@ def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Wo
     if kinds.symmetric_body(top):
         states, work = evaluate_exact(top.top, top.reduced(y0), times)  # type: ignore[attr-defined]
         return with_attitude("backlund", top, y0, times, states), work  # type: ignore[arg-type]
+    return states_at("backlund", top, y0, times)
+
+
+def states_at(name: str, top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
+    """As `evaluate_exact`, for a top; `name` is that of the method, for messages."""
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
-    y = units.leave(ts.exact_flow(units.alpha, tuple(units.enter(y0)), units.spans("backlund", times)))
+    y = units.leave(ts.exact_flow(units.alpha, tuple(units.enter(y0)), units.spans(name, times)))
     y[times == 0.0] = y0
     if not np.all(np.isfinite(y)):
-        raise StepError("backlund", "no Bäcklund parameter was found for one of the times")
+        raise StepError(name, "no Bäcklund parameter was found for one of the times")
     return y, Work(steps=len(times))
 
 

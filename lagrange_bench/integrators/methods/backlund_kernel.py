@@ -5,16 +5,18 @@ trial run with long steps shows how wide the box must be.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from functools import cache
+from itertools import zip_longest
 from typing import Any
+
+import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
-from lagrange_bench.integrators.compiling.intrinsics import load_tuple, store_tuple
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array
+from lagrange_bench.integrators.interface import Array, StepError
 from lagrange_bench.integrators.methods.splitting import torques
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
@@ -23,8 +25,8 @@ from lagrange_bench.integrators.torus.step_table import look_up, table_size
 # Places of the constants: of the top, the box and V. The constants of each group follow, with its table.
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
 # A group is one flow and one kick: the time of the flow; the factors of V, W and Z in the kick; the time of the kick from the
-# start of the step; 1/(2|m|²) in the middle of the box.
-TIME, KICK_V, KICK_W, KICK_Z, WHEN, INVERSE, GROUP = range(7)
+# start of the step.
+TIME, KICK_V, KICK_W, KICK_Z, WHEN, GROUP = range(6)
 
 LOST = 1
 MOST_PARTS = 2**16  # of a flow; kicks are too far from each other long before
@@ -45,92 +47,66 @@ def exact_flow(s, alpha, h):
 
 
 @unrolled
-def tabled_flow(s, torus, alpha, R, eta, mr, mi, inverse):
-    """The exact step with λ and m of a table, after one step of Newton's method for m on the curve m² = Q(λ).
-
-    It is `plain_step.move`, arranged for a short chain of operations. The m of the table has all its digits but the last. So
-    the division by n need not wait for the correction d + ie of m: 1/(n + f) is 1/n − f/n². For the same reason `inverse`,
-    1/(2|m|²), may belong to another torus of the box.
-    """
-    J1, J2, J3, x1, x2, x3 = s
-    double = 2.0 * alpha
+def on_curve(torus, j3, alpha, lam):
+    """λ and m of a table, after one step of Newton's method for m on the curve m² = Q(λ)."""
+    R, eta, mr, mi = lam
     l2, i2 = R * R - eta * eta, 2.0 * (R * eta)  # λ²
-    ee, mm = eta * eta, mr * mr + mi * mi
-    q3 = eta * (J3 + double * R)
-    p1, p2, p3 = x1 + R * J1, x2 + R * J2, x3 + (R * J3 + alpha * l2)
-    n = (p1 * p1 + p2 * p2) + (((mm + q3 * q3) + p3 * p3) + ee * (J1 * J1 + J2 * J2))
-    over = 1.0 / n
-    c3, c4 = double * J3, alpha * alpha
+    c3, c4 = (2.0 * alpha) * j3, alpha * alpha
     re = ((torus[0] - (mr * mr - mi * mi)) + torus[1] * R) + (l2 * (torus[2] + c3 * R) - i2 * (c3 * eta))
     im = (torus[1] * eta - 2.0 * (mr * mi)) + (i2 * (torus[2] + c3 * R) + l2 * (c3 * eta))
     re, im = re + c4 * (l2 * l2 - i2 * i2), im + c4 * (2.0 * (l2 * i2))
-    d, e = inverse * (re * mr + im * mi), inverse * (im * mr - re * mi)
-    f = 2.0 * (mr * d + mi * e)
-    mr, mi = mr + d, mi + e
-    r = 2.0 * eta * over
-    r -= r * (f * over)
-    me = mi * eta
-    z = eta * x3 - eta * (alpha * (R * R + ee))
-    u1 = (mr * p1 + me * J1) - (q3 * x2 - z * J2)
-    u2 = (mr * p2 + me * J2) + (q3 * x1 - z * J1)
-    u3 = (mr * p3 + mi * q3) - eta * (x1 * J2 - x2 * J1)
-    v1, v2 = double * u1, double * u2
-    K1, K2 = J1 + J1, J2 + J2
-    w = 2.0 * J3
-    y1 = K2 * u3 - (R * v2 + w * u2)
-    y2 = (R * v1 + w * u1) - K1 * u3
-    y3 = K1 * u2 - K2 * u1
-    return (
-        J1 - r * v2,
-        J2 + r * v1,
-        J3,
-        x1 + r * (y1 + r * (v1 * u3)),
-        x2 + r * (y2 + r * (v2 * u3)),
-        x3 + r * (y3 - r * (v1 * u1 + v2 * u2)),
-    )
+    inverse = 0.5 / (mr * mr + mi * mi)
+    return R, eta, mr + inverse * (re * mr + im * mi), mi + inverse * (im * mr - re * mi)
 
 
 @cache
-def kick_of(V: System, gradients: int) -> Any:
-    """(s, t, p, first, weights) → the state after a kick by V and the first `gradients` of W and Z. p[first] … : parameters."""
-    total, conserves_J3, parameters = torques(V, gradients), 2 in V.constant, tuple_loader(V.parameters)
-
-    @jit(inline=True)
-    def kicked(s, time, p, first, weights):
-        q = (time,) + parameters(p, first)  # noqa: RUF005 - compiled code does not unpack
-        t = total(s[3:], q, weights)
-        return s[0] + t[0], s[1] + t[1], s[2] if conserves_J3 else s[2] + t[2], s[3], s[4], s[5]
-
-    return kicked
-
-
-@cache
-def kernel(V: System, gradients: int, degree: int, single: bool) -> Any:
-    """The step. degree : of the tables, 0 for none. single : one flow and one kick, at places that the compiler knows."""
+def kernel(V: System, gradients: int, degree: int) -> Any:
+    """The flows and kicks of a composition. degree : of the tables, 0 for none. gradients : whether kicks have W, and Z."""
     conserves_J3, timed = 2 in V.constant, V.timed
-    kicked, look = kick_of(V, gradients), look_up(degree or 1, conserves_J3)
+    torque, look, parameters = torques(V, gradients), look_up(degree or 1, conserves_J3), tuple_loader(V.parameters)
     first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
     def step(s, c, counters):
         alpha = c[ALPHA]
-        for g in range(1 if single else int(c[GROUPS])):
+        for g in range(int(c[GROUPS])):
             place = first + g * stride
             torus = invariants(s, alpha)
             u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
             if degree > 0 and abs(u) <= 1.0 and abs(v) <= 1.0:
-                R, eta, mr, mi = look(c, place + GROUP, u, v)
-                s = tabled_flow(s, torus, alpha, R, eta, mr, mi, c[place + INVERSE])
+                s = move(s, alpha, on_curve(torus, s[2], alpha, look(c, place + GROUP, u, v)))
             else:
                 counters[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
                 s, ok = exact_flow(s, alpha, c[place + TIME])
                 if not ok:
                     counters[loops.FAILURE] = LOST
             t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
-            s = kicked(s, t, c, NUMBERS + 1, (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
+            q = (t,) + parameters(c, NUMBERS + 1)  # noqa: RUF005 - compiled code does not unpack
+            k = torque(s[3:], q, (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
+            s = s[0] + k[0], s[1] + k[1], s[2] if conserves_J3 else s[2] + k[2], s[3], s[4], s[5]
         return s
 
     return step
+
+
+def constants(
+    head: Array, h: float, parts: Sequence[Sequence[float]], start: float, tables: Sequence[Array] = ()
+) -> Array:
+    """The constants of a composition.
+
+    Parameters
+    ----------
+    head : those of the top, the box and V.
+    parts : of each group the time of its flow and the three factors of its kick.
+    start : the time of the first flow, from the start of the step.
+    tables : of each group, if its kernel has tables.
+    """
+    c, when = head.tolist(), start
+    c[GROUPS], c[STEP] = len(parts), h
+    for part, table in zip_longest(parts, tables, fillvalue=()):
+        when += part[0]
+        c += [*part, when, *table]
+    return np.array(c)
 
 
 @cache
@@ -155,36 +131,6 @@ def restorer(conserves_J3: bool) -> Any:
 RESTORE_EVERY = 16  # steps
 
 
-@cache
-def map_over(V: System) -> Any:
-    """Apply the flows and kicks of `parts`, one after the other, to each row, in place.
-
-    numbers : alpha, t at the start and the parameters. times : t, dt, n; the first row is at the time t + n dt, the next at
-    t + (n + 1) dt, and so on.
-    """
-    kicked = kick_of(V, 0)
-    get = tuple_loader(6)
-
-    @jit
-    def run(rows, numbers, parts, times, counters):
-        alpha, count = numbers[0], times[2]
-        for row in rows:
-            s = get(row, 0)
-            t = times[0] + count * times[1]
-            count += 1.0
-            for k in range(len(parts)):
-                t += parts[k, 0]
-                if parts[k, 0] != 0.0:
-                    s, ok = exact_flow(s, alpha, parts[k, 0])
-                    if not ok:
-                        counters[loops.FAILURE] = LOST
-                if parts[k, 1] != 0.0:
-                    s = kicked(s, t, numbers, 2, (parts[k, 1],))
-            store_tuple(row, 0, s)
-
-    return run
-
-
 # ------------------------------------------------------------------------------------ the box of the tables
 
 # Number and length of the steps that show where (H, J3) go, in time scales of the top. They need not be exact.
@@ -192,42 +138,23 @@ TRIAL_STEPS, TRIAL_STEP = 96, 1.2
 MARGIN = 8.0  # the box is so many times as wide as the trial run: a slow motion goes further, and a table is cheap
 
 
-@cache
-def trial_run(V: System) -> Any:
-    """(y, c, h, steps) → least and largest 2H, then J3, along steps of one flow and one kick; H is without V."""
-    kicked = kick_of(V, 0)
-
-    @jit
-    def run(y, c, h, steps):
-        alpha = c[ALPHA]
-        s = load_tuple(y, 0, 6)
-        low_h = high_h = invariants(s, alpha)[2]
-        low_j = high_j = s[2]
-        for k in range(steps):
-            s, ok = exact_flow(s, alpha, h)
-            if not ok:
-                break
-            s = kicked(s, c[NUMBERS] + (k + 1) * h, c, NUMBERS + 1, (h,))
-            h2 = invariants(s, alpha)[2]
-            low_h, high_h = min(low_h, h2), max(high_h, h2)
-            low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
-        return low_h, high_h, low_j, high_j
-
-    return run
-
-
-def set_box(
-    c: Array, scales: tuple[float, float, float], y0: Array, run: Callable[..., tuple[float, ...]], h: float
-) -> bool:
+def set_box(c: Array, scales: tuple[float, float, float], y0: Array, kernel: loops.Kernel, h: float) -> bool:
     """Put the box of the tables into c, from a trial run with long steps; False if there is no such box.
 
-    scales : rate, length and time scale of the top without V.
+    scales : rate, length and time scale of the top without V. kernel : steps without tables.
     """
     rate, _, unit = scales
     if not math.isfinite(unit):  # without V nothing moves
         return False
-    low_h, high_h, low_j, high_j = run(y0, c, math.copysign(TRIAL_STEP * unit, h), TRIAL_STEPS)
-    for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
+    h = math.copysign(TRIAL_STEP * unit, h)
+    try:
+        y = loops.FixedStepper("trial", h, kernel, constants(c, h, [(h, h, 0.0, 0.0)], 0.0)).record(y0, TRIAL_STEPS, 1)
+    except StepError:
+        return False
+    with np.errstate(over="ignore", invalid="ignore"):  # of a size whose square is no double
+        energies = np.sum(y[:, :3] ** 2, axis=1) + 2.0 * c[ALPHA] * y[:, 5]
+    for place, values, size in ((CENTRE_H, energies, rate * rate), (CENTRE_J, y[:, 2], rate)):
+        low, high = float(np.min(values)), float(np.max(values))
         width = 0.5 * MARGIN * (high - low) + 2.0**-40 * size
         if not 0.0 < width < math.inf or 1.0 / width == math.inf:
             return False

@@ -1,34 +1,19 @@
 """The schemes of the splitting with the exact step inside, and their correctors: numbers only, for h = 1.
 
-`backlund_splitting` says what each scheme is for, docs/perturbed.md derives them.
+`backlund_splitting` says what each scheme is for, docs/perturbed.md derives them. A is the exact flow of the top, B a kick by V.
+A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z, where N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its corrector has two
+parts: the kicks of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
 """
 
 import math
 from collections.abc import Sequence
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
 from lagrange_bench.integrators.interface import Array
-from lagrange_bench.integrators.methods.splitting_schemes import palindrome
+from lagrange_bench.integrators.methods.splitting_schemes import Scheme, palindrome
 from lagrange_bench.support.precision import workdps
-
-
-class Scheme(NamedTuple):
-    """Flows `a` and kicks `b` of one step, A B A … B A, as parts of h.
-
-    A processed scheme kicks by b_i h V − c_i h³ W + d_i h⁵ Z, where N = x × ∇V, W = |N|² and Z = ∇W·(N × x). Its corrector
-    has two parts: the kicks of `corrector_kicks`, and exp(second h⁴ [B,[A,[A,B]]]) as a composition of kicks.
-    """
-
-    a: tuple[float, ...]
-    b: tuple[float, ...]
-    source: str
-    c: tuple[float, ...] = ()
-    d: tuple[float, ...] = ()
-    second: float = 0.0
-
 
 # processed6. V has a frequency ω along the motion, w = ωh, and the kicks are at −τ and τ, in this order. The part of second
 # order in ε is right for long times if sin(2τw)/4 + cos²(τw) cot(w/2)/2 + γw = 1/w. The terms in w give γ = 1/12 + τ² − τ/2,
@@ -39,12 +24,13 @@ GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
 DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
 
 SCHEMES = {
-    "strang": Scheme((0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
+    "strang": Scheme(4, "A", (0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
     "processed6": Scheme(
-        (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
+        6, "A", (0.5 - TAU, 2.0 * TAU, 0.5 - TAU), (0.5, 0.5), "this project", c=(GAMMA / 4, GAMMA / 4),
         d=(DELTA / 2, DELTA / 2), second=SECOND_ORDER,
     ),
     "aba864": Scheme(
+        6, "A",
         palindrome((0.0711334264982231177779387300061549964174, 0.241153427956640098736487795326289649618,
                     0.521411761772814789212136078067994229991), 8),
         palindrome((0.183083687472197221961703757166430291072, 0.310782859898574869507522291054262796375,
@@ -121,9 +107,12 @@ def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
     for time, kick in reversed(after):
         before.append((pending, -kick))
         pending = -time
-    return np.array([*before, (pending, 0.0)]), np.array(after)
+    return tuple(np.pad(parts, ((0, 0), (0, 2))) for parts in ([*before, (pending, 0.0)], after))
 
 
 def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, ...]:
-    """The (flow, kick) pairs by which a state enters a run, and those by which it leaves: inverse maps of each other."""
+    """The flows and kicks by which a state enters a run, and those by which it leaves: inverse maps of each other.
+
+    A row holds the time of a flow, then the factors of V, W and Z in the kick after it.
+    """
     return tuple(abs(h) * end for end in _ends(chosen, corrected, math.copysign(1.0, h)))

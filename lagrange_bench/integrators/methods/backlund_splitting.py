@@ -29,9 +29,8 @@ table, this corrector: this project.
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
-from itertools import chain, pairwise
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -76,8 +75,8 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         modified: bool,
         after: float = 0.0,
     ):
-        (alpha, V), start, n = problem.alpha_and_rest, problem.start + after, len(chosen.b)
-        conserves_J3, timed, numbers = 2 in V.constant, V.timed, np.array((alpha, start, *problem.numbers))
+        (alpha, V), start = problem.alpha_and_rest, problem.start + after
+        conserves_J3, timed, n = 2 in V.constant, V.timed, len(chosen.b)
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         gradients = (1 + bool(chosen.d)) if modified else 0
@@ -85,42 +84,40 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         for g, time in enumerate(times):
             kick_W = chosen.c[g] * -(h * h * h) if gradients > 0 else 0.0
             kick_Z = chosen.d[g] * (h * h * h * h * h) if gradients > 1 else 0.0
-            when = sum(chosen.a[1 : g + 1], chosen.a[0]) * h
-            groups.append([time, chosen.b[g] * h, kick_W, kick_Z, when, 0.0])
+            groups.append((time, chosen.b[g] * h, kick_W, kick_Z))
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
-            head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, *numbers[1:]))
+            head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, start, *problem.numbers))
+        plain = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
         degree, made = 0, []
-        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, kernels.trial_run(V), h):
+        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain, h):
             different = tuple(dict.fromkeys(times))
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
             degree, listed = tables(torus, box, different, conserves_J3)
-            if degree:
-                made = [listed[different.index(time)] for time in times]
-                for group, table in zip(groups, made, strict=True):  # of the constant term
-                    group[kernels.INVERSE] = 0.5 / (table[-2] * table[-2] + table[-1] * table[-1])
-        c = np.concatenate([head, *chain.from_iterable((groups[g], *made[g : g + 1]) for g in range(n))])
+            made = [listed[different.index(time)] for time in times] if degree else []
+        # the kernel's state is behind the user's, by the first flow
+        behind = -chosen.a[0] * h
+        c = kernels.constants(head, h, groups, behind, made)
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
         preprocess, postprocess = ends_of(chosen, h, corrected)
-        step = kernels.kernel(V, gradients, degree, n == 1 and degree > 0)
         kernel = loops.Kernel(
-            step, kernels.restorer(conserves_J3), kernels.RESTORE_EVERY, kernels.FAILURES, rhs_per_step=n, timed=timed
+            kernels.kernel(V, gradients, degree),
+            kernels.restorer(conserves_J3),
+            kernels.RESTORE_EVERY,
+            kernels.FAILURES,
+            rhs_per_step=n,
+            timed=timed,
         )
         super().__init__(
             NAME,
             h,
             kernel,
             c,
-            map_rows=kernels.map_over(V),
-            preprocess=(numbers, preprocess, (start, 0.0, 0.0)),
-            postprocess=(numbers, postprocess, (start - chosen.a[0] * h, 0.0, 0.0)),
+            conversion=plain.step,
+            preprocess=kernels.constants(head, h, preprocess, 0.0),
+            postprocess=kernels.constants(head, h, postprocess, behind),
         )
-
-    def rows(self, out: Array, every: int) -> Array:
-        numbers, parts, (start, *_) = self._postprocess
-        self._map(out[1:], (numbers, parts, (start, every * self.h, 1.0)))
-        return out
 
     def enter(self, y: Array) -> Array:
         J1, J2, J3, x1, x2, x3 = y.tolist()
@@ -152,9 +149,7 @@ def prepare(
     corrected = _belongs("corrector", corrector, scheme)
     modified = _belongs("modified_kick", modified_kick, scheme)
     if kinds.uniform(problem):
-        stepper = _renamed(backlund.prepare_exact, problem, y0, h)
-        stepper.name = NAME
-        return stepper
+        return backlund.stepper(NAME, problem, y0, h)
     warn_strong(problem, y0)
     warn_long(problem, y0, h)
     return ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
@@ -168,14 +163,6 @@ def _belongs(name: str, value: bool | None, scheme: str) -> bool:
     return flag
 
 
-def _renamed(function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a function of `backlund` returns; its StepError under the name of this method."""
-    try:
-        return function(*arguments)
-    except StepError as error:
-        raise StepError(NAME, error.reason, h=error.h) from None
-
-
 def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
     """The states at any times. The step is halved until two runs agree to `tol` of the scales of J and x: see `step_halving`.
 
@@ -183,7 +170,7 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
     """
     tol, notes = step_halving.check_tolerance(tol), []
     if kinds.uniform(problem):
-        states, work = _renamed(backlund.evaluate_exact, problem, y0, times)
+        states, work = backlund.states_at(NAME, problem, y0, times)
         work.notes = "one exact step to each time"
         return states, work
     warn_strong(problem, y0)

@@ -14,12 +14,12 @@ from lagrange_bench.integrators.interface import Array, StepError, StepWarning
 from lagrange_bench.integrators.methods.backlund_schemes import WIDEST
 from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.units import Units, ldexp
 from lagrange_bench.integrators.torus import time_step
 
 NAME = "backlund_splitting"
 STRONG = 0.05  # range of V over energy of the top, from which on other methods are better
 RESONANT = 0.125  # a step over the nutation period, from which on harmonics of the motion come near 2π/h
-SHORTEST = math.pi  # the shortest nutation period of any top, in time scales
 
 
 def warn_strong(problem: Problem, y0: Array) -> None:
@@ -35,10 +35,7 @@ def warn_strong(problem: Problem, y0: Array) -> None:
 
 def warn_long(problem: Problem, y0: Array, h: float) -> None:
     """Warn, or raise a StepError, where the step is in resonance with V along the motion from y0 on."""
-    h, frequency, unit = abs(h), highest_frequency(problem, y0, np.zeros(1)), top_without_V(problem).scales(y0)[2]
-    if h <= RESONANT * SHORTEST * unit * (1.0 - h * frequency / WIDEST):
-        return
-    period = nutation_period(problem, y0)
+    h, frequency, period = abs(h), highest_frequency(problem, y0, np.zeros(1)), nutation_period(problem, y0)
     if h >= 0.5 * period:
         reason = f"h is {h / period:.2g} of the nutation period, in resonance with it; take less than a half"
         raise StepError(NAME, reason, h=h)
@@ -67,9 +64,5 @@ def highest_frequency(problem: Problem, y0: Array, after: Array) -> float:
 
 def nutation_period(problem: Problem, y0: Array) -> float:
     """The nutation period of the top without V, to 1e-15; inf, or a long time, if nothing oscillates."""
-    top = top_without_V(problem)
-    rate, size, unit = top.scales(y0)
-    if not 0.0 < rate < math.inf:
-        return math.inf
-    y = np.concatenate((y0[:3] / rate, y0[3:] / size if size > 0.0 else y0[3:]))
-    return unit * time_step.nutation_period(top.alpha / rate * (size / rate), tuple(y.tolist()))[0]  # type: ignore[no-any-return]
+    units = Units(top_without_V(problem), y0, 1.0)
+    return ldexp(time_step.nutation_period(units.alpha, tuple(units.enter(y0).tolist()))[0], -units.rate)

@@ -36,7 +36,6 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
-from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, ConjugateStepper, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
@@ -148,19 +147,6 @@ def kernel(system: System, gradients: int) -> Any:
 
 
 @cache
-def map_over(step: Any) -> Any:
-    """Apply one rotation and one kick to each row, in place."""
-    get = tuple_loader(6)
-
-    @jit
-    def run(rows, flow, counters):
-        for row in rows:
-            store_tuple(row, 0, step(get(row, 0), flow, counters))
-
-    return run
-
-
-@cache
 def groups(scheme: Scheme) -> tuple[Array, Array]:
     """The step that is repeated, as groups (a, b, c, d) of a rotation and a kick; and the flow that begins the scheme.
 
@@ -204,9 +190,9 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
         h,
         Kernel(step, failures=FAILURES, rhs_per_step=len(steps)),
         constants,
-        map_rows=map_over(step),
-        preprocess=(begin,),
-        postprocess=(end,),
+        conversion=step,
+        preprocess=begin,
+        postprocess=end,
     )
 
 

@@ -18,6 +18,7 @@ class Scheme(NamedTuple):
     c: tuple[float, ...] = ()
     d: tuple[float, ...] = ()
     nystrom: bool = False  # it has this order only because [B,[B,[B,A]]] = 0
+    second: float = 0.0  # of the corrector, see `backlund_schemes`
 
 
 def mirror(half: tuple[float, ...], n: int) -> tuple[float, ...]:
