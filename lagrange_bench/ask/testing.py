@@ -35,7 +35,7 @@ from lagrange_bench.support.words import suggestion
 __tracebackhide__ = True  # pytest shows the user's test, not the lines of this file
 
 TOPS = ("generic", "figure1", "fast", "slow")
-# steps of a run by default; 2000 if a method is interpreted, 200 if it is also implicit
+# steps of a run by default; 2000 if a method is interpreted
 LENGTH = 10**5
 ROUND_OFF = 2.0  # ulps
 
