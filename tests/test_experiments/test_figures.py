@@ -37,7 +37,7 @@ def draw(rows):
 
 def printed(width):
     with style.apply(width):
-        return {kind: figure(draw(ROWS)["curve"]) for kind, figure in figures.FORMATS.items()}
+        return {kind: figures.content(draw(ROWS)["curve"], kind) for kind in figures.WITHOUT}
 
 
 @pytest.mark.parametrize("width", style.WIDTHS)

@@ -2,7 +2,6 @@
 
 import io
 import re
-from collections.abc import Callable
 from html import escape
 from pathlib import Path
 
@@ -28,36 +27,12 @@ WITHOUT = {
 # ---------------------------------------------------------------- files
 
 
-def svg(figure: Figure) -> str:
-    """The figure as a complete SVG document, without date and version, so that the same figure is the same text.
+def content(figure: Figure, kind: str) -> bytes:
+    """The bytes of a file: "svg", "pdf" or "png", without date and version, so that the same figure gives the same bytes.
 
-    A line shows its name where one points at it. Without DejaVu Sans, text has another font.
+    PDF and PNG have the font in them. A line of an SVG shows its name where one points at it; without DejaVu Sans, text has
+    another font.
     """
-    document = TITLED.sub(r"<g><title>\1</title>", _printed(figure, "svg").decode())
-    document = document.replace("font-family: 'DejaVu Sans'; ", "")
-    return document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1)
-
-
-def wide(figure: Figure) -> bool:
-    """Whether the figure is wider than a column."""
-    return bool(72 * figure.get_figwidth() > WIDE)
-
-
-# the bytes of a file; the same figure gives the same bytes, and PDF and PNG have the font in them
-FORMATS: dict[str, Callable[[Figure], bytes]] = {
-    "svg": lambda figure: svg(figure).encode(),
-    "pdf": lambda figure: _printed(figure, "pdf"),
-    "png": lambda figure: _printed(figure, "png"),
-}
-
-
-def write(path: Path, figure: Figure) -> str:
-    """Write a figure in the format of the suffix, and return whether a file was replaced."""
-    return replace_file(path, FORMATS[path.suffix.lower().removeprefix(".")](figure))
-
-
-def _printed(figure: Figure, kind: str) -> bytes:
-    """The bytes of a file."""
     for ax in figure.axes:
         for line in ax.lines:
             if line.get_gid() is None and not str(line.get_label()).startswith("_"):
@@ -65,7 +40,26 @@ def _printed(figure: Figure, kind: str) -> bytes:
     buffer = io.BytesIO()
     with style.apply():
         figure.savefig(buffer, format=kind, dpi=DPI, metadata=dict.fromkeys(WITHOUT[kind]))
-    return buffer.getvalue()
+    if kind != "svg":
+        return buffer.getvalue()
+    document = TITLED.sub(r"<g><title>\1</title>", buffer.getvalue().decode())
+    document = document.replace("font-family: 'DejaVu Sans'; ", "")
+    return document.replace("<svg ", f'<svg font-family="{FONTS}" ', 1).encode()
+
+
+def svg(figure: Figure) -> str:
+    """The figure as a complete SVG document."""
+    return content(figure, "svg").decode()
+
+
+def wide(figure: Figure) -> bool:
+    """Whether the figure is wider than a column."""
+    return bool(72 * figure.get_figwidth() > WIDE)
+
+
+def write(path: Path, figure: Figure) -> str:
+    """Write a figure in the format of the suffix, and return whether a file was replaced."""
+    return replace_file(path, content(figure, path.suffix.lower().removeprefix(".")))
 
 
 # ---------------------------------------------------------------- in a page

@@ -37,9 +37,7 @@ class Cell(NamedTuple):
 def flat(frame: pd.DataFrame) -> pd.DataFrame:
     """The frame with plain strings as names of columns. Its index becomes columns, unless it only counts rows."""
     counts = frame.index.names == [None] and pd.api.types.is_integer_dtype(frame.index.dtype)
-    frame = frame.reset_index(drop=counts)
-    names = [" ".join(map(str, name)) if isinstance(name, tuple) else str(name) for name in frame.columns]
-    return frame.set_axis([name.strip() for name in names], axis="columns")
+    return frame.reset_index(drop=counts).rename(columns=str)
 
 
 def heading(column: Any) -> str:
