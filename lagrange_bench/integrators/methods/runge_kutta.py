@@ -125,10 +125,8 @@ def stepper(name: str, problem: Any, h: float, split: Split, calls: int) -> Fixe
 
 # ------------------------------------------------------------------------------------ projection
 
-
-IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, RATE, LENGTH, NUMBERS = range(
-    8
-)  # places of the constants; then the parameters
+# places of the constants; the parameters are the last
+IN_ENERGY, IN_C1, IN_C2, PER_RATE, PER_LENGTH, RATE, LENGTH, NUMBERS = range(8)
 
 
 @unrolled
