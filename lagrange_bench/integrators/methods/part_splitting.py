@@ -25,9 +25,8 @@ Stage = tuple[int, float, float]  # which part flows, how long, and when, in uni
 def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     """The flows of one step.
 
-    For two parts, of which the first does not depend on t, they are the letters of the scheme, and t advances with the first
-    part. Else the scheme is made of sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan), with t as one
-    more part.
+    They are sweeps φ*, φ, φ*, … through all parts, φ* in the opposite order (McLachlan), with t as one more part before the
+    first. A scheme that begins with A begins with φ. For two parts the sweeps are the letters of the scheme.
     """
     letters = (scheme.a, scheme.b) if scheme.first == "A" else (scheme.b, scheme.a)
     stages: list[Stage] = []
@@ -40,18 +39,12 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
         else:
             stages.append((part, length, now))
 
-    if len(parts) == 2 and not parts[0].timed:
-        for i, length in enumerate(alternating(*letters)):
-            first = (i % 2 == 0) == (scheme.first == "A")
-            flow(0 if first else 1, length)
-            now += length if first else 0.0
-        return stages
-    # sweeps φ*, φ, φ*, … that for a sum of two parts are the splitting a1, b1, a2, b2, …
     for i, weight in enumerate(accumulate(alternating(*letters)[:-1], lambda weight, letter: letter - weight)):
-        now += weight if i % 2 else 0.0
-        for part in range(len(parts)) if i % 2 else reversed(range(len(parts))):
+        is_forward = (i % 2 == 0) == (scheme.first == "A")
+        now += weight if is_forward else 0.0
+        for part in range(len(parts)) if is_forward else reversed(range(len(parts))):
             flow(part, weight)
-        now += 0.0 if i % 2 else weight
+        now += 0.0 if is_forward else weight
     return stages
 
 
