@@ -351,8 +351,8 @@ def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
 
 
 @np.errstate(all="ignore")
-def constants(units: Units, y0: Array, span: float) -> Array:
-    """Everything `position` needs for the motion through y0 at t = 0."""
+def constants(units: Units, y0: Array, span: float, h: float | None = None) -> Array:
+    """Everything `position` needs for the motion through y0 at t = 0. h : for messages."""
     c, alpha, state = np.zeros(SIZE), units.alpha, units.enter(y0)
     c[H], c[J3], c[SIGN], c[START : START + 6] = span, state[2], math.copysign(1.0, alpha), state
     off = np.max(np.abs(state[[0, 1, 3, 4]]))
@@ -361,7 +361,7 @@ def constants(units: Units, y0: Array, span: float) -> Array:
         return c
     if off < UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
-        raise StepError(NAME, reason)
+        raise StepError(NAME, reason, h=h)
     state *= np.repeat((1.0, c[SIGN]), 3)  # for alpha < 0 the mirror image
     alpha, y = max(abs(alpha), WEIGHTLESS), tuple(state.tolist())
     found = roots(alpha, y)
@@ -378,7 +378,7 @@ def constants(units: Units, y0: Array, span: float) -> Array:
     slopes = put_series(shifted, K, c)
     put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
     if np.any(np.isnan(c)):
-        raise StepError(NAME, "the constants of the closed form are beyond the range of doubles")
+        raise StepError(NAME, "the constants of the closed form are beyond the range of doubles", h=h)
     return c
 
 
@@ -390,11 +390,11 @@ class ThetaStepper(FixedStepper):
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
         self.top_units = units = Units(top, y0, h)
         self.span = units.span(NAME, h)
-        super().__init__(NAME, h, Kernel(step, failures=FAILURES), constants(units, y0, self.span), units)
+        super().__init__(NAME, h, Kernel(step, failures=FAILURES), constants(units, y0, self.span, h), units)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         y = as_state(y)
-        self.constants = constants(self.top_units, y, self.span)
+        self.constants = constants(self.top_units, y, self.span, self.h)
         return super().record(y, n, every)
 
 
