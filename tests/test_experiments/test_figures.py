@@ -104,5 +104,6 @@ def test_a_table_for_a_paper_has_labels_and_numbers():
     assert (len(lines), lines[0].split(" & ")[2]) == (3, r"{{\textendash}}")
     assert text.count("{") == text.count("}")
     assert tables.markdown(frame).splitlines()[3] == "| rk4 | 3.99 | 1 | α & β |"
-    assert tables.cells(frame)[1][2] == ("1", "1.0", True)
+    assert tables.cells(frame)[1] == [("rk4", None), ("3.99", "3.9912"), ("1", "1.0"), ("α & β", None)]
+    assert tables.cells(frame)[0][2] == ("–", "")
     assert pd.read_csv(io.StringIO(tables.csv(frame))).equals(frame)

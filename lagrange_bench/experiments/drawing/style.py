@@ -164,7 +164,7 @@ FAMILIES: dict[str, tuple[tuple[str, ...], str]] = {
     "whole-body": (("#8A5A44", "#5C3A2B", "#B07A60", "#3E2519", "#A0664B"), "vosD^"),
 }
 OTHERS = "others"  # the family of methods no longer registered, and of families of plug-ins
-# methods of plug-ins have black dashes, which no method of the bench has, and are named in every figure
+# methods of plug-ins are black, with dashes that no method of the bench has, and named in every figure
 OWN = "#000000"
 OWN_MARKERS = "*Phd"
 OWN_DASHES: tuple[Any, ...] = ((0, (3, 1)), (0, (6, 1, 1, 1)), (0, (1, 0.8)), (0, (9, 2)))

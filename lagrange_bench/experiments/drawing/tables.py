@@ -9,7 +9,7 @@ import numbers
 import re
 import unicodedata
 from contextlib import suppress
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -26,14 +26,6 @@ NUMBER = re.compile(r"(?<![\w.])-?\d(?:\.\d+)?e[+-]?\d{1,3}(?!\w|\.\d)")
 OF_METHODS = ("method", "cheapest", "best of the others")  # columns of methods: a paper wants labels, not keys
 
 
-class Cell(NamedTuple):
-    """One cell of a table: its text, the key for sorting, and whether it is a number, at the right side."""
-
-    text: str
-    sort: str
-    numeric: bool
-
-
 def flat(frame: pd.DataFrame) -> pd.DataFrame:
     """The frame with plain strings as names of columns. Its index becomes columns, unless it only counts rows."""
     counts = frame.index.names == [None] and pd.api.types.is_integer_dtype(frame.index.dtype)
@@ -45,9 +37,9 @@ def heading(column: Any) -> str:
     return numbers_in(UNIT.sub("µs", str(column).replace("_", " ")))
 
 
-def cells(frame: pd.DataFrame) -> list[list[Cell]]:
-    """The rows of a frame, for the page."""
-    return [list(map(_cell, row)) for row in _rows(frame)]
+def cells(frame: pd.DataFrame) -> list[list[tuple[str, str | None]]]:
+    """The rows of a frame, for the page: of each value the text, and the key by which it is sorted, if that is not the text."""
+    return [[(show(value), _sort_key(value)) for value in row] for row in _rows(frame)]
 
 
 def markdown(frame: pd.DataFrame) -> str:
@@ -159,10 +151,10 @@ def _word(value: Any) -> str:
     return MISSING if value is None or (pd.api.types.is_scalar(value) and pd.isna(value)) else numbers_in(str(value))
 
 
-def _cell(value: Any) -> Cell:
+def _sort_key(value: Any) -> str | None:
     if _is_number(value):
-        return Cell(show(value), repr(float(value)), True)
-    return Cell(show(value), "" if show(value) == MISSING else show(value), False)
+        return repr(float(value))
+    return "" if show(value) == MISSING else None
 
 
 def _tex_text(text: str) -> str:
