@@ -94,6 +94,8 @@ def run(options: argparse.Namespace) -> Answer:
         arguments.refuse(options, ("h", "h_scaled", "steps", "every"), "does not go with --times")
     else:
         options.h = own_step(options.h, options.h_scaled, top, y0)
+        if options.h is None or options.steps is None:
+            raise ValueError("give --h or --h-scaled, and --steps; or --times (see lagrange-bench integrate --help)")
         if every is None:
             every = 1 if options.output or options.draw else options.steps or 1
     method = find_method(options.method or default_method(top))
