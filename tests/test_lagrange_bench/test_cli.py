@@ -77,6 +77,7 @@ BAD = {  # words → what the line must name
     "integrate --method heyoka --h 1 --steps 1": "unknown method 'heyoka'; did you mean 'taylor'?",
     "integrate --top magnet --method backlund --h 1 --steps 1": "(these take it: backlund_splitting, taylor, ",
     "integrate --h 1 --steps 1 --output x.txt": "--output x.txt: the name must end in .csv",
+    "integrate --times 0:1:3 --h-scaled 1": "--h-scaled does not go with --times",
     "run drift --profil quick": "unknown argument '--profil'; did you mean '--profile'? (see lagrange-bench run --help)",
     "run drift --methods rk44": "--methods: no cell here has the method 'rk44'; did you mean 'rk4'?",
     "run mine.broken": "cannot be loaded: ModuleNotFoundError: No module named 'nonexistent_thing'",
@@ -148,6 +149,7 @@ def test_an_experiment_of_your_own_is_drawn_where_it_was_run(run, in_process, fo
     code, out, err = run("run", "my_study.energy", "--results", "my out", "--jobs", "1", "--quiet")
     assert (code, err) == (0, "")
     after = shlex.split(re.search("^next: lagrange-bench (.*)", out, re.MULTILINE)[1])
+    assert run("figure", *after[1:])[1] == "my_study.energy_squares\n"
     page = Path(run(*after, "--output", "page")[1].strip()).read_text(encoding="utf-8")
     assert "cannot be loaded" not in page
     again = unescape(re.sub("<[^>]*>", "", re.search(r"redraw: <code[^>]*>(.*?)</code>", page)[1]))
