@@ -5,9 +5,7 @@ trial run with long steps shows how wide the box must be.
 """
 
 import math
-from collections.abc import Sequence
 from functools import cache
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -89,24 +87,20 @@ def kernel(V: System, gradients: int, degree: int) -> Any:
     return step
 
 
-def constants(
-    head: Array, h: float, parts: Sequence[Sequence[float]], start: float, tables: Sequence[Array] = ()
-) -> Array:
+def constants(head: Array, h: float, parts: Array, start: float, tables: Array | None = None) -> Array:
     """The constants of a composition.
 
     Parameters
     ----------
     head : those of the top, the box and V.
-    parts : of each group the time of its flow and the three factors of its kick.
+    parts : (n, 4), of each group the time of its flow and the three factors of its kick.
     start : the time of the first flow, from the start of the step.
-    tables : of each group, if its kernel has tables.
+    tables : (n, m), of each group, if its kernel has tables.
     """
-    c, when = head.tolist(), start
+    c, whens = head.copy(), start + np.cumsum(parts[:, TIME])
     c[GROUPS], c[STEP] = len(parts), h
-    for part, table in zip_longest(parts, tables, fillvalue=()):
-        when += part[0]
-        c += [*part, when, *table]
-    return np.array(c)
+    groups = np.column_stack((parts, whens) if tables is None else (parts, whens, tables))
+    return np.concatenate((c, groups.ravel()))
 
 
 @cache
@@ -148,7 +142,9 @@ def set_box(c: Array, scales: tuple[float, float, float], y0: Array, kernel: loo
         return False
     h = math.copysign(TRIAL_STEP * unit, h)
     try:
-        y = loops.FixedStepper("trial", h, kernel, constants(c, h, [(h, h, 0.0, 0.0)], 0.0)).record(y0, TRIAL_STEPS, 1)
+        y = loops.FixedStepper("trial", h, kernel, constants(c, h, np.array([(h, h, 0.0, 0.0)]), 0.0)).record(
+            y0, TRIAL_STEPS, 1
+        )
     except StepError:
         return False
     with np.errstate(over="ignore", invalid="ignore"):  # of a size whose square is no double

@@ -88,15 +88,14 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
             head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, start, *problem.numbers))
         plain = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
-        degree, made = 0, []
+        degree, made = 0, None
         if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain, h):
-            different = tuple(dict.fromkeys(times))
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
-            degree, listed = tables(torus, box, different, conserves_J3)
-            made = [listed[different.index(time)] for time in times] if degree else []
+            degree, listed = tables(torus, box, times, conserves_J3)
+            made = np.array(listed) if degree else None
         # the kernel's state is behind the user's, by the first flow
         behind = -chosen.a[0] * h
-        c = kernels.constants(head, h, groups, behind, made)
+        c = kernels.constants(head, h, np.array(groups), behind, made)
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
         self.degree = degree  # of the tables, 0 for none
