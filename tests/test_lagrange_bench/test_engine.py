@@ -41,11 +41,23 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     assert toy.store.rows(TOY)["i"].tolist() == [1]
 
 
+ERRORS = {
+    "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
+    "die": "WorkerDied: the worker process ended itself with exit code 3",
+    "compiled loop": "TimeLimit: not done after 15 s, so its process was ended; --time-limit SECONDS allows more",
+    "raise": "ArithmeticError: cell 104 was told to",
+    "bad row": "TypeError: cannot store",
+    "exit": "SystemExit: 3",
+    "long text": f"ValueError: {'x' * 1999}…",
+}
+
+
 def test_cells_that_die_hang_or_chatter_fail_alone_and_timing_cells_come_last(tmp_path):
     """Two workers; the timing cells come alone, in order, in a fresh process with one thread."""
     facts = {"facts": True, "seconds": 0.05}
     waiting = {"do": "wait for lines", "i": 5, "file": str(tmp_path / f"{TOY}.jsonl"), "lines": 4}  # finishes late
-    odd = [{"do": what, "i": 100 + i} for i, what in enumerate(("segfault", "compiled loop", "wrong clock", "warn"))]
+    odd = "segfault", "compiled loop", "wrong clock", "warn", "raise", "bad row", "exit", "long text"
+    odd = [{"do": what, "i": 100 + i} for i, what in enumerate(odd)]
     timing = [{"do": "die", "i": 120, "timing": True}, *squares(9, 8, timing=True, **facts)]
     cells = [waiting, *squares(4, 3, 2, 1, **facts), *odd, *timing]
     run = start(cells, tmp_path, "--json", "--time-limit", "15", OMP_NUM_THREADS="7")
@@ -54,16 +66,14 @@ def test_cells_that_die_hang_or_chatter_fail_alone_and_timing_cells_come_last(tm
     assert ("chatter" in err, "toy warning" in err, "Traceback" in err) == (True, False, False)
     summary, store = json.loads(out), Store(tmp_path)
     assert (summary["exit_code"], summary["experiments"][TOY]["computed"]) == (1, 9)
-    assert {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]} == {
-        "segfault": "WorkerDied: the worker process was killed by SIGSEGV",
-        "die": "WorkerDied: the worker process ended itself with exit code 3",
-        "compiled loop": "TimeLimit: not done after 15 s, so its process was ended; --time-limit SECONDS allows more",
-    }
+    errors = {failure["cell"]["do"]: failure["error"] for failure in summary["failures"]}
+    assert {what: error[: len(ERRORS[what])] for what, error in errors.items()} == ERRORS
+    assert store.path(TOY).stat().st_size < 50_000
     latest = store.open(TOY).latest
     assert [r["warnings"] for r in latest if r["cell"]["do"] == "warn"] == [["RuntimeWarning: toy warning"]]
     assert all(0 <= record["seconds"] < 30 for record in latest)
     table = store.rows(TOY)
-    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 104), 120, 9, 8]
+    assert table["i"].tolist() == [5, 4, 3, 2, 1, *range(100, 108), 120, 9, 8]
     assert len(store.read(TOY)[0]) == len(table), "none is computed twice and stored twice"
     table = table[table["facts"].eq(True)]
     timing, accuracy = table[table["timing"].eq(True)], table[table["timing"].isna()]
@@ -73,28 +83,15 @@ def test_cells_that_die_hang_or_chatter_fail_alone_and_timing_cells_come_last(tm
     assert set(table["threads"]) == {"1"}
 
 
-ERRORS = {
-    "raise": "ArithmeticError: cell 0 was told to",
-    "bad row": "TypeError: cannot store",
-    "exit": "SystemExit: 3",
-    "long text": f"ValueError: {'x' * 1999}…",
-    "fail until there": "FileNotFoundError",
-}
-
-
-def test_a_failing_cell_is_a_result(toy, in_process, run, tmp_path):
-    file = tmp_path / "there"
-    cells = [{"do": what, "i": i, "file": str(file)} for i, what in enumerate(ERRORS)] + squares(7, 8)
+def test_a_failing_cell_is_a_result_and_is_tried_again(toy, in_process, run, tmp_path):
+    cells = [{"do": "fail until there", "i": 0, "file": str(tmp_path / "there")}, *squares(7, 8)]
     first = toy(cells)
-    assert (tally(first), first.exit_code) == ((2, 0, 5), 1)
-    errors = {failure["cell"]["do"]: failure["error"] for failure in first.failures}
-    assert {what: error[: len(ERRORS[what])] for what, error in errors.items()} == ERRORS
-    assert "raise ArithmeticError" in toy.store.open(TOY).latest[0]["error"]["traceback"]
-    assert toy.store.path(TOY).stat().st_size < 50_000
-    file.write_text("")
-    assert tally(toy(cells)) == (1, 2, 4)  # failures are tried again, successes are not
+    assert (tally(first), first.exit_code) == ((2, 0, 1), 1)
+    assert "raise FileNotFoundError" in toy.store.open(TOY).latest[0]["error"]["traceback"]
     code, out, err = run("report", "--results", toy.store.folder, "--module", TOY, "--quiet")
     assert (code, out) == (0, f"{toy.store.folder / 'page' / 'index.html'}\n"), err
+    (tmp_path / "there").write_text("")
+    assert tally(toy(cells)) == (1, 2, 0)
 
 
 def test_a_method_that_is_not_available_is_skipped_and_said_once(toy, in_process):
