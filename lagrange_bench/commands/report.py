@@ -41,8 +41,8 @@ def run(options: argparse.Namespace) -> Answer:
     output = options.output or (Path("page") if installed else results / "page")
     choice = choice_of(options, results)
     page.refuse_foreign(output)  # before the drawing
-    with progress.drawing(show=not (options.quiet or options.json)) as drawn:
-        report = page.assemble(results, choice, drawn)
+    with progress.drawing(show=not (options.quiet or options.json)) as followed:
+        report = page.assemble(results, choice, followed)
         path = page.write(report, output).resolve()
     notes = [f"{s.experiment}: no rows of {', '.join(s.without_rows)}" for s in report.sections if s.without_rows]
     notes += [report.old] if report.old else []

@@ -7,7 +7,7 @@ the results are printed as powers of ten, so that the same bytes come out every 
 import re
 import shlex
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from lagrange_bench.experiments.drawing import figures, tables
 from lagrange_bench.experiments.measuring import errata
 from lagrange_bench.report import chooser, claims, lists, live, origin, promises
 from lagrange_bench.report.origin import PUBLISHED, Origin
-from lagrange_bench.report.sections import OPENED, Drawn, DrawnFigure, Section, described, draw, packed, read
+from lagrange_bench.report.sections import OPENED, DrawnFigure, Section, described, draw, packed, read
 from lagrange_bench.report.sections import write as write_section
 from lagrange_bench.results import sources
 from lagrange_bench.results.choice import ALL, Choice
@@ -71,20 +71,16 @@ def in_brief(judged: list[Judged]) -> list[tuple[str, str, Judged]]:
     return [(a.question, text, each) for a, each in pairs if (text := a.filled(each.verdict))]
 
 
-def assemble(results: Path, choice: Choice = ALL, drawn: Drawn = lambda done, total: None) -> Report:
+def assemble(results: Path, choice: Choice = ALL, followed: Callable[[list[str]], Iterable[str]] = iter) -> Report:
     """Everything the page shows, from the stored lines in `results`; never raises for a part that cannot be drawn.
 
     choice : of methods and tops. Where there are only experiments of the user's own, or a choice was made, the page has no
-    claims, and what has no rows is left out. drawn : called with how many parts are drawn, of how many.
+    claims, and what has no rows is left out. followed : goes through the names of the parts, and shows the progress.
     """
-    stored = Store(results, choice)
-    names = list(dict.fromkeys((*stored.experiments(), *EXPERIMENTS)))
-    sections = []
-    for done, name in enumerate(names):
-        drawn(done, len(names))
+    stored, sections = Store(results, choice), list[Section]()
+    for name in followed(list(dict.fromkeys((*stored.experiments(), *EXPERIMENTS)))):
         sections.append(read(name, stored))
         draw(sections[-1])
-    drawn(len(names), len(names))
     only_own = stored.experiments() and not set(stored.experiments()) & set(EXPERIMENTS)
     whole = not choice and not only_own
     if not whole:

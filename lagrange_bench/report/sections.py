@@ -7,7 +7,6 @@ import re
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import ModuleType
@@ -27,7 +26,6 @@ from lagrange_bench.support.files import write_file
 
 DECLINED = "StepError: "  # how the failure of a method begins that declines a step
 OPENED = ("phase_h", "work_precision_time", "phase_time")  # figures that are not folded, in this order
-Drawn = Callable[[int, int], None]  # gets how many parts of the page are made, of how many
 # of each experiment the rows that tables were made of last, and these tables
 _TABLES: dict[str, tuple[pd.DataFrame, dict[str, pd.DataFrame]]] = {}
 

@@ -19,9 +19,9 @@ from lagrange_bench.support.source_digest import BENCH, IMPORTED_SOURCES, PACKAG
 COMPUTING = (PACKAGE / "integrators", PACKAGE / "experiments" / "measuring")  # folders
 SAME, OTHER, UNKNOWN, OUTDATED = "same", "other", "unknown", "outdated"
 WORDS = {
-    OUTDATED: "with another VERSION of the experiment than this",
-    OTHER: "with other source code than this",
-    UNKNOWN: "with source code that was not recorded",
+    OUTDATED: "computed with another VERSION of the experiment than this",
+    OTHER: "computed with other source code than this",
+    UNKNOWN: "computed with source code that was not recorded",
 }
 
 
@@ -99,12 +99,6 @@ def compared(one: str | None, other: str | None) -> str:
 
 
 def summary(ages: Mapping[str, int]) -> str:
-    """How many stored cells do not come from the present sources, as a sentence; "" if all do. ages : see `judge`."""
+    """How many stored cells do not come from the present sources, in words; "" if all do. ages : see `judge`."""
     total = sum(ages.values())
-    return "; ".join(f"{_stored(ages[age], total)} computed {words}" for age, words in WORDS.items() if ages.get(age))
-
-
-def _stored(count: int, total: int) -> str:
-    if count == 1:
-        return "1 stored cell was"
-    return f"all {count} stored cells were" if count == total else f"{count} stored cells were"
+    return "; ".join(f"{ages[age]} of {total} stored cells {words}" for age, words in WORDS.items() if ages.get(age))

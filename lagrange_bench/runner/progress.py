@@ -3,7 +3,7 @@
 import contextlib
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from time import monotonic
 from typing import Any
 
@@ -47,11 +47,10 @@ def follow(totals: Mapping[str, int], show: bool = True) -> Iterator[Cells]:
 
 
 @contextlib.contextmanager
-def drawing(show: bool = True) -> Iterator[Callable[[int, int], None]]:
-    """Show progress through the parts of a page. Call the result with (done, total)."""
+def drawing(show: bool = True) -> Iterator[Callable[[list[str]], Iterable[str]]]:
+    """Show progress through the parts of a page: iterate over the result, called with their names."""
     with _bars(show=show) as bars:
-        task = bars.add_task("drawing", total=None)
-        yield lambda done, total: bars.update(task, completed=done, total=total)
+        yield lambda names: bars.track(names, description="drawing")
 
 
 @contextlib.contextmanager

@@ -30,7 +30,7 @@ def test_only_what_is_missing(toy, in_process, monkeypatch):
     again = toy(squares(3, 4, 1))
     assert (tally(again), again.old) == ((1, 2, 0), False)
     toy.store.append(*({**record, "sources": "0" * 24} for record in toy.store.open(TOY).latest))
-    assert f"old: {TOY}: all 2 stored cells were computed with other source code" in str(toy(squares(1, 3)))
+    assert f"old: {TOY}: 2 of 2 stored cells computed with other source code" in str(toy(squares(1, 3)))
     table = toy.store.rows(TOY)
     assert sorted(zip(table["i"], table["square"], strict=True)) == [(i, i * i) for i in (1, 2, 3, 4)]
     summary = toy(squares(5, 6, timing=True), timings=False)

@@ -281,7 +281,7 @@ def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, m
         put("out", "toy.good", i, "backlund", STEPS[i], DRIFT[i], sources="0" * 24)
     path.write_bytes(path.read_bytes().replace(b'"message":"Newton', b'"message":"Euler'))
     damaged = "toy.good.jsonl, line 6: damaged; skipped, its cell counts as not computed"
-    old = "2 stored cells were computed with other source code than this"
+    old = "2 of 9 stored cells computed with other source code than this"
     figure = ("figure", "toy.good_first", "--results", "out")
     code, _, err = run(*figure)
     assert (code, err.endswith(f"{damaged}\ntoy.good: {old}: the same run with --again computes them again\n")) == (
