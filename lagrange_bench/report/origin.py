@@ -40,23 +40,18 @@ class Origin:
 PUBLISHED = Origin(REFERENCE.name, "full")
 
 
-def named(folder: Path) -> str:
-    """The name of results, or a folder as seen from the current folder or the clone; of any other only its own name."""
-    if name := name_of(folder):
-        return name
-    place = Path(os.path.abspath(folder))
-    for base in (Path.cwd(), provenance.checkout()):
-        if base is not None and place.is_relative_to(base):
-            return place.relative_to(base).as_posix()
-    return place.name
-
-
 def find(folder: Path, choice: Choice = ALL) -> Origin:
-    """The origin of what is stored in a folder."""
+    """The origin of what is stored in a folder: its name, or its path from the current folder or the clone.
+
+    Of a folder elsewhere, a page tells only the last part of the path.
+    """
     name = name_of(folder)
     if name == PUBLISHED.folder:
         return replace(PUBLISHED, choice=choice)
-    return Origin(named(folder), name, choice)
+    place = Path(os.path.abspath(folder))
+    bases = (base for base in (Path.cwd(), provenance.checkout()) if base is not None and place.is_relative_to(base))
+    seen = next((place.relative_to(base).as_posix() for base in bases), place.name)
+    return Origin(name or seen, name, choice)
 
 
 def described(origin: Origin) -> str:

@@ -41,13 +41,6 @@ def table(rows: pd.DataFrame, experiment: str, name: str) -> pd.DataFrame:
     return flat(made[name])
 
 
-def entries(
-    rows: pd.DataFrame, experiment: str, name: str, columns: Sequence[str], lines: dict[str, Any]
-) -> np.ndarray:
-    """Columns of a table, in the lines with the given fields."""
-    return values(table(rows, experiment, name), *columns, **lines)
-
-
 @cache
 def published() -> frozenset[str]:
     """The built-in methods that have published rows. A new one has none: nothing is claimed of it yet."""
@@ -209,9 +202,6 @@ def error_ratios(
     return (over[:, None] / under[None]).ravel()
 
 
-MEASURED_BY = ("required", "columns", "table", "lines", "above", "below", "read", "with")
-
-
 def _claim(entry: dict[str, Any]) -> Claim:
     bounds = tuple(_bound(entry["experiment"], bound) for bound in entry.pop("bound"))
     answers = tuple(ShortAnswer(**answer) for answer in entry.pop("answer", ()))
@@ -219,22 +209,23 @@ def _claim(entry: dict[str, Any]) -> Claim:
 
 
 def _bound(experiment: str, entry: dict[str, Any]) -> Bound:
-    where = {name: _expanded(wanted) for name, wanted in entry["where"].items()}
-    sign, limit, *unit = entry["required"].split(" ", 2)
-    others = {name: value for name, value in entry.items() if name not in MEASURED_BY}
-    return Bound(_measure(experiment, entry, where), sign, float(limit), "".join(unit), **{**others, "where": where})
+    where = {name: _expanded(wanted) for name, wanted in entry.pop("where").items()}
+    sign, limit, *unit = entry.pop("required").split(" ", 2)
+    measure = _measure(experiment, entry, where)
+    return Bound(measure, sign, float(limit), "".join(unit), where, **entry)
 
 
 def _measure(experiment: str, entry: dict[str, Any], where: dict[str, Any]) -> tuple[str, ...] | Measure:
-    """What a bound compares; `claims.toml` says how that is written."""
+    """What a bound compares, taken out of its entry; `claims.toml` says how that is written."""
+    columns = tuple(entry.pop("columns", ()))
     if "read" in entry:
-        return partial(globals()[entry["read"]], **entry.get("with", {}))  # a function above
+        return partial(globals()[entry.pop("read")], **entry.pop("with", {}))  # a function above
     if "above" in entry:
-        return partial(error_ratios, where=where, above=entry["above"], below=entry["below"])
+        return partial(error_ratios, where=where, above=entry.pop("above"), below=entry.pop("below"))
     if "table" in entry:
-        lines = entry.get("lines", {})
-        return partial(entries, experiment=experiment, name=entry["table"], columns=entry["columns"], lines=lines)
-    return tuple(entry["columns"])
+        name, lines = entry.pop("table"), entry.pop("lines", {})
+        return lambda rows: values(table(rows, experiment, name), *columns, **lines)
+    return columns
 
 
 def _expanded(wanted: Any) -> Any:

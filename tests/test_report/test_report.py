@@ -281,17 +281,15 @@ def test_old_rows_and_damaged_lines_are_named(results, undrawn, run, tmp_path, m
         put("out", "toy.good", i, "backlund", STEPS[i], DRIFT[i], sources="0" * 24)
     path.write_bytes(path.read_bytes().replace(b'"message":"Newton', b'"message":"Euler'))
     damaged = "toy.good.jsonl, line 6: damaged; skipped, its cell counts as not computed"
-    old = "2 of 9 stored cells computed with other source code than this"
+    old = "stored cells computed with other source code than this"
     figure = ("figure", "toy.good_first", "--results", "out")
     code, _, err = run(*figure)
-    assert (code, err.endswith(f"{damaged}\ntoy.good: {old}: the same run with --again computes them again\n")) == (
-        0,
-        True,
-    ), err
+    end = f"{damaged}\ntoy.good: 2 of 8 {old}: the same run with --again computes them again\n"
+    assert (code, err.endswith(end)) == (0, True), err
     assert run(*figure, "--quiet")[2] == ""
     shown = words(page.assemble(tmp_path / "out"))
     assert damaged in shown
-    assert f"{old}: toy.good (lagrange-bench verify" in shown
+    assert f"2 of 17 {old}: toy.good (lagrange-bench verify" in shown
     path.write_bytes(b"{}\n")
     path.with_name("toy.broken.jsonl").unlink()
     assert "cannot be drawn from out: toy.good.jsonl, line 1: damaged" in run(*figure)[2]
