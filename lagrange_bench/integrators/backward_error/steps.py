@@ -131,8 +131,7 @@ def taylor_flow(alpha: float, s: State, h: Series, power: int) -> State:
 
 
 def runge_kutta_step(tableau: Tableau, alpha: float, s: State, h: Series, power: int) -> State:
-    split = runge_kutta.increment_of(tableau, uniform_system())
-    d = split.moving(0.0, *s, *split.fixed(h, alpha))
+    d = runge_kutta.increment_of(tableau, uniform_system())(0.0, *s, h, alpha)
     return s[0] + d[0], s[1] + d[1], s[2], s[3] + d[2], s[4] + d[3], s[5] + d[4]
 
 
@@ -208,7 +207,7 @@ def half_step(alpha: float, h: Series) -> Any:
 
 
 def generator_step(alpha: float, h: Series) -> Any:
-    return 0.0, h, *lie_group.generator_of(uniform_system()).fixed(h, alpha)
+    return 0.0, h, alpha
 
 
 # one entry for each method

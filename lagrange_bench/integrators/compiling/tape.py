@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -75,29 +75,23 @@ class Term(Number):
 
 
 class Tape:
-    """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all.
-
-    `fixed` inputs, such as a step and parameters, are the same for all steps of a run. What depends on them alone is computed
-    before the loop: see `split`.
-    """
+    """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all."""
 
     def __init__(self) -> None:
         self.lines: list[tuple[Any, ...]] = []
         self.places: dict[tuple[Any, ...], int] = {}
         self.inputs: list[Term] = []
-        self.moving: list[bool] = []  # of each line: whether it depends on an input that is not fixed
 
-    def _record(self, *line: Any, moving: bool = False) -> Term:
+    def _record(self, *line: Any) -> Term:
         key = (line[0], *sorted(line[1:])) if line[0] in ("add", "mul") else line  # a + b = b + a, to the last bit
         if key not in self.places:
             self.places[key] = len(self.lines)
             self.lines.append(line)
-            self.moving.append(moving)
         return Term(self, self.places[key])
 
-    def input(self, fixed: bool = False) -> Term:
+    def input(self) -> Term:
         """One more unknown number."""
-        self.inputs.append(self._record("input", len(self.inputs), moving=not fixed))
+        self.inputs.append(self._record("input", len(self.inputs)))
         return self.inputs[-1]
 
     def constant(self, value: Any) -> Term:
@@ -150,8 +144,7 @@ class Tape:
                 c, (d, rest) = self.known(factor), self._factor(other)
                 if c is not None and d is not None and (_exact(c) or _exact(d)):
                     return self.make("mul", c * d, rest)  # c (d m) as (c d) m, as nothing is rounded
-        places = [term.place for term in terms]
-        return self._record(operation, *places, moving=any(self.moving[place] for place in places))
+        return self._record(operation, *(term.place for term in terms))
 
     def _factor(self, term: Term) -> tuple[float | None, Term]:
         """(d, m) of a term d·m with a constant d, or m/(1/d) with a power of two; d is None for any other term."""
@@ -224,22 +217,16 @@ class Tape:
     def program(self, outputs: Iterable[Any]) -> Program:
         """The program of these outputs, with all inputs and only the lines it needs."""
         terms = tuple(map(self.constant, outputs))
-        return self._program(self.inputs, terms, self.needed(terms))
-
-    def split(self, outputs: Iterable[Any]) -> Split:
-        """The same in two programs: the lines that depend on fixed inputs alone, and the rest."""
-        terms = tuple(map(self.constant, outputs))
-        needed = self.needed(terms)
-        fixed = {place for place in needed if not self.moving[place] and self.lines[place][0] != "constant"}
-        used = {place for line in needed - fixed for place in self._arguments(line)} | {term.place for term in terms}
-        links = [Term(self, place) for place in sorted(fixed & used)]
-        before = [term for term in self.inputs if not self.moving[term.place]]
-        inputs = [*(term for term in self.inputs if self.moving[term.place]), *links]
-        return Split(self._program(before, links, fixed), self._program(inputs, terms, needed - fixed))
-
-    def _arguments(self, place: int) -> list[int]:
-        operation, *arguments = self.lines[place]
-        return [] if operation in ("input", "constant") else arguments
+        new: dict[int, Any] = {term.place: i for i, term in enumerate(self.inputs)}
+        lines: list[tuple[Any, ...]] = []
+        for place in sorted(self.needed(terms) - set(new)):
+            operation, *arguments = self.lines[place]
+            if operation == "constant":
+                new[place] = ("=", arguments[0])
+            else:
+                new[place] = len(self.inputs) + len(lines)
+                lines.append((operation, *(new[a] for a in arguments)))
+        return Program(len(self.inputs), tuple(lines), tuple(new[term.place] for term in terms))
 
     def needed(self, terms: Iterable[Term]) -> set[int]:
         """The places that terms depend on, their own included."""
@@ -249,36 +236,9 @@ class Tape:
             place = waiting.pop()
             if place not in needed:
                 needed.add(place)
-                waiting += self._arguments(place)
+                operation, *arguments = self.lines[place]
+                waiting += [] if operation in ("input", "constant") else arguments
         return needed
-
-    def _program(self, inputs: Sequence[Term], outputs: Sequence[Term], needed: set[int]) -> Program:
-        new: dict[int, Any] = {term.place: i for i, term in enumerate(inputs)}
-        lines: list[tuple[Any, ...]] = []
-        for place in sorted(needed - set(new)):
-            operation, *arguments = self.lines[place]
-            if operation == "constant":
-                new[place] = ("=", arguments[0])
-            else:
-                new[place] = len(inputs) + len(lines)
-                words = [new[a] if a in new else ("=", self.lines[a][1]) for a in arguments]
-                lines.append((operation, *words))
-        return Program(len(inputs), tuple(lines), tuple(new[term.place] for term in outputs))
-
-
-class Split(NamedTuple):
-    """A formula in two parts: `fixed`, of the fixed inputs; and `moving`, of the other inputs and the outputs of `fixed`."""
-
-    fixed: Program
-    moving: Program
-
-    def constants(self, *numbers: float) -> tuple[float, ...]:
-        """The outputs of `fixed` as doubles; 1/0 is infinite."""
-        try:
-            return self.fixed(*map(float, numbers))
-        except ZeroDivisionError:
-            with np.errstate(all="ignore"):
-                return tuple(map(float, self.fixed(*map(np.float64, numbers))))
 
 
 def _exact(factor: float) -> bool:

@@ -82,11 +82,11 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     moving, n, numbers, (E5, E3, AHEAD, D) = system.moving, system.size, tuple_loader(system.parameters), more()
 
     def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
-        """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters. Their products come first."""
+        """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters."""
         tape = Tape()
         t, s, *vectors = tape.input(), *([tape.input() for _ in range(n)] for _ in range(1 + slopes + bool(slopes)))
-        h = tape.input(fixed=True)
-        p = [tape.input(fixed=True) for _ in range(system.parameters)]
+        h = tape.input()
+        p = [tape.input() for _ in range(system.parameters)]
         follow = partial(stages, system, tape=tape, t=t, y=s, h=h, p=p)
         return tape.program([v for part in formula(follow, *vectors) for v in part])
 

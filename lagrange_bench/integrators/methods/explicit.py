@@ -6,8 +6,9 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
+from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.compiling.tape import Split, Tape
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.methods.runge_kutta import stepper
 from lagrange_bench.integrators.problem.system import System
 
@@ -40,12 +41,12 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
     ValueError
         `increment` gives more or fewer numbers than a state has.
     """
-    split, calls = _recorded(increment, problem.system)
-    return stepper(name, problem, h, split, calls)
+    formula, calls = _recorded(increment, problem.system)
+    return stepper(name, problem, h, formula, calls)
 
 
 @cache
-def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
+def _recorded(increment: Increment, system: System) -> tuple[Program, int]:
     """The formula for the components that move, and how many right-hand sides it takes."""
     calls = 0
 
@@ -60,4 +61,4 @@ def _recorded(increment: Increment, system: System) -> tuple[Split, int]:
             raise ValueError(f"increment gives {len(total)} numbers; a state has {system.size}")
         return [total[i] for i in system.moving]
 
-    return system.split(formula), calls
+    return system.record_step(formula), calls

@@ -26,15 +26,15 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper, Kernel
-from lagrange_bench.integrators.compiling.tape import Split, Tape
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.problem import vectors
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
-START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the generator
+START, STEP = range(2)  # places of the constants: the time at the start, h; then the parameters
 STAGES = 4
 MOST = 1024.0
 TURNED = 1
@@ -159,7 +159,7 @@ def turn_body(right: bool) -> Any:
 
 
 @cache
-def generator_of(system: System) -> Split:
+def generator_of(system: System) -> Program:
     """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
 
     def generator(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
@@ -167,7 +167,7 @@ def generator_of(system: System) -> Split:
         more = system.rates(tape, t, y, p, h)[4:] if system.space == BODY else []
         return [*((-h if system.body else h) * slope for slope in slopes[-3 if more else 0 :]), *more]
 
-    return system.split(generator)
+    return system.record_step(generator)
 
 
 @cache
@@ -200,9 +200,9 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
 
 @cache
 def kernel(system: System) -> Any:
-    """The step for any system; constants: the time at the start, h, and those of the generator."""
-    split, timed, space = generator_of(system), system.timed, system.space
-    program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
+    """The step for any system; constants: the time at the start, h, and the parameters."""
+    timed, space = system.timed, system.space
+    program, numbers = machine_code(generator_of(system)), tuple_loader(1 + system.parameters)
     half, middle, mean = algebra(space)
     act = turn_body(system.body)
     if space != BODY:
@@ -211,7 +211,7 @@ def kernel(system: System) -> Any:
     @jit
     def generator(s, ahead, c, counters):
         t = c[START] + c[STEP] * (counters[CLOCK] + ahead) if timed else 0.0
-        return program((t,) + s, numbers(c, FIRST))  # noqa: RUF005 - compiled code does not unpack
+        return program((t,) + s, numbers(c, STEP))  # noqa: RUF005 - compiled code does not unpack
 
     @jit
     def rkmk4(s, c, counters):
@@ -227,7 +227,7 @@ def kernel(system: System) -> Any:
 def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
     """Any h for which no exponential turns by more than `MOST` rad."""
     system = problem.system
-    c = np.array((problem.start, h, *generator_of(system).constants(h, *problem.numbers)))
+    c = np.array((problem.start, h, *problem.numbers))
     step, size, timed = kernel(system), system.size, system.timed
     return FixedStepper("rkmk4", h, Kernel(step, failures=FAILURES, rhs_per_step=STAGES, timed=timed), c, size=size)
 

@@ -53,7 +53,7 @@ def alternating(a: Sequence[float], b: Sequence[float]) -> list[float]:
     return [x for pair in zip_longest(a, b) for x in pair if x is not None]
 
 
-# Places of the constants: the time at the start, h, the number of stages. The stages follow, then the constants of the parts.
+# Places of the constants: the time at the start, h, the number of stages. The stages follow, then the parameters.
 START, TIME_STEP, STAGES = range(3)
 
 
@@ -63,15 +63,13 @@ def kernel_of_parts(parts: tuple[Part, ...]) -> Any:
     timed = any(part.timed for part in parts)
 
     def flow_of(number: int) -> Any:
-        split = parts[number].flow
-        program, numbers = machine_code(split.moving), tuple_loader(len(split.fixed.outputs))
-        skipped = sum(len(part.flow.fixed.outputs) for part in parts[:number])
+        program, numbers = machine_code(parts[number].flow), tuple_loader(parts[number].parameters)
         others = flow_of(number + 1) if number + 1 < len(parts) else None
 
         @jit(inline=True)
         def flow(part, s, t, span, c, first):
             if others is None or part == number:
-                return program((t,) + s + (span,), numbers(c, first + skipped))  # noqa: RUF005 - as elsewhere
+                return program((t,) + s + (span,), numbers(c, first))  # noqa: RUF005 - as elsewhere
             return others(part, s, t, span, c, first)
 
         return flow
@@ -93,7 +91,6 @@ def prepare_parts(name: str, problem: Any, h: float) -> FixedStepper:
     """One step of a `Problem` by the flows of its parts."""
     parts, system = problem.parts, problem.system
     stages = [(part, length * h, when) for part, length, when in stages_of(SCHEMES[name], parts)]
-    numbers = [v for part in parts for v in part.flow.constants(*problem.numbers)]
-    c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *numbers))
+    c = np.array((problem.start, h, len(stages), *chain.from_iterable(stages), *problem.numbers))
     step = kernel_of_parts(parts)
     return FixedStepper(name, h, Kernel(step, rhs_per_step=len(stages), timed=system.timed), c, size=system.size)

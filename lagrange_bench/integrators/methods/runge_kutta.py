@@ -27,9 +27,9 @@ import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
-from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
+from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper, Kernel
-from lagrange_bench.integrators.compiling.tape import Split, Tape
+from lagrange_bench.integrators.compiling.tape import Tape
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.tableaux import DOP853, DORMAND_PRINCE, RK4, VERNER9, Row, Tableau
@@ -72,7 +72,7 @@ def floats(row: Row) -> tuple[float, ...]:
 
 
 @cache
-def increment_of(tableau: Tableau, system: System) -> Split:
+def increment_of(tableau: Tableau, system: System) -> Program:
     """What the formula adds to the components of the state that move."""
     a, b = tuple(map(floats, tableau.a)), floats(tableau.b)
 
@@ -80,7 +80,7 @@ def increment_of(tableau: Tableau, system: System) -> Split:
         total = weigh(b, stages(system, a, tape, t, y, h, p))
         return [total[i] for i in system.moving]
 
-    return system.split(increment)
+    return system.record_step(increment)
 
 
 @cache
@@ -94,33 +94,33 @@ def adding(size: int, moving: tuple[int, ...]) -> Any:
     return added
 
 
-START, STEP, FIRST = range(3)  # places of the constants: the time at the start, h, and those of the formula
+START, STEP = range(2)  # places of the constants: the time at the start, h; then the parameters
 
 
 @cache
-def stepping(split: Split, system: System) -> Callable[..., Any]:
+def stepping(formula: Program, system: System) -> Callable[..., Any]:
     """The step of an explicit method for any system, from what it adds to the state."""
-    increment, constants, timed = machine_code(split.moving), tuple_loader(len(split.fixed.outputs)), system.timed
+    increment, numbers, timed = machine_code(formula), tuple_loader(1 + system.parameters), system.timed
     finish = adding(system.size, system.moving)
 
     @jit
     def step(s, c, counters):
         t = c[START] + c[STEP] * counters[loops.CLOCK] if timed else 0.0
-        return finish(s, increment((t,) + s, constants(c, FIRST)))  # noqa: RUF005 - compiled code does not unpack
+        return finish(s, increment((t,) + s, numbers(c, STEP)))  # noqa: RUF005 - compiled code does not unpack
 
     return step
 
 
-def constants_of(split: Split, problem: Any, h: float) -> Array:
+def constants_of(problem: Any, h: float) -> Array:
     """The `c` of `stepping`."""
-    return np.array((problem.start, h, *split.constants(h, *problem.numbers)))
+    return np.array((problem.start, h, *problem.numbers))
 
 
-def stepper(name: str, problem: Any, h: float, split: Split, calls: int) -> FixedStepper:
+def stepper(name: str, problem: Any, h: float, formula: Program, calls: int) -> FixedStepper:
     """A stepper of an explicit method, from what it adds to the state. calls : right-hand sides a step."""
     system = problem.system
-    kernel = Kernel(stepping(split, system), rhs_per_step=calls, timed=system.timed)
-    return FixedStepper(name, h, kernel, constants_of(split, problem, h), size=system.size)
+    kernel = Kernel(stepping(formula, system), rhs_per_step=calls, timed=system.timed)
+    return FixedStepper(name, h, kernel, constants_of(problem, h), size=system.size)
 
 
 # ------------------------------------------------------------------------------------ projection
@@ -198,8 +198,8 @@ def projection(system: System) -> tuple[Callable[..., Any], Callable[..., Any]]:
 @cache
 def projected(system: System) -> Callable[..., Any]:
     """The step of Verner 9, then the projection, whose constants follow those of `stepping`."""
-    split = increment_of(VERNER9, system)
-    step, first, (project, _) = stepping(split, system), FIRST + len(split.fixed.outputs), projection(system)
+    step, (project, _) = stepping(increment_of(VERNER9, system), system), projection(system)
+    first = STEP + 1 + system.parameters
 
     @jit
     def both(s, c, counters):
@@ -249,7 +249,7 @@ def prepare_projected(problem: Any, y0: Array, h: float) -> FixedStepper:
         return np.array(in_units(tuple(y.tolist()), c)[3])
 
     c[IN_ENERGY : IN_C2 + 1] = invariants(y0)
-    constants = np.array((*constants_of(increment_of(VERNER9, system), problem, h), *c))
+    constants = np.array((*constants_of(problem, h), *c))
     if not loops.finite(constants):
         raise StepError(PROJECTING, "the top, its state or h is beyond the range of doubles", h=h)
 

@@ -19,7 +19,7 @@ from functools import cached_property
 from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program, cos, sin, sqrt
-from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
+from lagrange_bench.integrators.compiling.tape import Tape, Term
 from lagrange_bench.integrators.problem.system import BODY, E3, Space, System, depends
 from lagrange_bench.integrators.problem.vectors import cross, cross_in, dot
 
@@ -52,17 +52,21 @@ class Part:
         return depends(self.energy, [0])
 
     @cached_property
-    def flow(self) -> Split:
-        """(t, y, τ) → y after the time τ. The parameters are fixed inputs."""
-        n = self.space.size
+    def parameters(self) -> int:
+        """The number of parameters of H."""
+        return self.energy.inputs - 1 - self.space.size
+
+    @cached_property
+    def flow(self) -> Program:
+        """(t, y, τ, p) → y after the time τ."""
         tape = Tape()
-        t, y, span = tape.input(), tuple(tape.input() for _ in range(n)), tape.input()
-        p = [tape.input(fixed=True) for _ in range(self.energy.inputs - 1 - n)]
+        t, y, span = tape.input(), tuple(tape.input() for _ in range(self.space.size)), tape.input()
+        p = [tape.input() for _ in range(self.parameters)]
         slopes = tape.gradient(tape.run(self.energy, t, *y, *p)[0], y)
         if self.space == BODY:
-            return tape.split(self._whole(tape, y, slopes, span))
+            return tape.program(self._whole(tape, y, slopes, span))
         turn = {"kick": self._kick, "axis": self._axis, "square": self._square, "pair": self._pair}[self.kind]
-        return tape.split(turn(y, slopes, -span if self.body else span))
+        return tape.program(turn(y, slopes, -span if self.body else span))
 
     def _whole(self, tape: Tape, y: Sequence[Any], g: Sequence[Any], span: Any) -> list[Any]:
         """q and L of a whole body after the time `span`; g is ∂H/∂y.

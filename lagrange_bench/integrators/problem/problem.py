@@ -327,7 +327,7 @@ class Problem:
         conserved |= casimirs if {"C1", "C2"} <= conserves else frozenset()
         if "J3" in conserves:
             splits = method.needs in ("parts", "kinetic") and (self.timed or not self.is_top)
-            flows = [part.flow.moving.outputs for part in self.parts] if splits else []
+            flows = [part.flow.outputs for part in self.parts] if splits else []
             for name, program in self.extra_invariants:
                 (place,) = program.outputs
                 if self._is_component(place) and all(flow[place - 1] == place for flow in flows):

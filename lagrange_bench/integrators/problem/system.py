@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.compiling.expression import Program
-from lagrange_bench.integrators.compiling.tape import Split, Tape, Term
+from lagrange_bench.integrators.compiling.tape import Tape, Term
 from lagrange_bench.integrators.problem.vectors import Vector, cross, cross_in, dot
 
 
@@ -196,18 +196,18 @@ class System:
 
     def record(self, formula: Callable[..., Iterable[Any]]) -> Program:
         """The program of `formula(tape, t, y, p)`."""
-        tape, t, y, p = self._inputs(fixed=False)
+        tape, t, y, p = self._inputs(self.parameters)
         return tape.program(formula(tape, t, y, p))
 
-    def split(self, formula: Callable[..., Iterable[Any]]) -> Split:
-        """`formula(tape, t, y, h, p)`, with all that depends only on the fixed inputs h and p computed apart."""
-        tape, t, y, p = self._inputs(fixed=True)
-        return tape.split(formula(tape, t, y, p[0], p[1:]))
+    def record_step(self, formula: Callable[..., Iterable[Any]]) -> Program:
+        """The program of `formula(tape, t, y, h, p)`. The compiler takes products of h and p out of the loop."""
+        tape, t, y, (h, *p) = self._inputs(1 + self.parameters)
+        return tape.program(formula(tape, t, y, h, p))
 
-    def _inputs(self, fixed: bool) -> tuple[Tape, Term, tuple[Term, ...], tuple[Term, ...]]:
+    def _inputs(self, numbers: int) -> tuple[Tape, Term, tuple[Term, ...], tuple[Term, ...]]:
         tape = Tape()
         t, y = tape.input(), tuple(tape.input() for _ in range(self.size))
-        return tape, t, y, tuple(tape.input(fixed) for _ in range(self.parameters + fixed))
+        return tape, t, y, tuple(tape.input() for _ in range(numbers))
 
     @cached_property
     def rhs(self) -> Program:
