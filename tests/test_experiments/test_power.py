@@ -337,13 +337,6 @@ def test_a_record_of_wrong_types_is_refused_by_the_field(mine, old, new, message
         find_method(mine(old, new))
 
 
-def test_a_name_that_is_nearly_right(mine):
-    mine()
-    for name in ("my_first.py:METHOD", "far/my_first.py"):
-        with pytest.raises(ValueError, match="my_first"):
-            find_method(name)
-
-
 # ---------------------------------------------------------------- what must be refused at twice its bound
 
 EPS = 2.0**-52

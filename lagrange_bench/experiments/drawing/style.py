@@ -79,10 +79,8 @@ class Figure(matplotlib.figure.Figure):
 def apply(width: str | None = None) -> Iterator[None]:
     """Use this style inside the block, to draw and to save, whatever the user's matplotlibrc says.
 
-    width : "column" or "page", for every figure drawn inside; None: each has its own. ValueError : another width.
+    width : "column" or "page", for every figure drawn inside; None: each has its own.
     """
-    if width is not None and width not in WIDTHS:
-        raise ValueError(f"width must be one of {', '.join(WIDTHS)}, got {width!r}")
     before = _WIDTH.set(width)
     try:
         with matplotlib.rc_context():
