@@ -4,16 +4,9 @@
     answer.frame
     answer.plot(x="evals", y="error", xlim=(1e2, 1e5))
 
-All questions take
-
-methods : registered names, "package.module:METHOD" or `Method`; one or a list.
-tops : names of `lagrange-bench tops`, "package.module:TOP", `NamedTop`, or problems with a state, (problem, y0) or ("name",
-problem, y0); one or a list. A `Problem` of your own will do.
-
-All raise ValueError for bad input, and for a method that does not take a top.
-
-Steps and times are in two units, and every frame has both: `h`, `t` and `span` are in the top's own unit of time, as for
-`integrate`; `h_scaled`, `t_scaled` and `span_scaled` in its time scale, for a top 1/(|J| + √(|alpha||x|)).
+All raise ValueError for bad input, and for a method that does not take a top. Steps and times are in two units, and every frame
+has both: `h`, `t` and `span` are in the top's own unit of time, as for `integrate`; `h_scaled`, `t_scaled` and `span_scaled` in
+its time scale, for a top 1/(|J| + √(|alpha||x|)).
 """
 
 from __future__ import annotations  # signatures show names of types, not what they stand for
@@ -61,7 +54,7 @@ def drift(
     methods : str, Method or list of them
         Names, also "mine:METHOD", or `Method`.
     tops : str, NamedTop, tuple or list of them
-        Names, also "mine:TOP", `NamedTop`, (problem, y0) or ("name", problem, y0).
+        Names, also "mine:TOP", `NamedTop`, (problem, y0) or ("name", problem, y0). A `Problem` of your own will do.
     h : float, optional
         The step in the top's own unit of time.
     h_scaled : float, optional

@@ -7,12 +7,9 @@
         assert_drift(METHOD, growth="H", below=0.75)  # exponent of the growth in time
         assert_order(METHOD)
 
-A method is a `Method`, a registered name or "package.module:METHOD". A top is a name, as in `lagrange-bench tops` (tops in a
-potential, too), or (problem, y0) or (name, problem, y0) of any problem that the method accepts. docs/ci.md says how to use this.
-
-`h` is in the top's own unit of time, `h_scaled` in its time scale, 1/(|J| + √(|alpha||x|)), which makes steps on several tops
-alike. Drifts are in ulps (units in the last place) of the invariant's scale, the size of its terms at the start. They are
-measured after 1, 2, 4, … steps, and at three counts between each two.
+docs/ci.md says how to use this. `h` is in the top's own unit of time, `h_scaled` in its time scale, 1/(|J| + √(|alpha||x|)),
+which makes steps on several tops alike. Drifts are in ulps (units in the last place) of the invariant's scale, the size of its
+terms at the start. They are measured after 1, 2, 4, … steps, and at three counts between each two.
 """
 
 from __future__ import annotations  # signatures show names of types, not what they stand for
@@ -77,7 +74,8 @@ def assert_drift(
     method : str or Method
         A name, also "mine:METHOD", or a record.
     tops : str, tuple or list of them, optional
-        Names, (problem, y0) or (name, problem, y0). Default: TOPS; with `growth` sixteen random tops.
+        Names (of tops in a potential, too), (problem, y0) or (name, problem, y0) of any problem that the method accepts.
+        Default: TOPS; with `growth` sixteen random tops.
     h : float or list of float, optional
         One step or several, in the top's own unit of time.
     h_scaled : float or list of float, optional

@@ -44,19 +44,18 @@ def run(options: argparse.Namespace) -> Answer:
         words = ("name", "title", "until", "source", "remarks")
         return Answer("\n".join(lines), [{word: getattr(case, word) for word in words} for case in CASES.values()])
     case = find(options.name)
-    data: dict[str, Any] = {"case": case.name}
+    data: dict[str, Any]
     if options.code is None:
         rows = rows_of(case, options.until, options.every, options.digits or DOUBLE)
-        text, count, about = "\n".join((*head(case), *rows, "")), f" ({len(rows)} rows)", {"rows": len(rows)}
-        data |= {"columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
+        text = "\n".join((*head(case), *rows, ""))
+        data = {"columns": head(case)[-1].split(","), "rows": [row.split(",") for row in rows]}
     else:
         refuse(options, ("until", "every", "digits"), "is for rows; --code gives the motion at any time")
-        text, count, about = standalone(case, options.code, facts(case)), "", {"language": options.code}
-        data |= {"language": options.code, "text": text}
-    if options.output is None:
-        return Answer(text.rstrip("\n"), data)
-    done = replace_file(options.output, text)
-    return Answer(f"{done}{count}", {"case": case.name, **about, "file": str(options.output)})
+        text = standalone(case, options.code, facts(case))
+        data = {"language": options.code, "text": text}
+    if options.output is not None:
+        text, data = replace_file(options.output, text), {"file": str(options.output)}
+    return Answer(text.rstrip("\n"), {"case": case.name, **data})
 
 
 def facts(case: Any) -> list[str]:
