@@ -120,7 +120,7 @@ def interpolated(top: LagrangeTop, y: Any, T: Any, turn: Any) -> Numbers:
     fall = ((-a, x2),), ((a, x1),), ()
     rates = (*fall, ((1, J2, x3), (-1, J3, x2)), ((1, J3, x1), (-1, J1, x3)), ((1, J1, x2), (-1, J2, x1)))
     for _ in range(steps):
-        state = np.array([horner(coefficients, T / steps) for coefficients in series(rates, state, 1, terms)])
+        state = np.array([horner(coefficients, T / steps) for coefficients in series(rates, list(state), 1, terms)])
     return gauge(state, function("exp", -1j * turn))
 
 
