@@ -55,8 +55,7 @@ def run(options: argparse.Namespace) -> Answer:
     sum_up = f"{result.cells} cells computed again: {result.identical} identical, {result.close} within the tolerance "
     sum_up += f"of libraries, {len(result.changed)} changed"
     ages = Counter(each["sources"] for each in result.changed)
-    labels = {sources.OTHER: "other source code", sources.UNKNOWN: "source code that was not recorded"}
-    words = [f"{ages[age]} of them stored with {text}" for age, text in labels.items() if ages[age]]
+    words = [f"{ages[age]} of them {text}" for age, text in sources.WORDS.items() if ages[age]]
     text = "\n".join([*lines, *result.notes, "; ".join([sum_up, *words])])
     return Answer(text, vars(result), 1 if result.changed else 0)
 

@@ -132,7 +132,7 @@ def test_rows_that_are_computed_otherwise_now_and_whose_sources_they_are(run, to
     digests = (None, "0" * 24, "0" * 24, records[3]["sources"])
     made.append(*({**record, "sources": digest} for record, digest in zip(records, digests, strict=True)))
     code, out, _ = run("verify", made.folder, *OWN)
-    assert "2 identical, 0 within the tolerance of libraries, 2 changed; 1 of them stored with other source" in out
+    assert "2 identical, 0 within the tolerance of libraries, 2 changed; 1 of them computed with other source" in out
     code, out, _ = run("verify", made.folder, *OWN, "--old", "--json")
     data = json.loads(out)
     assert (code, data["cells"], data["stored"]) == (1, 3, {"unknown": 1, "other": 2, "same": 1})
