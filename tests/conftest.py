@@ -1,6 +1,5 @@
 """What several test files use: a cache folder for heyoka that is not the user's, and the command line in this process."""
 
-import gc
 import json
 import os
 import shutil
@@ -26,8 +25,6 @@ pytest.register_assert_rewrite("tests.test_integrators.paper.tools")
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# compiling makes many objects that stay: a twelfth of its time went into looking at them again
-gc.set_threshold(10_000)
 ROOT = Path(__file__).resolve().parents[1]
 KERNELS = Path(__file__).parent / "test_integrators"
 

@@ -90,8 +90,7 @@ def commands() -> dict[str, set[str]]:
     """Every command with its options, as argparse knows them; "" for the program itself."""
     top = cli.parser()
     (sub,) = (action for action in top._actions if hasattr(action, "_name_parser_map"))
-    parsers = {"": top, **sub.choices}
-    return {name: {o for action in p._actions for o in action.option_strings} for name, p in parsers.items()}
+    return {name: set(parser._option_string_actions) for name, parser in {"": top, **sub.choices}.items()}
 
 
 def unknown(text: str) -> list[str]:
