@@ -144,8 +144,9 @@ def read(experiment: str, store: Store) -> Section:
         section.errors.append(str(error).replace(f"{store.folder}{os.sep}", ""))
         return section
     section.notes = [note.replace(f"{store.folder}{os.sep}", "") for note in journal.problems]
-    section.rows = with_failures(journal.rows(), getattr(section.module, "MEASURED", {}))
-    section.provenance, section.source_ages = journal.provenance(), journal.source_ages()
+    section.rows, section.provenance, section.source_ages = journal.rows(), journal.provenance(), journal.source_ages()
+    if measured := getattr(section.module, "MEASURED", None):
+        section.rows = with_failures(section.rows, measured)
     return section
 
 
