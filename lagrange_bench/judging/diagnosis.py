@@ -21,7 +21,7 @@ from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging import fits_law as fl
 from lagrange_bench.judging.findings import Finding, of_axes, of_unit, say, triple
 from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, Choice, Model, choose, factor_of, maps, name_of
-from lagrange_bench.judging.vectors import FAR, NEAR, ONE, Array, rotvec, size, steps, tensor, to_body, to_world
+from lagrange_bench.judging.vectors import FAR, NEAR, ONE, Array, rotvec, size, steps, to_body, to_world
 
 # at most so many first rows are looked at
 MOST = 2000
@@ -94,13 +94,12 @@ ALL_DIGITS = Floor()
 
 
 class Diagnosis:
-    """Rows of a body as the findings so far mend them.
+    """Rows of a body as the findings so far mend them, in the axes of the case if these are found.
 
-    At most 2000 first rows are looked at, in the axes of the case; rows with a NaN are left out. other_readings : the option →
-    matrices (N, 3, 3) of the rotations as it reads them; that they may be transposed need not be said. exact : times (n,) →
-    positions, matrices, and ω in the body of the exact motion, NaN where they are not known; None without a start. floor : the
-    errors that the digits of the file hide.
-    W, B : what takes the rotations to those of the case, W R B. is_clear : ω turns the body, or it is known why not.
+    At most 2000 first rows are looked at; rows with a NaN are left out. other_readings : the option → matrices (N, 3, 3) of the
+    rotations as it reads them; that they may be transposed need not be said. exact : times (n,) → positions, matrices, and ω in
+    the body of the exact motion, NaN where they are not known; None without a start. floor : the errors that the digits of the
+    file hide. is_clear : ω turns the body, or it is known why not.
     """
 
     def __init__(
@@ -122,7 +121,7 @@ class Diagnosis:
         self.rows = Rows(rows.t[keep], R, omega, x, rows.frame, angles)
         self.other_readings = {name: R[keep] for name, R in other_readings.items()}
         self.body, self.exact, self.floor = body, exact, floor
-        self.W, self.B, self.is_clear, self.found = ONE, ONE, True, list[Finding]()
+        self.is_clear, self.found = True, list[Finding]()
 
     @np.errstate(all="ignore")
     def findings(self) -> list[Finding]:
@@ -231,10 +230,9 @@ class Diagnosis:
     def lateness(self, exact: ff.Exact) -> Choice:
         """The choice of a constant of the times, by the first rows."""
         rows, few = self.rows, slice(0, STARTING)
-        R = None if rows.R is None else self.W @ rows.R[few] @ self.B
-        x = None if rows.x is None else rows.x[few] @ self.W.T
-        omega = None if rows.omega is None or rows.frame != fk.BODY else rows.omega[few]
-        return choose(ff.clocks(rows.t[few], (R, x, omega), exact), max(self.floor.R, ROUND_OFF))
+        in_body = rows.omega if rows.frame == fk.BODY else None
+        parts = [part if part is None else part[few] for part in (rows.R, rows.x, in_body)]
+        return choose(ff.clocks(rows.t[few], parts, exact), max(self.floor.R, ROUND_OFF))
 
     def shift(self, constant: float, before: float, after: float) -> None:
         """Add a constant to the times."""
@@ -244,16 +242,19 @@ class Diagnosis:
     def frames(self, choice: Choice, exact: ff.Exact) -> None:
         """Take the rotations in other readings and axes."""
         assert choice.winner is not None
-        frame, off = choice.winner.value, choice.misfits
-        self.read(frame.reading, *off)
-        self.W, self.B = W, B = frame.W, frame.B
-        if self.rows.x is not None and np.allclose(W @ B, ONE) and not np.allclose(W, ONE):
-            assert self.rows.R is not None
-            right = W @ self.rows.R @ B @ self.body.com if self.body.fixed else exact(self.rows.t)[0]
-            hand = choose(maps(self.rows.x @ W.T, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
+        (reading, W, B), off = choice.winner.value, choice.misfits
+        self.read(reading, *off)
+        rows = self.rows
+        assert rows.R is not None
+        R, x = W @ rows.R @ B, None if rows.x is None else rows.x @ W.T
+        omega = None if rows.omega is None else rows.omega @ (B if rows.frame == fk.BODY else W.T)
+        self.rows, self.other_readings = rows._replace(R=R, omega=omega, x=x), {}
+        if x is not None and np.allclose(W @ B, ONE) and not np.allclose(W, ONE):
+            right = R @ self.body.com if self.body.fixed else exact(rows.t)[0]
+            hand = choose(maps(x, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
             if hand.winner is not None and np.allclose(hand.winner.value, -ONE):
                 self.add(say("left-handed", axes=triple(-W)), *off)
-                self.rows = self.rows._replace(x=-self.rows.x)
+                self.rows = self.rows._replace(x=-x)
                 return
         if not np.allclose(W, ONE):
             self.add(of_axes("world", W, self.body.up), *off)
@@ -310,7 +311,7 @@ class Diagnosis:
         axis, in_body = self.body.axis, self.in_body(omega)
         if axis is None or in_body is None:
             return
-        t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ self.B @ axis)
+        t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ axis)
         fall = np.log(spin / spin[0])
         if fall[1] < CAPPED and np.ptp(spin[1:]) * EACH < spin[0] - spin[1]:
             self.add(say("cap spin", before=spin[0], after=spin[1]), 1 - spin[1] / spin[0], 0.0)
@@ -393,8 +394,8 @@ class Diagnosis:
         if not self.body.fixed:
             return rows.x is not None and abs(self.fall(rows.x) / factor - 1) < NEAR
         t, R = rows.t[inner], rows.R[inner]
-        read, other = (balance(t * c, R, rate / c, self.body) for c in (1.0, factor))
-        return other[0] / other[1] * CLEARLY < min(read[0] / read[1], GOOD)
+        read, other = (fl.Windows(t * c, R, rate / c, self.body).misfit() for c in (1.0, factor))
+        return other * CLEARLY < min(read, GOOD)
 
     def fall(self, x: Array) -> float:
         """How much faster a flying body falls than it should, the root of its acceleration over g; NaN if unclear."""
@@ -422,8 +423,8 @@ class Diagnosis:
         best = min(fk.angle_rates(rows.t, angles, omega), key=lambda model: model.score(floor))
         if not (best.misfit < GOOD and best.score(floor) + math.log(CLEARLY) < now.score(floor)):
             return ""
-        rest, terms = balance(rows.t[inner], self.W @ rows.R[inner] @ self.B, rate @ self.B, self.body)
-        cause = "angles-integrated" if rest > GOOD * terms else "angle-rates"
+        law = fl.Windows(rows.t[inner], rows.R[inner], rate, self.body).misfit()
+        cause = "angles-integrated" if law > GOOD else "angle-rates"
         self.add(say(cause), choice.now.misfit, best.misfit)
         return cause
 
@@ -438,10 +439,9 @@ class Diagnosis:
         other = to_body(rows.R, omega)
         if self.exact is not None:
             first = slice(0, STARTING)
-            right = self.exact(rows.t[first])[2] @ self.B.T
+            right = self.exact(rows.t[first])[2]
             return size(omega[first] - right) * CLEARLY < size(other[first] - right)
-        R = self.W @ rows.R @ self.B
-        read, turned = (balance(rows.t, R, w @ self.B, self.body)[0] for w in (omega, other))
+        read, turned = (size(fl.euler(rows.t, rows.R, w, self.body)) for w in (omega, other))
         return read * CLEARLY < turned
 
     def frame_of_omega(self) -> None:
@@ -506,21 +506,19 @@ class Diagnosis:
             return
         if any(finding.cause == "cap" for finding in self.found) or (self.rows.omega is None and self.cap(spin)):
             return
-        omega = spin @ self.B
-        windows = fl.Windows(t, self.W @ R @ self.B, omega, self.body)
-        floor = CLEARLY * windows.blur + noise * size(omega @ windows.I) / windows.scale
+        windows = fl.Windows(t, R, spin, self.body)
+        floor = CLEARLY * windows.blur + noise * size(spin @ windows.I) / windows.scale
         # a law that holds so well needs no cause, and one that explains the rows so well no better one
         choice = choose(fl.laws(windows), max(floor, WORTH / 10))
         if choice.winner is None or choice.now.misfit < WORTH:
             return
         # a poor step of a program that turns far in it changes the law, too
-        if self.step * size(omega) < LAWFUL or choice.gain > math.log(FAR):
+        if self.step * size(spin) < LAWFUL or choice.gain > math.log(FAR):
             self.add(fl.of_law(choice.winner.value, self.body), *choice.misfits)
 
     def positions(self, x: Array) -> None:
         """Positions against those by the exact motion or by the rotations; of a flight without a start, the parabola."""
-        rows, body, y = self.rows, self.body, x @ self.W.T
-        R = None if rows.R is None else self.W @ rows.R @ self.B
+        rows, body, R = self.rows, self.body, self.rows.R
         if self.exact is not None:
             right, E, _ = self.exact(rows.t)
             start = self.exact(np.zeros(1))[0][0]
@@ -530,11 +528,11 @@ class Diagnosis:
             start = right[0] if self.exact is None else start
         elif self.exact is None:
             if not body.fixed:
-                self.flight(y)
+                self.flight(x)
             return
         floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
         is_other = any(each.cause in ("body-axes", "moments", "gravity") for each in self.found)
-        choice = choose(ff.places(rows.t, y, R, right, start, body, is_other), floor)
+        choice = choose(ff.places(rows.t, x, R, right, start, body, is_other), floor)
         if choice.winner is not None:
             self.add(choice.winner.value, *choice.misfits)
 
@@ -557,11 +555,3 @@ class Diagnosis:
                 self.add(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, flight.misfit)
             if np.linalg.norm(g - was) > least:
                 self.add(fl.of_gravity(g, self.body), off / strength, flight.misfit)
-
-
-def balance(t: Array, R: Array, omega: Array, body: RigidBody) -> tuple[float, float]:
-    """The sizes of I ω' + ω × I ω − m c × Rᵀg, which is 0 by Euler's equations, and of its terms."""
-    L = omega @ tensor(body)
-    torque = np.cross(body.mass * body.com, body.gravity @ R) if body.fixed else np.zeros_like(L)
-    change, gyro = np.gradient(L, t, axis=0), np.cross(omega, L)
-    return size(change + gyro - torque), size(change) + size(gyro) + size(torque)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit, polyval
 from scipy.integrate import cumulative_trapezoid
 
 from lagrange_bench.integrators import RigidBody
@@ -205,8 +206,7 @@ def travelled(t: Array, x: Array) -> Array:
 
 def without_line(t: Array, x: Array) -> Array:
     """What the straight motion that fits positions best leaves of them."""
-    powers = np.stack([t**0, t], 1)
-    return x - powers @ np.linalg.lstsq(powers, x, rcond=None)[0]
+    return x - polyval(t, polyfit(t, x, 1)).T
 
 
 def drag(off: Array, path: Array) -> Model:
@@ -217,12 +217,10 @@ def drag(off: Array, path: Array) -> Model:
 
 def parabola(t: Array, x: Array) -> Flight:
     """The parabola that fits positions best."""
-    span = float(t[-1] - t[0])
-    s = (t - t[0]) / span
-    powers = np.stack([s**0, s, s**2], 1)
-    c = np.linalg.lstsq(powers, x, rcond=None)[0]
-    rest = size(x - powers @ c)
-    return Flight(2 * c[2] / span**2, rest / (size(x - x.mean(0)) or 1.0), rest, span, len(t))
+    s = t - t[0]
+    c = polyfit(s, x, 2)
+    rest = size(x - polyval(s, c).T)
+    return Flight(2 * c[2], rest / (size(x - x.mean(0)) or 1.0), rest, float(s[-1]), len(t))
 
 
 def of_shift(shift: float, first: float, step: float) -> Finding:

@@ -59,20 +59,16 @@ class Spin(NamedTuple):
 def rates(t: Array, R: Array) -> tuple[Array, float]:
     """The rates of R in the body at the rows 2 … N − 3, from five rows, and how far they may be off, relative.
 
-    Rotation vectors Θ(s) from the row k to its neighbours are a polynomial of degree four with Θ(0) = 0, and Θ'(0) is the rate.
-    Rates from three rows are off by h² ω''/6; the square of the difference is the size of what five rows leave.
+    Rotation vectors Θ(s) from the row k to its neighbours are a polynomial of degree four with Θ(0) = 0, and Θ'(0) is the rate:
+    Σ Θⱼ/sⱼ Π sₘ/(sₘ − sⱼ), m ≠ j, by Lagrange. Rates from three rows are off by h² ω''/6; the square of the difference is the
+    size of what five rows leave.
     """
     k = np.arange(2, len(t) - 2)
     neighbours = (-2, -1, 1, 2)
     s = np.stack([t[k + j] - t[k] for j in neighbours], 1)
     turns = np.stack([rotvec(R[k].transpose(0, 2, 1) @ R[k + j]) for j in neighbours], 1)
-    powers = np.stack([s**p for p in (1, 2, 3, 4)], 1)
-    scale = np.abs(s).max(1)[:, None, None]
-    powers = powers / scale ** np.arange(1, 5)[None, :, None]
-    weights = (
-        np.linalg.solve(powers, np.broadcast_to(np.array([1.0, 0, 0, 0])[:, None], (len(k), 4, 1)))[..., 0]
-        / scale[:, :, 0]
-    )
+    others = [[m for m in range(4) if m != j] for j in range(4)]
+    weights = (s[:, others] / (s[:, others] - s[:, :, None])).prod(2) / s
     five = np.einsum("kj,kji->ki", weights, turns)
     three = (turns[:, 2] - turns[:, 1]) / (s[:, 2] - s[:, 1])[:, None]
     folded = np.linalg.norm(turns[:, [0, 3]], axis=2).max(1) > ANOTHER_TURN
@@ -159,12 +155,10 @@ def angle_rates(t: Array, angles: Array, omega: Array) -> Iterator[Model]:
     """Models of M ω = rates of the columns of angles; ω of the middle of two rows, or of one of them, as a program adds it."""
     turns = np.unwrap(angles, axis=0)
     slope = np.diff(turns, axis=0) / np.diff(t)[:, None]
-    for of_step in ((omega[1:] + omega[:-1]) / 2, omega[1:], omega[:-1]):
-        for model in maps(of_step, slope, [*SPEEDS.values(), *(1 / unit for unit in SPEEDS.values())]):
-            yield Model(model.cost + 1.0, model.misfit, model.value)
-    fine = (slope[1:] + slope[:-1]) / 2
-    for model in maps(omega[1:-1], fine, SPEEDS.values()):
-        yield Model(model.cost + 1.0, model.misfit, model.value)
+    of_steps = [(each, slope) for each in ((omega[1:] + omega[:-1]) / 2, omega[1:], omega[:-1])]
+    for of_rows, target in [*of_steps, (omega[1:-1], (slope[1:] + slope[:-1]) / 2)]:
+        for model in maps(of_rows, target, [*SPEEDS.values(), *(1 / unit for unit in SPEEDS.values())]):
+            yield model._replace(cost=model.cost + 1.0)
 
 
 def kinematics(t: Array, R: Array, omega: Array, frame: str) -> Array | None:

@@ -112,6 +112,10 @@ class Windows:
             for T in ([self.terms[name]] if name in self.terms else [np.cross(lever, e) for e in ONE])
         ]
 
+    def misfit(self, v: Array | None = None) -> float:
+        """By how much the rows break the law of the body v, or of the claimed one, relative to the torques."""
+        return size(self.X @ (self.claimed if v is None else v)) / self.scale
+
     def change(self, v: Array) -> Array:
         """The change of v over each window."""
         return v[self.w :] - v[: -self.w]
@@ -129,10 +133,10 @@ def laws(windows: Windows) -> Iterator[Model]:
     single = [(name,) for name in windows.terms] + [("gravity",)] * windows.is_heavy
     pairs = [(*a, *b) for a, b in itertools.combinations(single, 2)]
     claimed = Law(windows.claimed)
-    yield Model(0.0, size(windows.X @ windows.claimed) / windows.scale, claimed)
+    yield Model(0.0, windows.misfit(), claimed)
     yield from with_terms(windows, 0.0, claimed, [*single, *pairs])
     for cost, law in bodies(windows):
-        yield Model(cost, size(windows.X @ law.body) / windows.scale, law)
+        yield Model(cost, windows.misfit(law.body), law)
         if not law.is_fitted:
             yield from with_terms(windows, cost, law, [names for names in single if names[0] in ("damping", "gravity")])
 
@@ -224,6 +228,13 @@ def followed(windows: Windows) -> Iterator[Array]:
         least, middle, most = np.linalg.eigvalsh(moments(v))
         if least > THIN * most and least + middle > (1 - SURPLUS) * most:
             yield v
+
+
+def euler(t: Array, R: Array, omega: Array, body: RigidBody) -> Array:
+    """I ω' + ω × I ω − m c × Rᵀg, which is 0 by Euler's equations, whether or not ω turns R."""
+    L = omega @ tensor(body)
+    torque = np.cross(body.mass * body.com, body.gravity @ R) if body.fixed else 0.0
+    return np.asarray(np.gradient(L, t, axis=0) + np.cross(omega, L) - torque)
 
 
 def of_law(law: Law, body: RigidBody) -> Iterator[Finding]:

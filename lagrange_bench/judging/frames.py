@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.polynomial.polynomial import polyfit, polyval
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
@@ -116,15 +117,13 @@ class Frames:
         self.start = R[0] @ self.rigid_body.com if self.rigid_body.fixed else np.zeros(3)
         for x in [] if self.rigid_body.fixed else self.positions(trajectory):
             good = np.isfinite(x).all(1)
-            t, span = trajectory["time"][good], np.ptp(trajectory["time"]) or 1.0
-            terms, fall = np.column_stack((np.ones_like(t), t / span)), x[good] - t**2 / 2 * self.rigid_body.gravity
-            launch = np.linalg.lstsq(terms, fall, rcond=None)[0]
-            with_g = np.column_stack((terms, (t / span) ** 2))
-            free = np.linalg.lstsq(with_g, fall, rcond=None)[0]
+            if not good.any():
+                continue
+            t, fall = trajectory["time"][good, 0], x[good] - trajectory["time"][good] ** 2 / 2 * self.rigid_body.gravity
+            launch, free = (polyfit(t, fall, degree, full=True)[0] for degree in (1, 2))
+            off, least = (np.abs(fall - polyval(t, each).T).max() for each in (launch, free))
             # of another gravity, the errors grow like t²; the best launch for the right one would hide that
-            if FALLS * np.abs(fall - with_g @ free).max(initial=0.0) < np.abs(fall - terms @ launch).max(initial=0.0):
-                launch = free[:2]
-            self.launch = launch[0], launch[1] / span
+            self.launch = tuple(free[:2] if FALLS * least < off else launch)
 
     def flight(self, t: Array) -> Array:
         """The parabola x₀ + v t + g t²/2, (N, 3), at times (N, 1)."""
