@@ -19,7 +19,7 @@ from lagrange_bench.judging.advice import diagnosis_of
 from lagrange_bench.judging.columns import Trajectory
 from lagrange_bench.judging.diagnosis import Diagnosis
 from lagrange_bench.judging.frames import Frames, Options
-from lagrange_bench.judging.vectors import SIGNED, to_body, to_world
+from lagrange_bench.judging.vectors import SIGNED, tensor, to_body, to_world
 
 Array = np.ndarray
 Motion = Callable[[Array], tuple[Array, Array, Array]]  # times → positions, matrices, ω in the body
@@ -71,18 +71,7 @@ class Mistake(NamedTuple):
     needs: str = ""
 
 
-class Run(NamedTuple):
-    """What `judge` reads, and the causes that name each mistake."""
-
-    read: Diagnosis
-    causes: list[set[str]]
-
-
 # ------------------------------------------------------------------------------------------------------------- motions
-
-
-def tensor(body: RigidBody) -> Array:
-    return body.axes.T @ np.diag(body.inertia) @ body.axes
 
 
 def cross_by(v: Array) -> Array:
@@ -124,18 +113,14 @@ def columns_of(case: Case, t: Array, y: Array) -> tuple[Array, Array, Array]:
 
 def exact_motion(program: Program, until: float) -> Motion:
     """The motion at times between −until/5 and until; NaN elsewhere."""
-    ends = (until, -until / 5)
-    f, y0 = equations(program), start_of(program.case)
+    first, f, y0 = -until / 5, equations(program), start_of(program.case)
     later, before = (
-        solve_ivp(f, (0, end), y0, "DOP853", rtol=1e-12, atol=1e-13, dense_output=True).sol for end in ends
+        solve_ivp(f, (0, end), y0, "DOP853", rtol=1e-12, atol=1e-13, dense_output=True).sol for end in (until, first)
     )
 
     def motion(t: Array) -> tuple[Array, Array, Array]:
-        y = np.full((len(t), 7), np.nan)
-        for known, solution in (((t >= 0) & (t <= ends[0]), later), ((t < 0) & (t >= ends[1]), before)):
-            if known.any():
-                y[known] = solution(t[known]).T
-        return columns_of(program.case, t, y)
+        y = np.where(t < 0, before(t), later(t))
+        return columns_of(program.case, t, np.where((t < first) | (t > until), np.nan, y).T)
 
     return motion
 
@@ -367,8 +352,8 @@ def draw_case(rng: Any, kinds: Iterable[str]) -> Case:
     return Case(kind, body, turned(rng), omega, **flight)
 
 
-def run(rng: Any, names: Iterable[str], with_case: bool) -> Run:
-    """A run with these mistakes that they can be seen in."""
+def run(rng: Any, names: Iterable[str], with_case: bool) -> tuple[Diagnosis, list[set[str]]]:
+    """What `judge` reads of a run with these mistakes, in which they can be seen; and the causes that name each of them."""
     names = set(names)
     while True:
         case = draw_case(rng, kinds_of(names, with_case))
@@ -393,7 +378,7 @@ def run(rng: Any, names: Iterable[str], with_case: bool) -> Run:
             break
     exact = exact_motion(Program(case), 1.3 * t[-1] + 4) if with_case else None
     digits = int(rng.choice([5, 6, 7, 9, 12, 17]))
-    return Run(read(columns, digits, case.body, exact), [causes_of(name, with_case) for name in names])
+    return read(columns, digits, case.body, exact), [causes_of(name, with_case) for name in names]
 
 
 def written(rng: Any, program: Program, t: Array, names: set[str]) -> Columns:
@@ -425,11 +410,8 @@ def changes_omega(right: Columns, columns: Columns) -> bool:
 
 
 def rounded(v: Array, digits: int) -> Array:
-    """Numbers to so many digits."""
-    if digits >= 17:
-        return v
-    unit = 10.0 ** (digits - 1 - np.floor(np.log10(np.abs(np.where(v == 0, 1.0, v)))))
-    return np.round(v * unit) / unit
+    """Numbers with so many digits, as a file has them."""
+    return np.array([float(f"{number:.{digits}g}") for number in v.ravel()]).reshape(v.shape)
 
 
 def read(c: Columns, digits: int, body: RigidBody, exact: Motion | None, without: str = "") -> Diagnosis:
@@ -489,17 +471,17 @@ def right_run(rng: Any) -> Diagnosis:
 # --------------------------------------------------------------------------------------------------------------- power
 
 
-def named(one: Run) -> bool:
-    """Whether each mistake is among the findings."""
-    found = {finding.cause for finding in one.read.findings()}
-    return all(found & causes for causes in one.causes)
+def is_named(diagnosis: Diagnosis, mistakes: list[set[str]]) -> bool:
+    """Whether each mistake is among the findings, by one of its causes."""
+    found = {finding.cause for finding in diagnosis.findings()}
+    return all(found & causes for causes in mistakes)
 
 
 def power(mistake: str, with_case: bool, runs: int, seed: int) -> int:
     """In how many runs this mistake is named."""
     place = list(MISTAKES).index(mistake)
     seeds = ([seed, place, k, with_case] for k in range(runs))
-    return sum(named(run(np.random.default_rng(each), [mistake], with_case)) for each in seeds)
+    return sum(is_named(*run(np.random.default_rng(each), [mistake], with_case)) for each in seeds)
 
 
 def pair(rng: Any) -> list[str]:

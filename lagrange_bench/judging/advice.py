@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.judging.columns import Trajectory
+from lagrange_bench.judging.columns import OF_UNITS, Trajectory
 from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
 from lagrange_bench.judging.findings import Finding, say
 from lagrange_bench.judging.fits_frames import Exact
@@ -17,7 +17,6 @@ from lagrange_bench.judging.names import unit_of
 Array = np.ndarray
 # causes that --up and --axis change
 AXES = ("world-axes", "body-axes", "left-handed")
-OF_UNITS = {"t": ("time",), "position": ("position",), "omega": ("omega",), "angle": ("angles", "rotation vector")}
 
 
 def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> tuple[list[Finding], str]:
@@ -75,9 +74,8 @@ def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Arra
         name, _, unit = value.partition("=")
         if word == "units":
             known = unit_of(unit)
-            for group in OF_UNITS.get(name, ()):
-                if group in rows and known is not None:
-                    rows[group] = rows[group] * known.factor
+            for group in rows.keys() & OF_UNITS[name]:
+                rows[group] = rows[group] * (known.factor if known is not None else 1.0)
         elif word == "t0":
             rows["time"] = rows["time"] - rows["time"][0] + float(value)
         elif word == "columns" and name == "angle1":

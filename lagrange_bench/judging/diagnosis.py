@@ -45,8 +45,6 @@ WORTH = 3e-3
 TURNS = 0.02
 # and if they are off by more than that and none of the causes is clear, nothing can be said of the law
 UNCLEAR = 0.2
-# the logarithm of the fall of a spin to a cap
-CAPPED = math.log(0.9)
 # relative, or rad: a start that is off by less is no other start; so many first rows tell it from noise
 ANOTHER_START, STARTING = 0.05, 9
 # beside these causes another start is named
@@ -313,8 +311,9 @@ class Diagnosis:
             return
         t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ axis)
         fall = np.log(spin / spin[0])
-        if fall[1] < CAPPED and np.ptp(spin[1:]) * EACH < spin[0] - spin[1]:
-            self.add(say("cap spin", before=spin[0], after=spin[1]), 1 - spin[1] / spin[0], 0.0)
+        if (speeds := fk.cap(spin[:, None])) is not None:
+            before, after = speeds
+            self.add(say("cap spin", before=before, after=after), 1 - after / before, 0.0)
             return
         rate = -float(fall @ t / (t @ t))
         off = float(np.abs(fall + rate * t).max())
@@ -399,8 +398,9 @@ class Diagnosis:
 
     def fall(self, x: Array) -> float:
         """How much faster a flying body falls than it should, the root of its acceleration over g; NaN if unclear."""
-        flight, strength = ff.parabola(self.rows.t, x), float(np.linalg.norm(self.body.gravity)) or math.nan
-        return math.sqrt(float(np.linalg.norm(flight.g)) / strength) if flight.misfit < WORTH else math.nan
+        g, misfit, _ = ff.parabola(self.rows.t, x, 0.0)
+        strength = float(np.linalg.norm(self.body.gravity)) or math.nan
+        return math.sqrt(float(np.linalg.norm(g)) / strength) if misfit < WORTH else math.nan
 
     def is_dense(self, omega: Array, factor: float, misfit: float) -> bool:
         """Whether turns between rows are what they seem: if ω as read says no, then a unit must be exact, or ω the exact one."""
@@ -538,20 +538,19 @@ class Diagnosis:
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
-        flight, was, t = ff.parabola(self.rows.t, x), self.body.gravity, self.rows.t - self.rows.t[0]
+        (g, misfit, error), was = ff.parabola(self.rows.t, x, self.floor.x), self.body.gravity
+        t = self.rows.t - self.rows.t[0]
         off, path, scale = x - t[:, None] ** 2 / 2 * was, ff.travelled(t, x), size(x - x.mean(0)) or 1.0
         slowed = ff.drag(*(ff.without_line(t, v) / scale for v in (off, path)))
-        choice = choose((Model(0.0, flight.misfit, 0.0), slowed), max(self.floor.x / scale, ROUND_OFF))
+        choice = choose((Model(0.0, misfit, 0.0), slowed), max(self.floor.x / scale, ROUND_OFF))
         if choice.winner is not None:
             self.add(say("linear-damping", rate=slowed.value), *choice.misfits)
             return
-        strength, length = float(np.linalg.norm(was)), float(np.linalg.norm(flight.g))
-        least = max(NEAR * strength, flight.error(self.floor.x))
-        off = float(np.linalg.norm(flight.g - was))
-        if strength and flight.misfit < GOOD and off > least:
-            unit = name_of(strength / length, ff.LENGTHS)
-            g = flight.g * ff.LENGTHS[unit] if unit else flight.g
-            if unit:
-                self.add(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, flight.misfit)
+        strength, length = float(np.linalg.norm(was)), float(np.linalg.norm(g))
+        least, off = max(NEAR * strength, error), float(np.linalg.norm(g - was))
+        if strength and misfit < GOOD and off > least:
+            if unit := name_of(strength / length, ff.LENGTHS):
+                self.add(of_unit("length-unit", strength / length, ff.LENGTHS), off / strength, misfit)
+                g = g * ff.LENGTHS[unit]
             if np.linalg.norm(g - was) > least:
-                self.add(fl.of_gravity(g, self.body), off / strength, flight.misfit)
+                self.add(fl.of_gravity(g, self.body), off / strength, misfit)

@@ -59,20 +59,6 @@ class Frame(NamedTuple):
     B: Array
 
 
-class Flight(NamedTuple):
-    """The acceleration g of a parabola, m/s², and its misfit, relative; rest : its misfit, m; span and number of the rows."""
-
-    g: Array
-    misfit: float
-    rest: float
-    span: float
-    rows: int
-
-    def error(self, floor: float) -> float:
-        """What errors of positions, m, make of g: σ of the coefficient of s² is √180 σ(x)/√N; six of it."""
-        return 6 * 2 * math.sqrt(180 / self.rows) * max(self.rest, floor) / self.span**2
-
-
 def frames(R: Array, exact_R: Array, other_readings: Mapping[str, Array], floor: float) -> Choice | None:
     """The clearest choice of a `Frame` over prefixes of the rows."""
     best: Choice | None = None
@@ -215,12 +201,16 @@ def drag(off: Array, path: Array) -> Model:
     return Model(1.0 if c > 0 else 2.0, size(off + c * path), c)
 
 
-def parabola(t: Array, x: Array) -> Flight:
-    """The parabola that fits positions best."""
+def parabola(t: Array, x: Array, floor: float) -> tuple[Array, float, float]:
+    """The acceleration g of the parabola that fits positions best, m/s²; its misfit, relative; and the error of g, m/s².
+
+    σ of the coefficient of s² is √180 σ(x)/√N, s from 0 to 1; g is known to six of it. floor : the least error of positions, m.
+    """
     s = t - t[0]
     c = polyfit(s, x, 2)
     rest = size(x - polyval(s, c).T)
-    return Flight(2 * c[2], rest / (size(x - x.mean(0)) or 1.0), rest, float(s[-1]), len(t))
+    error = 6 * 2 * math.sqrt(180 / len(t)) * max(rest, floor) / float(s[-1]) ** 2
+    return 2 * c[2], rest / (size(x - x.mean(0)) or 1.0), error
 
 
 def of_shift(shift: float, first: float, step: float) -> Finding:

@@ -15,7 +15,7 @@ The terms T are what a program may add or leave out, and the coefficient a is th
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -152,31 +152,31 @@ def with_terms(windows: Windows, cost: float, law: Law, sets: list[tuple[str, ..
         a = np.linalg.lstsq((T[near] / unit).reshape(-1, len(unit)), defect[near].ravel(), rcond=1e-6)[0] / unit
         price, is_seen = cost, True
         for place, name in enumerate(names):
-            one = slice(place, place + 3) if name == "gravity" else place
-            a[one], added, seen = plain_gravity(a[one], g) if name == "gravity" else plain(name, a[one], span)
+            one = slice(place, None) if name == "gravity" else place
+            a[one], added, seen = plain(name, a[one], g, span)
             price, is_seen = price + added, is_seen and seen
         if is_seen:
             terms = {name: g + a[n:] if name == "gravity" else a[n] for n, name in enumerate(names)}
             yield Model(price, size(defect - T @ a) / windows.scale, law._replace(terms=terms))
 
 
-def plain(name: str, a: float, span: float) -> tuple[float, float, bool]:
-    """The coefficient of a term; its cost; whether it is seen in this span of time."""
+def plain(name: str, a: Any, g: Array, span: float) -> tuple[Any, float, bool]:
+    """The coefficient of a term; its cost; whether it is seen in this span of time.
+
+    What is added to g is cheap if gravity is then along an axis, 0, or weaker or stronger.
+    """
     if name == "torque":
         cost = 0.5 if abs(a - 1) < VERY else 1.0
         return 1.0, cost, abs(a - 1) < ALIKE
     if name == "damping":
         return a, 1.0 if a > 0 else 2.0, abs(a) * span > UNSEEN
-    return a, 1.0, True
-
-
-def plain_gravity(added: Array, g: Array) -> tuple[Array, float, bool]:
-    """What is added to g, cheap if gravity is then along an axis, 0, or weaker or stronger; its cost; whether it is seen."""
+    if name == "explicit":
+        return a, 1.0, True
     strength = float(np.linalg.norm(g)) or 1.0
-    ratio = (g + added) / strength
+    ratio = (g + a) / strength
     is_plain = np.abs(ratio - ratio.round()).max() < VERY and np.abs(ratio.round()).sum() < 2
-    new = strength * ratio.round() - g if is_plain else added
-    is_along = np.linalg.norm(np.cross(added, g)) < NEAR * strength * np.linalg.norm(added)
+    new = strength * ratio.round() - g if is_plain else a
+    is_along = np.linalg.norm(np.cross(a, g)) < NEAR * strength * np.linalg.norm(a)
     return new, 1.0 if is_plain else 1.5 if is_along else 2.0, bool(np.linalg.norm(new) > NEAR * strength)
 
 

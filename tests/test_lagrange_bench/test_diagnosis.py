@@ -163,7 +163,7 @@ def test_the_power_of_pairs():
     count = 0
     for k in range(60):
         rng = np.random.default_rng([35 if k < 40 else FRESH, k])
-        count += mistakes.named(mistakes.run(rng, mistakes.pair(rng), True))
+        count += mistakes.is_named(*mistakes.run(rng, mistakes.pair(rng), True))
     assert count >= 0.7 * 60
 
 

@@ -123,22 +123,10 @@ def poor(name, h, **physics):
     return t, x, M, np.einsum("kij,kj->ki", M, omega)
 
 
-def test_conventions_of_poor_runs_are_named():
-    """Runs that are lost within a second: their first rows tell, or the rows themselves, by q' = q ω/2."""
-    name, (t, x, M, omega) = "slow", poor("slow", 1 / 60)
-    right = judge(t, x, M, omega, case=name, omega_frame="world")
+def test_what_engines_do_to_a_spin_is_named():
+    right = judge(*poor("slow", 1 / 60), case="slow", omega_frame="world")
     assert right.position.max > 0.01
     assert {finding.cause for finding in right.findings} <= {"omega-half-step", "explicit-step"}, "the method is left"
-    for given, hint in (
-        ({"rotation": M.transpose(0, 2, 1)}, "transposed"),
-        ({"rotation": Rotation.from_matrix(M).as_quat()}, "--quat xyzw"),
-        ({"position": x @ INTO, "rotation": INTO.T @ M}, "--up=y"),
-        ({"rotation": M, "omega": omega}, "--omega world"),
-    ):
-        assert hint in sentences(judge(t, **given, case=name))[0]
-
-
-def test_what_engines_do_to_a_spin_is_named():
     t, x, M, omega = poor("slow", 1 / 240)
     damped = poor("slow", 1 / 240, damping=0.1)
     judged = judge(*damped, case="slow", omega_frame="world")
@@ -155,32 +143,23 @@ def test_what_engines_do_to_a_spin_is_named():
 
 
 @pytest.mark.parametrize("name", ["slow", "bruels"])
-def test_another_body_another_clock_and_another_hand_are_named(name):
+def test_another_body_and_omega_of_another_row_are_told_in_words(name):
     case, t = CASES[name], np.arange(0, 2, 1 / 240)
     body, right = case.body, case.solution(t)
     arm = body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
-    about = "about the fixed point were taken for those about the centre of mass"
     for change, hint in (
         ({"gravity": -body.gravity}, "gravity is reversed"),
-        ({"inertia_com": body.inertia_com + arm}, about),
+        (
+            {"inertia_com": body.inertia_com + arm},
+            "about the fixed point were taken for those about the centre of mass",
+        ),
     ):
         other = RigidBody(**{**body.facts, **change})
         run = type(case)(name, other, case.rotation, case.omega_body).solution(t)
         (found,) = sentences(judge(t, rotation=run.rotation, omega=run.omega_body, case=name))
         assert hint in found
-    M, mirrored = right.rotation.as_matrix(), {"position": right.position @ MIRROR, "omega": -right.omega_body @ MIRROR}
-    for given, hint in (
-        ({"t": 1e6 * t}, "microseconds: --units t=us"),
-        ({"t": t / 60}, "minutes: --units t=min"),
-        ({"t": t / 20}, "the times have the factor 0.05"),
-        ({"omega": case.solution(t - 1 / 480).omega_body}, "half a step late"),
-        ({"omega": case.solution(t - 1 / 240).omega_body}, "one row late"),
-        ({**mirrored, "rotation": MIRROR @ M @ MIRROR}, "left-handed: write (x, z, y)"),
-    ):
-        rows = {"t": t, "position": right.position, "rotation": M, "omega": right.omega_body, **given}
-        judged = judge(**rows, case=name)
-        assert hint in " ".join(sentences(judged))
-        assert not any("The times go" in note for note in judged.notes), "the hint says it better"
+    late = case.solution(t - 1 / 240).omega_body
+    assert "one row late" in sentences(judge(t, right.position, right.rotation, late, case=name))[0]
 
 
 def test_clocks_that_no_unit_names_and_motions_without_a_closed_form():
