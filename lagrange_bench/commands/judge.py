@@ -119,19 +119,19 @@ def run(options: argparse.Namespace) -> Answer:
     written = frames.Options(**{name: getattr(options, name) for name in names}, omega_frame=options.omega)
     with announce.long_work(f"comparing with the motion of {body}"):
         judged = [judging.judge_file(path, request, written) for path in options.files]
-    orders = judgement.orders(judged, options.steps or [each.step for each in judged])
+    orders, words = judgement.orders(judged, options.steps or [each.step for each in judged])
     until = request.case.until if known else -math.inf
     until = until if options.until is None else options.until
     bounded = bool(bounds) or options.until is not None
     violated = [line for each in judged if bounded for line in _violated(each, bounds, until)]
     lines = [line for each in judged for line in [*_described(each, frames.UNITS), ""]]
-    lines += orders.in_words()
+    lines += words
     steps = {f"{each.step:.6g}" for each in judged}
     if not options.steps and 1 < len(steps) < len(judged):
         lines.append("No order where the rows of two files are equally far apart: give their steps, --steps h,h")
     lines += violated or (["All errors are within the bounds."] if bounds else [])
     drawn = [_draw(options.draw, judged)] if options.draw is not None else []
-    data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders.values}
+    data = {"case": body, "files": [{"file": each.file, **each.as_dict()} for each in judged], "orders": orders}
     data |= {"violated": violated} if bounded else {}
     return Answer("\n".join(lines).rstrip(), data, 1 if violated else 0, drawn)
 

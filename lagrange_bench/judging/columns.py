@@ -85,7 +85,7 @@ def read(
     header = table.names or [""] * table.width
     names, given = _names(header, table, options)
     rows, within = _where(header, table, options)
-    sample = [row for row in table.sample if is_chosen(row, rows)]
+    sample = [row for row in table.sample if all(is_same(row[i], value) for i, value in rows.items())]
     groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
     chosen = _points(groups, points) or _choose(groups, header, sample, options, notes)
     counted = next(
@@ -126,7 +126,7 @@ def read(
     columns = table.load(sorted({*factors, *counts} - set(stamps)), [*rows, *stamps])
     keep = np.full(len(next(iter(columns.values()))), True)
     for i, value in rows.items():
-        keep &= np.isin(columns[i], [word for word in set(columns[i]) if is_chosen({i: word}, {i: value})])
+        keep &= np.isin(columns[i], [word for word in set(columns[i]) if is_same(word, value)])
     if not keep.any():
         raise ValueError("there are no rows to judge")
     columns = {i: column[keep] for i, column in columns.items()}
@@ -206,7 +206,7 @@ def _where(header: list[str], table: Table, options: Options) -> tuple[dict[int,
         place = int(name) if place is None and name.isdecimal() and int(name) < table.width else place
         if place is not None:
             rows[place] = value
-            if not any(is_chosen(row, {place: value}) for row in table.sample):
+            if not any(is_same(row[place], value) for row in table.sample):
                 values = sorted({row[place] for row in table.sample})[:20]
                 raise ValueError(f"--where {name}={value}: no row has it; there are {', '.join(values)}")
         else:
@@ -217,13 +217,9 @@ def _where(header: list[str], table: Table, options: Options) -> tuple[dict[int,
     return rows, lambda name: not bodies or name.part == "t" or any(body in name.stem for body in bodies)
 
 
-def is_chosen(row: Sequence[str] | Mapping[int, str], rows: Mapping[int, str]) -> bool:
-    """Whether a row has these words in these columns; 1 and 1.0 are the same."""
-
-    def same(one: str, two: str) -> bool:
-        return one == two or (is_number(one) and is_number(two) and number(one) == number(two))
-
-    return all(same(row[i], value) for i, value in rows.items())
+def is_same(word: str, value: str) -> bool:
+    """Whether two words are the same, or the same number, as 1 and 1.0 are."""
+    return word == value or (is_number(word) and is_number(value) and number(word) == number(value))
 
 
 def _labels(header: Sequence[str], table: Table, options: Options, places: Iterable[int]) -> list[str]:

@@ -205,14 +205,12 @@ class Frames:
         if "momentum" not in trajectory or "omega" in trajectory:
             return trajectory
         others = {name: values for name, values in trajectory.items() if name != "momentum"}
-        L, I = self.omega({"omega": trajectory["momentum"]}), tensor(self.rigid_body)
-        if self.frame == "body":
-            return {**others, "omega": np.linalg.solve(I, L.T).T @ self.from_body.T}
-        R = self.matrices(trajectory)
-        if R is None:
+        R, L = self.motion({**others, "omega": trajectory["momentum"]})
+        if L is None:
             raise ValueError("an angular momentum in the world tells ω only with rotations; in the body: --omega body")
-        in_body = np.linalg.solve(I, to_body(R, L).T).T
-        return {**others, "omega": to_world(R, in_body) @ self.to_world}
+        omega = np.linalg.solve(tensor(self.rigid_body), L.T).T
+        in_rows = omega @ self.from_body.T if self.frame == "body" else to_world(R, omega) @ self.to_world
+        return {**others, "omega": in_rows}
 
     def attitude(self, group: str, values: Array) -> tuple[Array, dict[str, Array]]:
         """Matrices from the body to the world of the case; and how far they are from orthogonal, or quaternions from length 1.
@@ -287,10 +285,9 @@ class Frames:
                     add(kinematics=off)
         return {name: largest[name] for name in UNITS if name in largest}
 
-    def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float] | None = None) -> bool:
+    def starts(self, first: Mapping[str, float], least: float, floors: Mapping[str, float]) -> bool:
         """Whether a row with these errors is the start of the case, relative to the size of each quantity."""
-        known = floors or {}
-        return all(error <= least * self.sizes[name] + 2 * known.get(name, 0.0) for name, error in first.items())
+        return all(error <= least * self.sizes[name] + 2 * floors.get(name, 0.0) for name, error in first.items())
 
     def _turned(self, E: Array) -> dict[str, Array]:
         """The angles of rotations E from the right attitude: the whole angle, its part about the axis, and the tilt of the axis.

@@ -161,41 +161,25 @@ def _in_unit(name: str, error: float, digits: str) -> str:
     return f"{error:{digits}} {UNITS[name]}{degrees}"
 
 
-class Orders(NamedTuple):
-    """Observed orders between neighbours, from the largest step to the smallest, NaN where `words` says why there is none.
+def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> tuple[dict[str, list[float]], list[str]]:
+    """Observed orders of what all files have, over the longest time for which all of them are near the exact motion.
 
-    until : s, the errors up to this time count; infinite if no file leaves the exact motion.
+    From the largest step to the smallest, NaN where there is none; and in words, which say why.
     """
-
-    values: dict[str, list[float]]
-    words: dict[str, list[str]]
-    until: float
-
-    def in_words(self) -> list[str]:
-        """A line for each quantity that has an order."""
-        known = {name: words for name, words in self.words.items() if any(words)}
-        lines = [
-            f"order of {name}, from the largest step to the smallest: {', '.join(words)}"
-            for name, words in known.items()
-        ]
-        if math.isfinite(self.until) and any(map(math.isfinite, itertools.chain(*self.values.values()))):
-            lines.append(f"These are the orders until t = {self.until:.4g} s, while all files are within {NEAR} rad.")
-        return lines
-
-
-def orders(judged: Sequence[Judgement], steps: Sequence[float]) -> Orders:
-    """Observed orders of what all files have, over the longest time for which all of them are near the exact motion."""
     pairs = sorted(zip(steps, judged, strict=True), key=lambda pair: -pair[0])
     until = math.inf
     for each in judged:
         name = next((name for name in ("rotation", "axis", "position") if name in each.errors), "")
         until = min(until, each.near_until(name, NEAR * each.sizes.get(name, 1.0)))
-    found = Orders({}, {}, until)
-    for name in ORDERED:
-        if all(name in each.errors for each in judged):
-            both = [_order(name, coarse, fine, until) for coarse, fine in itertools.pairwise(pairs)]
-            found.values[name], found.words[name] = [order for order, _ in both], [word for _, word in both]
-    return found
+    values, lines = dict[str, list[float]](), list[str]()
+    for name in [name for name in ORDERED if all(name in each.errors for each in judged)]:
+        both = [_order(name, coarse, fine, until) for coarse, fine in itertools.pairwise(pairs)]
+        values[name], words = [order for order, _ in both], [word for _, word in both]
+        if any(words):
+            lines.append(f"order of {name}, from the largest step to the smallest: {', '.join(words)}")
+    if math.isfinite(until) and any(map(math.isfinite, itertools.chain(*values.values()))):
+        lines.append(f"These are the orders until t = {until:.4g} s, while all files are within {NEAR} rad.")
+    return values, lines
 
 
 def _order(
