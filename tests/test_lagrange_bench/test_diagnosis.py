@@ -1,4 +1,7 @@
-"""`Diagnosis`: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py."""
+"""`judge` says why: a mistake is named with its number, two mistakes both; a right run has no finding. The matrix is mistakes.py.
+
+First from rows, by `Diagnosis`; then from what a program writes, by `judge`, in words and with the option that mends it.
+"""
 
 import hashlib
 from importlib.metadata import version
@@ -7,8 +10,10 @@ import mistakes
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from test_judge import BOX, INTO, OMEGA, M, Q, R, X, write
+from test_judge import T as TIMES
 
-from lagrange_bench import CASES, Case, RigidBody
+from lagrange_bench import CASES, Case, RigidBody, integrate, judge
 from lagrange_bench.judging.diagnosis import Diagnosis, Rows
 from lagrange_bench.judging.fits import Model, choose, maps
 
@@ -147,6 +152,184 @@ def test_a_motion_in_a_plane_tells_no_axes():
     a = np.outer(np.linspace(1, 2, 20), [0, 0, 1.0])
     swapped = [model for model in maps(a, a[:, [2, 1, 0]]) if model.misfit < 0.1]
     assert swapped == []
+
+
+def sentences(judged):
+    return [finding.text for finding in judged.findings]
+
+
+SWAPPED = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+MIRROR = np.array([[1, 0, 0], [0, 0, 1], [0, 1, 0]])  # y up, as in Unity
+
+
+@pytest.mark.parametrize(
+    ("columns", "hint"),
+    [
+        ({"rotation": R.inv().as_quat()}, "--quat xyzw. the rotations are transposed"),
+        ({"rotation": M * [1, 1, -1]}, "determinant is negative"),
+        ({"position": X - X[0]}, "name it ux, uy, uz"),
+        ({"position": X @ INTO}, "--up=y"),
+        ({"rotation": M @ INTO.T}, "--axis=z"),
+        ({"position": 0 * X}, "those of the fixed point"),
+        ({"position": X + np.arange(1, 4)}, "off by (1, 2, 3) m: another origin"),
+        ({"omega": -OMEGA}, "omega is of the other sign"),
+        ({"t": TIMES + 2, "position": 3 * X}, ""),
+        ({"rotation": 0 * M + np.eye(3)}, ""),
+        ({"position": np.where((TIMES[-9] == TIMES)[:, None], np.nan, X @ INTO)}, "--up=y"),
+        ({"rotation": SWAPPED @ M, "position": X}, "axes of the world have other names: write (y, x, -z) for (x, y, z)"),
+        ({"rotation": R * Rotation.from_rotvec([0, 0.5, 0])}, "turn the body of the rows by the rotation vector (0, -0.5, 0)"),
+        # two rows later the fast spin has made almost this turn
+        ({"rotation": R * Rotation.from_rotvec([0, np.pi / 2, 0])}, "the axes (x, y, z) of the body are (z, y, -x)"),
+        ({"omega": np.rad2deg(R.apply(OMEGA))}, "--omega world, from Python omega_frame. omega is in degrees per second"),
+        ({"t": 1e3 * TIMES, "position": X}, "milliseconds"),
+        ({"t": 1e3 * TIMES[::50], "rotation": M[::50]}, "milliseconds"),
+        ({"rotation": np.roll(M, 1, 0)}, "1 row earlier"),
+        ({"rotation": R * Rotation.from_rotvec([1e-3, 1e-3, 0])}, ""),
+    ],
+)  # fmt: skip
+def test_a_wrong_convention_is_named(columns, hint):
+    columns = {name: value[2:-2] for name, value in {"t": TIMES, **columns}.items()}
+    judged = judge(**columns, case="bruels")
+    found = " ".join(sentences(judged))
+    assert hint in found
+    assert bool(hint) == bool(found) == ("perhaps" in repr(judged))
+
+
+@pytest.mark.parametrize("case", ["middle_axis", "bruels"])
+def test_a_wrong_order_of_quaternions_says_nothing_of_omega(case):
+    t = np.arange(300) / 60
+    exact = CASES[case].solution(t)
+    for omega, causes in (
+        (exact.omega_body, ["quaternion-order"]),
+        (exact.omega_world, ["quaternion-order", "omega-frame"]),
+    ):
+        judged = judge(t, rotation=exact.rotation.as_quat(), omega=omega, case=case)
+        assert [finding.cause for finding in judged.findings] == causes
+
+
+def test_two_readings_are_named_before_signed_axes_of_omega():
+    """Both turn the body; without a start nothing else tells them."""
+    exact = CASES["middle_axis"].solution(t := np.arange(300) / 60)
+    judged = judge(t, rotation=exact.rotation.as_quat(), omega=exact.omega_world, body="middle_axis")
+    assert [finding.cause for finding in judged.findings] == ["quaternion-order", "omega-frame"]
+
+
+def test_options_of_a_finding_mend_the_file(tmp_path, answer):
+    """What a finding says is done, one option after the other, until the rows are right; the remark says how right."""
+    named, counted = "t pose.position.x y z q_w q_x q_y q_z", "t q(1) q(2) q(3) q(4)"
+    for header, parts, options, mended in (
+        ("t roll pitch yaw", (R.as_euler("XYZ", degrees=True),), (), ("--angles", "XYZ", "--units", "angle=deg")),
+        (named, (X, R.as_quat()), ("--quat", "xyzw"), ("--columns", "qw=q_z,qx=q_w,qy=q_x,qz=q_y")),
+        (counted, (Q,), (), ("--quat", "wxyz")),
+    ):
+        file = write(tmp_path / "run.csv", header, TIMES, *parts)
+        (found,) = answer("judge", file, "--case", "bruels", *options)["files"]
+        (finding,) = found["findings"]
+        assert finding["option"].replace("=", " ").split() == " ".join(mended).replace("=", " ").split()
+        assert found["remark"].startswith("So read: rotation ")
+        (found,) = answer("judge", file, "--case", "bruels", *mended)["files"]
+        assert (found["findings"], found["rotation"]["max"] < 1e-12) == ([], True), header
+    file = write(tmp_path / "run.csv", "t rx ry rz", TIMES, R.as_euler("XYZ", degrees=True))
+    (finding,) = answer("judge", file, "--case", "bruels")["files"][0]["findings"]
+    assert finding["option"] == "--columns angle1=…,angle2=…,angle3=… --angles XYZ --units angle=deg"
+
+
+def test_two_axes_another_start_and_another_point_are_named():
+    both = judge(TIMES, 1e3 * X @ INTO, case="bruels")
+    assert [hint[:18] for hint in sentences(both)] == ["position is in mm:", "the axis y points "]
+    both = judge(TIMES, X @ INTO, INTO.T @ M @ INTO.T, case="bruels")
+    assert [hint.partition(":")[2] for hint in sentences(both)[:2]] == [" --up=y.", " --axis=z."]
+    assert judge(TIMES, X @ INTO, INTO.T @ M @ INTO.T, case="bruels", up="y", axis="z").rotation.max < 1e-12
+    since_1970 = judge(TIMES + 1.7e9, X, case="bruels")
+    (hint,) = sentences(since_1970)
+    assert (hint[:50], since_1970.notes) == ("the first row is the start of the case: --t0 0, or", [])
+    box = CASES["box"].solution(TIMES).rotation
+    (hint,) = sentences(judge(TIMES, box.apply((0, 0, 0.1)), box, case="box"))
+    assert "point (0, 0, 0.1) m of the body" in hint, "no unit makes positions right that should be zero"
+    flying = CASES["flying_box"].solution(5 * TIMES)
+    above = flying.position + flying.rotation.apply((0, 0, 0.1))
+    assert (
+        "point (0, 0, 0.1) m of the body" in sentences(judge(5 * TIMES, above, flying.rotation, case="flying_box"))[0]
+    )
+    for up, end in ((None, "(x, z, y)."), ("y", "(x, z, y), without --up and --axis.")):
+        mirrored = flying.position @ MIRROR, MIRROR @ flying.rotation.as_matrix() @ MIRROR
+        (found,) = judge(5 * TIMES, *mirrored, case="flying_box", up=up).findings
+        assert found.text.endswith(end), "half a mirror is no axis that points up"
+        assert found.option.endswith("ω −(x, z, y)")
+    (note,) = judge(TIMES, OMEGA, case="bruels").notes
+    assert "are the columns what they are taken for" in note
+    single = judge(TIMES, X.astype(np.float32), omega=OMEGA.astype(np.float32), case="bruels")
+    assert (single.start["right"], single.start["single"], sentences(single)) == (False, True, [])
+
+
+def poor(name, h, **physics):
+    """A run of first order, as engines make it: t, x, R and ω in the world."""
+    t = np.arange(0, 2 + h / 2, h)
+    x, M, omega = mistakes.poor_motion(mistakes.Program(CASES[name], **physics), t, 1, False)
+    return t, x, M, np.einsum("kij,kj->ki", M, omega)
+
+
+def test_what_engines_do_to_a_spin_is_named():
+    right = judge(*poor("slow", 1 / 60), case="slow", omega_frame="world")
+    assert right.position.max > 0.01
+    assert {finding.cause for finding in right.findings} <= {"omega-half-step", "explicit-step"}, "the method is left"
+    t, x, M, omega = poor("slow", 1 / 240)
+    damped = poor("slow", 1 / 240, damping=0.1)
+    judged = judge(*damped, case="slow", omega_frame="world")
+    assert "the spin falls like exp(−0.1 t): damping." in sentences(judged)
+    assert judged.spin_rate.max > 1.0
+    case, rows = CASES["slow"], np.arange(120) / 60
+    slower = type(case)("slower", case.body, case.rotation, case.omega_body - 6 * case.body.axis).solution(rows)
+    capped = np.concatenate(([case.omega_body], slower.omega_body[1:]))
+    found = sentences(judge(rows, rotation=slower.rotation, omega=capped, case="slow"))
+    assert "the spin falls from 10 to 4 rad/s in the first step: a cap." in found
+    lost = np.concatenate((omega[:1], 0 * omega[1:]))
+    still = np.concatenate((M[:1], np.repeat(M[:1], len(M) - 1, axis=0)))
+    assert "|ω| falls from 11.01 to 0 rad/s" in sentences(judge(t, rotation=still, omega=lost, case="slow"))[0]
+
+
+@pytest.mark.parametrize("name", ["slow", "bruels"])
+def test_another_body_and_omega_of_another_row_are_told_in_words(name):
+    case, t = CASES[name], np.arange(0, 2, 1 / 240)
+    body, right = case.body, case.solution(t)
+    arm = body.mass * (body.com @ body.com * np.eye(3) - np.outer(body.com, body.com))
+    for change, hint in (
+        ({"gravity": -body.gravity}, "gravity is reversed"),
+        (
+            {"inertia_com": body.inertia_com + arm},
+            "about the fixed point were taken for those about the centre of mass",
+        ),
+    ):
+        other = RigidBody(**{**body.facts, **change})
+        run = type(case)(name, other, case.rotation, case.omega_body).solution(t)
+        (found,) = sentences(judge(t, rotation=run.rotation, omega=run.omega_body, case=name))
+        assert hint in found
+    late = case.solution(t - 1 / 240).omega_body
+    assert "one row late" in sentences(judge(t, right.position, right.rotation, late, case=name))[0]
+
+
+def test_clocks_that_no_unit_names_and_motions_without_a_closed_form():
+    judged = judge(1e4 * BOX.t, rotation=BOX.rotation, omega=BOX.omega_body, body="box")
+    assert sentences(judged) == []
+    k = CASES["kovalevskaya"].solution(np.linspace(0, 10, 9))
+    assert any("No closed form" in note for note in judge(1e6 * k.t, rotation=k.rotation, case="kovalevskaya").notes)
+
+
+def test_rows_in_which_the_law_breaks_are_told_though_it_holds_in_most():
+    """A contact: after 3 of 4 s the body turns half as fast again; the windows that cross it are few."""
+    body = RigidBody(mass=1, com=(0, 0, 0), inertia_com=(1, 2, 3), gravity=(0, 0, 0))
+    t = np.arange(401) / 100
+    free = integrate(body, body.state(rotation=np.eye(3), omega_body=(0.3, 2.0, 0.5)), t=t[:301])
+    after = body.state(rotation=free.rotation[-1], omega_body=1.5 * free.omega_body[-1])
+    hit = integrate(body, after, t=t[1:101])
+    rotation = Rotation.concatenate([free.rotation, hit.rotation])
+    omega = np.concatenate([free.omega_body, hit.omega_body])
+    assert "in most rows; near t = 3" in judge(t, rotation=rotation, omega=omega, body=body).remark
+    right = judge(t[:301], rotation=free.rotation, omega=free.omega_body, body=body)
+    assert right.remark.startswith("No cause is found")
+    assert "most rows" not in right.remark
+    faster = judge(t[:301], rotation=free.rotation, omega=1.004 * free.omega_body, body=body)
+    assert "the rotations differ by 4e-03" in faster.remark
 
 
 @pytest.mark.slow
