@@ -17,7 +17,7 @@ from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judging.advice import findings_of, so_read
 from lagrange_bench.judging.columns import Trajectory, read
-from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Frames, Options, blurred, curve
+from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Frames, Options, blurred, curve, hidden
 from lagrange_bench.judging.judgement import Error, Judgement
 from lagrange_bench.judging.start import started
 
@@ -201,16 +201,15 @@ def _judged(request: Request, options: Options, found: Trajectory) -> Judgement:
     measured = {name: Error(float(error.max()), float(error[-1])) for name, error in errors.items()}
 
     def floors_of(known: Floors) -> dict[str, float]:
-        worst = {name: 2 * max(known.get(each, 0.0) for each in groups) for name, groups in GROUPS.items()}
-        return {name: value for name, value in worst.items() if value > 0 and name in errors}
+        return {name: 2 * value for name, value in hidden(known).items() if value > 0 and name in errors}
 
     floors = floors_of(floor)
-    hidden = {name: value for name, value in blur.items() if name in errors and value > floors.get(name, 0.0)}
+    unseen = {name: value for name, value in blur.items() if name in errors and value > floors.get(name, 0.0)}
     notes = [*_odd_rows(t, errors, frames.known_until), *clock, *notes]
     if max(-t[0], t[-1]) > frames.known_until:
         after = f"rows after t = {written[0] - t[0] + frames.known_until:.6g} s are not compared."
         notes.append(f"No closed form is known of this motion: {after}")
-    if shown := [name for name, value in hidden.items() if not measured[name].max > 100 * value]:
+    if shown := [name for name, value in unseen.items() if not measured[name].max > 100 * value]:
         notes.append(f"The times are rounded by {floor['time']:.1e} s, which hides errors of {', '.join(shown)}.")
     if not set(errors) - {"length", "orthogonality"}:
         notes.append("There is neither a rotation nor ω: nothing but lengths is judged.")
@@ -226,7 +225,7 @@ def _judged(request: Request, options: Options, found: Trajectory) -> Judgement:
         span=(float(written[0]), float(written[-1])),
         errors=measured,
         start=start,
-        floor={**floors, **hidden},
+        floor={**floors, **unseen},
         findings=findings,
         remark=remark,
         notes=notes,

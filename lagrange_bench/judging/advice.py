@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.judging.columns import OF_UNITS, Trajectory
-from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Floor, Rows
+from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Rows
 from lagrange_bench.judging.findings import Finding, say
 from lagrange_bench.judging.fits_frames import Exact
-from lagrange_bench.judging.frames import ATTITUDES, UNITS, Frames
+from lagrange_bench.judging.frames import UNITS, Frames, hidden
 from lagrange_bench.judging.names import unit_of
 
 Array = np.ndarray
@@ -40,7 +40,7 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) ->
 
 def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, exact: Exact | None) -> Diagnosis:
     """The rows in these frames, and other ways to read them. exact : the motion at any times, None without a start."""
-    floor, is_angles = found.floor, "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
+    is_angles = "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
     known = Rows(
         t=rows["time"][:, 0],
         R=frames.matrices(rows),
@@ -49,17 +49,11 @@ def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, e
         frame=frames.frame,
         angles=rows["angles"] if is_angles else None,
     )
-    hidden = Floor(
-        t=floor.get("time", 0.0),
-        R=max((floor.get(name, 0.0) for name in ATTITUDES if name in rows), default=0.0),
-        omega=floor.get("omega", 0.0),
-        x=floor.get("position", 0.0),
-    )
     other_order = ""
     if found.wxyz:
         w, x, y, z = found.wxyz
         other_order = f"--columns qw={z},qx={w},qy={x},qz={y}"
-    return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden)
+    return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden(found.floor))
 
 
 def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Array], findings: Sequence[Finding]) -> str:

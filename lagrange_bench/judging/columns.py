@@ -103,8 +103,8 @@ def read(
     words: list[str] = []
     found = Trajectory({}, np.empty(0), notes=notes)
     for kind, group in chosen.items():
-        factors |= _factors(kind, group, header, names, table, options, notes)
-        words.append(f"{kind} {' '.join(header[i] if table.names else f'{i}' for i in group.places)}")
+        factors |= _factors(kind, group, names, table, options, notes)
+        words.append(f"{kind} {' '.join(map(table.word, group.places))}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
         found.floor[kind], found.first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
@@ -113,7 +113,7 @@ def read(
     found.columns = "; ".join(words)
     if quaternion := chosen.get("quaternion"):
         if quaternion.order[0] not in "01":
-            found.quat, found.wxyz = "wxyz", tuple(header[i] or f"{i}" for i in quaternion.places)
+            found.quat, found.wxyz = "wxyz", tuple(map(table.word, quaternion.places))
         elif quaternion.order == "1 2 3 4" and options.quat is None:
             found.quat = "xyzw"
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
@@ -352,13 +352,7 @@ def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarr
 
 
 def _factors(
-    kind: str,
-    group: Group,
-    header: list[str],
-    names: Mapping[int, Name],
-    table: Table,
-    options: Options,
-    notes: list[str],
+    kind: str, group: Group, names: Mapping[int, Name], table: Table, options: Options, notes: list[str]
 ) -> dict[int, float]:
     """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
     for what, word in options.units.items():
@@ -385,10 +379,10 @@ def _factors(
             what = next((what for what in options.units if said and kind in OF_UNITS[what]), "")
             advice = f"it needs one such as {expected}: --units {kind if kind in OF_UNITS else 'angle'}={expected}"
             named = options.units.get(what, written)
-            raise ValueError(f"{header[i] or i} is {kind}, but its unit is {named}; {advice}")
+            raise ValueError(f"{table.word(i)} is {kind}, but its unit is {named}; {advice}")
         if name.strange and not said:
             taken = f"{expected} is taken; else say --units {kind}=…."
-            notes.append(f"{header[i]}: {name.strange!r} is no known unit, {taken}")
+            notes.append(f"{table.word(i)}: {name.strange!r} is no known unit, {taken}")
         factors[i] = unit.factor
     return factors
 

@@ -79,16 +79,7 @@ class Rows(NamedTuple):
     angles: Array | None = None
 
 
-class Floor(NamedTuple):
-    """The errors that the digits of a file hide: s, rad, rad/s, m."""
-
-    t: float = 0.0
-    R: float = 0.0
-    omega: float = 0.0
-    x: float = 0.0
-
-
-ALL_DIGITS = Floor()
+ALL_DIGITS = {"time": 0.0, "rotation": 0.0, "omega": 0.0, "position": 0.0}
 
 
 class Diagnosis:
@@ -97,7 +88,7 @@ class Diagnosis:
     At most 2000 first rows are looked at; rows with a NaN are left out. other_readings : the option → matrices (N, 3, 3) of the
     rotations as it reads them; that they may be transposed need not be said. exact : times (n,) → positions, matrices, and ω in
     the body of the exact motion, NaN where they are not known; None without a start. floor : the errors that the digits of the
-    file hide. is_clear : ω turns the body, or it is known why not.
+    file hide, s, rad, rad/s, m. is_clear : ω turns the body, or it is known why not.
     """
 
     def __init__(
@@ -106,7 +97,7 @@ class Diagnosis:
         other_readings: Mapping[str, Array],
         body: RigidBody,
         exact: ff.Exact | None = None,
-        floor: Floor = ALL_DIGITS,
+        floor: Mapping[str, float] = ALL_DIGITS,
     ):
         good = np.isfinite(rows.t)
         for part in (rows.R, rows.omega, rows.x):
@@ -187,7 +178,7 @@ class Diagnosis:
         else:
             self.add(say("time-unit", unit=unit, name=CLOCK_NAMES[unit]), before, after)
         self.rows = self.rows._replace(t=self.rows.t * factor)
-        self.floor = self.floor._replace(t=self.floor.t * factor)
+        self.floor = {**self.floor, "time": self.floor["time"] * factor}
 
     def speed_ratio(self) -> float:
         """How fast the rows turn or move by their own times, over how fast by the exact motion, by ω, or by gravity."""
@@ -213,7 +204,9 @@ class Diagnosis:
         for shift in dict.fromkeys((0.0, -float(rows.t[0]))):
             if rows.R is None:
                 break
-            tried = ff.frames(rows.R, exact(rows.t + shift)[1], self.other_readings, max(self.floor.R, ROUND_OFF))
+            tried = ff.frames(
+                rows.R, exact(rows.t + shift)[1], self.other_readings, max(self.floor["rotation"], ROUND_OFF)
+            )
             if tried is not None and tried.gain - (price if shift else 0.0) > gain:
                 zero, choice, gain = shift, tried, tried.gain - (price if shift else 0.0)
         if late.winner is not None and late.gain > gain - price:
@@ -230,7 +223,7 @@ class Diagnosis:
         rows, few = self.rows, slice(0, STARTING)
         in_body = rows.omega if rows.frame == fk.BODY else None
         parts = [part if part is None else part[few] for part in (rows.R, rows.x, in_body)]
-        return choose(ff.clocks(rows.t[few], parts, exact), max(self.floor.R, ROUND_OFF))
+        return choose(ff.clocks(rows.t[few], parts, exact), max(self.floor["rotation"], ROUND_OFF))
 
     def shift(self, constant: float, before: float, after: float) -> None:
         """Add a constant to the times."""
@@ -249,7 +242,7 @@ class Diagnosis:
         self.rows, self.other_readings = rows._replace(R=R, omega=omega, x=x), {}
         if x is not None and np.allclose(W @ B, ONE) and not np.allclose(W, ONE):
             right = R @ self.body.com if self.body.fixed else exact(rows.t)[0]
-            hand = choose(maps(x, right), max(self.floor.x / (size(right) or 1.0), ROUND_OFF))
+            hand = choose(maps(x, right), max(self.floor["position"] / (size(right) or 1.0), ROUND_OFF))
             if hand.winner is not None and np.allclose(hand.winner.value, -ONE):
                 self.add(say("left-handed", axes=triple(-W)), *off)
                 self.rows = self.rows._replace(x=-x)
@@ -292,7 +285,7 @@ class Diagnosis:
         """What turns the body, and what changes its momentum."""
         rows = self.rows
         if rows.omega is not None:
-            self.cap(rows.omega)
+            self.cap("cap", rows.omega)
         if rows.R is not None:
             self.turning(rows.R)
         elif (
@@ -300,7 +293,7 @@ class Diagnosis:
         ):
             speed = size(rows.omega)
             if speed and self.step * speed < COARSE:
-                self.law(rows.t, fk.turned(rows.t, rows.omega), rows.omega, self.floor.omega / speed)
+                self.law(rows.t, fk.turned(rows.t, rows.omega), rows.omega, self.floor["omega"] / speed)
         if rows.omega is not None and all(each.cause in POOR_STEPS for each in self.found):
             self.decay(rows.omega)
 
@@ -311,9 +304,7 @@ class Diagnosis:
             return
         t, spin = self.rows.t - self.rows.t[0], np.abs(in_body @ axis)
         fall = np.log(spin / spin[0])
-        if (speeds := fk.cap(spin[:, None])) is not None:
-            before, after = speeds
-            self.add(say("cap spin", before=before, after=after), 1 - after / before, 0.0)
+        if self.cap("cap spin", spin[:, None]):
             return
         rate = -float(fall @ t / (t @ t))
         off = float(np.abs(fall + rate * t).max())
@@ -326,15 +317,15 @@ class Diagnosis:
         rate, blur = fk.rates(rows.t, R)
         if not (speed := size(rate)):
             return
-        noise = self.floor.R / (self.step * speed) + self.floor.t / self.step + ROUND_OFF
+        noise = self.floor["rotation"] / (self.step * speed) + self.floor["time"] / self.step + ROUND_OFF
         spin: Array | None = rate
         if rows.omega is not None and len(rows.t) >= RATES and size(rows.omega):
-            spin = self.kinematics(rows.omega, rate, noise + self.floor.omega / speed, blur)
+            spin = self.kinematics(rows.omega, rate, noise + self.floor["omega"] / speed, blur)
         elif self.exact is None:
             widest = ALONE
         if spin is None or self.rows.R is None:
             return
-        noise = noise if spin is rate else self.floor.omega / speed + self.floor.R
+        noise = noise if spin is rate else self.floor["omega"] / speed + self.floor["rotation"]
         seen = size(spin) if self.exact is None else max(size(spin), size(self.exact(self.rows.t)[2]))
         if self.step * seen < widest and fk.rates(self.rows.t, self.rows.R)[1] < BLURRED:
             self.law(self.rows.t[2:-2], self.rows.R[2:-2], spin, noise)
@@ -487,24 +478,24 @@ class Diagnosis:
             for frame, right in frames.items()
             for model in maps(omega, right, fk.SPEEDS.values())
         ]
-        choice = choose(models, max(self.floor.omega / (size(Omega) or 1.0), ROUND_OFF))
+        choice = choose(models, max(self.floor["omega"] / (size(Omega) or 1.0), ROUND_OFF))
         if choice.winner is not None:
             self.add(fk.of_spin(choice.winner.value, self.rows.frame), *choice.misfits)
         return choice.winner is not None
 
-    def cap(self, omega: Array) -> bool:
-        """Whether |ω| falls to a cap."""
+    def cap(self, name: str, omega: Array) -> bool:
+        """Whether |ω|, or the spin, falls to a cap. name : of the sentence."""
         speeds = fk.cap(omega)
         if speeds is not None:
             before, after = speeds
-            self.add(say("cap", before=before, after=after, degrees=math.degrees(after)), 1 - after / before, 0.0)
+            self.add(say(name, before=before, after=after, degrees=math.degrees(after)), 1 - after / before, 0.0)
         return speeds is not None
 
     def law(self, t: Array, R: Array, spin: Array, noise: float) -> None:
         """Moments, torques, gravity; noise : of the spin in the body, relative."""
         if len(spin) < fl.FEWEST or len(spin) != len(t):
             return
-        if any(finding.cause == "cap" for finding in self.found) or (self.rows.omega is None and self.cap(spin)):
+        if any(finding.cause == "cap" for finding in self.found) or (self.rows.omega is None and self.cap("cap", spin)):
             return
         windows = fl.Windows(t, R, spin, self.body)
         floor = CLEARLY * windows.blur + noise * size(spin @ windows.I) / windows.scale
@@ -530,7 +521,7 @@ class Diagnosis:
             if not body.fixed:
                 self.flight(x)
             return
-        floor = max(self.floor.x / (size(right) or 1.0), self.floor.R, ROUND_OFF)
+        floor = max(self.floor["position"] / (size(right) or 1.0), self.floor["rotation"], ROUND_OFF)
         is_other = any(each.cause in ("body-axes", "moments", "gravity") for each in self.found)
         choice = choose(ff.places(rows.t, x, R, right, start, body, is_other), floor)
         if choice.winner is not None:
@@ -538,11 +529,11 @@ class Diagnosis:
 
     def flight(self, x: Array) -> None:
         """The acceleration of a flight: unit of length, axis up, gravity."""
-        (g, misfit, error), was = ff.parabola(self.rows.t, x, self.floor.x), self.body.gravity
+        (g, misfit, error), was = ff.parabola(self.rows.t, x, self.floor["position"]), self.body.gravity
         t = self.rows.t - self.rows.t[0]
         off, path, scale = x - t[:, None] ** 2 / 2 * was, ff.travelled(t, x), size(x - x.mean(0)) or 1.0
         slowed = ff.drag(*(ff.without_line(t, v) / scale for v in (off, path)))
-        choice = choose((Model(0.0, misfit, 0.0), slowed), max(self.floor.x / scale, ROUND_OFF))
+        choice = choose((Model(0.0, misfit, 0.0), slowed), max(self.floor["position"] / scale, ROUND_OFF))
         if choice.winner is not None:
             self.add(say("linear-damping", rate=slowed.value), *choice.misfits)
             return

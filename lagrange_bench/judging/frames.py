@@ -25,7 +25,7 @@ UNITS = {  # what is judged → its unit, in the order in which it is reported
 AXES = {sign + name: unit for name, e in zip("xyz", np.eye(3), strict=True) for sign, unit in (("", e), ("-", -e))}
 ATTITUDES = ("quaternion", "matrix", "rotation vector", "angles")
 # quantity → the groups of columns that it is judged by
-GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",)}
+GROUPS = {"position": ("position", "displacement"), "rotation": ATTITUDES, "omega": ("omega",), "time": ("time",)}
 # another gravity must fit a flight so many times better
 FALLS = 10
 # the largest |RᵀR − 1| of a rotation; more if the file has few digits
@@ -356,6 +356,11 @@ def _decimals(t: Array) -> Array:
     # per second; a power of ten, so that decimals are its multiples
     unit = 10 ** (DECIMALS - math.floor(math.log10(last))) if last else 1.0
     return np.asarray(np.round(t * unit) / unit)
+
+
+def hidden(floor: Mapping[str, float]) -> dict[str, float]:
+    """The errors of each quantity that the digits of a file hide. floor : of each group of columns."""
+    return {name: max(floor.get(group, 0.0) for group in groups) for name, groups in GROUPS.items()}
 
 
 def curve(t: Array, error: Array) -> Array:

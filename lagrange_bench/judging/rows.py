@@ -66,6 +66,10 @@ class Table:
     units: dict[int, str] = field(default_factory=dict)
     above: str = ""
 
+    def word(self, i: int) -> str:
+        """The name of a column, or its index if it has none."""
+        return (self.names[i] if self.names else "") or f"{i}"
+
 
 def number(word: str, comma: bool = False) -> float:
     """The number that a word is, in SI units where it has a unit itself; NaN where it says that there is none.
