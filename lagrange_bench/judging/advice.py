@@ -49,11 +49,9 @@ def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, e
         frame=frames.frame,
         angles=rows["angles"] if is_angles else None,
     )
-    other_order = ""
-    if found.wxyz:
-        w, x, y, z = found.wxyz
-        other_order = f"--columns qw={z},qx={w},qy={x},qz={y}"
-    return Diagnosis(known, frames.other_readings(rows, other_order), frames.rigid_body, exact, hidden(found.floor))
+    return Diagnosis(
+        known, frames.other_readings(rows, found.other_order), frames.rigid_body, exact, hidden(found.floor)
+    )
 
 
 def so_read(frames: Frames, rows: Mapping[str, Array], before: Mapping[str, Array], findings: Sequence[Finding]) -> str:

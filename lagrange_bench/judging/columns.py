@@ -55,7 +55,7 @@ class Trajectory:
     with the digits of the file. quat : order of the quaternions, if their names tell it: wxyz if a name says which is the
     scalar, xyzw if they are counted from 1. frame : of ω, if its name tells it. floor : half a unit of the
     last printed digit; first_floor : of numbers as large as those of the first row. columns : the groups and their names, and
-    what is not used, to be read. wxyz : the names of the parts of quaternions, where they decide.
+    what is not used, to be read. other_order : the option that reads quaternions in the other order, where names tell an order.
     """
 
     arrays: dict[str, Array]
@@ -66,7 +66,7 @@ class Trajectory:
     first_floor: dict[str, float] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     columns: str = ""
-    wxyz: tuple[str, ...] = ()
+    other_order: str = ""
 
 
 def read(
@@ -113,7 +113,8 @@ def read(
     found.columns = "; ".join(words)
     if quaternion := chosen.get("quaternion"):
         if quaternion.order[0] not in "01":
-            found.quat, found.wxyz = "wxyz", tuple(map(table.word, quaternion.places))
+            w, x, y, z = map(table.word, quaternion.places)
+            found.quat, found.other_order = "wxyz", f"--columns qw={z},qx={w},qy={x},qz={y}"
         elif quaternion.order == "1 2 3 4" and options.quat is None:
             found.quat = "xyzw"
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")

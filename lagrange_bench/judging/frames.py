@@ -164,16 +164,16 @@ class Frames:
         """The attitudes (n, 3, 3) of the first group of columns that holds attitudes; None without one."""
         return next((self.attitude(name, trajectory[name])[0] for name in ATTITUDES if name in trajectory), None)
 
-    def other_readings(self, trajectory: Mapping[str, Array], wxyz: str = "") -> dict[str, Array]:
+    def other_readings(self, trajectory: Mapping[str, Array], other_order: str = "") -> dict[str, Array]:
         """Other ways to read the first group of attitudes: the option → matrices (n, 3, 3).
 
-        wxyz : the option for the other order of quaternions, where their names tell an order.
+        other_order : the option for the other order of quaternions, where their names tell an order.
         """
         group = next((name for name in ATTITUDES if name in trajectory), "")
         values, readings = trajectory.get(group, np.empty(0)), dict[str, Rotation]()
         if group == "quaternion":
             other = "xyzw" if self.options.quat == "wxyz" else "wxyz"
-            readings[wxyz or f"--quat {other}"] = _turns(group, values, other)
+            readings[other_order or f"--quat {other}"] = _turns(group, values, other)
         elif group == "angles":
             axes, degrees = self.angles.swapcase(), "--units angle=deg"
             readings[degrees] = _turns(group, np.deg2rad(values), self.angles)
