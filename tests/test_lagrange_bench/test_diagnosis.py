@@ -195,23 +195,15 @@ def test_a_wrong_convention_is_named(columns, hint):
     assert bool(hint) == bool(found) == ("perhaps" in repr(judged))
 
 
-@pytest.mark.parametrize("case", ["middle_axis", "bruels"])
-def test_a_wrong_order_of_quaternions_says_nothing_of_omega(case):
+@pytest.mark.parametrize("known", [{"case": "middle_axis"}, {"case": "bruels"}, {"body": "middle_axis"}])
+def test_readings_are_named_before_signed_axes_of_omega(known):
+    """Both turn the body; without a start nothing else tells them. A wrong order of quaternions says nothing of ω."""
     t = np.arange(300) / 60
-    exact = CASES[case].solution(t)
-    for omega, causes in (
-        (exact.omega_body, ["quaternion-order"]),
-        (exact.omega_world, ["quaternion-order", "omega-frame"]),
-    ):
-        judged = judge(t, rotation=exact.rotation.as_quat(), omega=omega, case=case)
-        assert [finding.cause for finding in judged.findings] == causes
-
-
-def test_two_readings_are_named_before_signed_axes_of_omega():
-    """Both turn the body; without a start nothing else tells them."""
-    exact = CASES["middle_axis"].solution(t := np.arange(300) / 60)
-    judged = judge(t, rotation=exact.rotation.as_quat(), omega=exact.omega_world, body="middle_axis")
-    assert [finding.cause for finding in judged.findings] == ["quaternion-order", "omega-frame"]
+    (name,) = known.values()
+    exact = CASES[name].solution(t)
+    for omega, others in ((exact.omega_body, []), (exact.omega_world, ["omega-frame"])):
+        judged = judge(t, rotation=exact.rotation.as_quat(), omega=omega, **known)
+        assert [finding.cause for finding in judged.findings] == ["quaternion-order", *others]
 
 
 def test_options_of_a_finding_mend_the_file(tmp_path, answer):

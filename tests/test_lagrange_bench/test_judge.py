@@ -220,18 +220,6 @@ def test_times_of_few_digits_hide_errors(tmp_path, answer, run):
     assert f"say nothing of errors below {found['floor']['position']:.1e} m (position)." in out
 
 
-def test_orders_are_those_of_the_method(tmp_path, answer):
-    body, y0 = CASES["slow"].body, CASES["slow"].state
-    files = []
-    for steps in (100, 200, 400):
-        run = integrate(body, y0, 0.4 / steps, steps, "rk4", every=1)
-        files.append(run.save(tmp_path / f"{steps}.csv"))
-    found = answer("judge", *files, "--case", "slow")["orders"]
-    assert [*found["position"], *found["rotation"]] == pytest.approx([4] * 4, abs=0.15)
-    equal = answer("judge", *files, "--case", "slow", "--steps", "1/60,1/60,1/60")["orders"]
-    assert equal["position"] == [None, None]
-
-
 def test_a_case_of_ones_own_is_named_by_its_module(folder):
     words = "from lagrange_bench import CASES\nCASE = CASES['bruels']\nOTHER = 5\n"
     (folder / "my_own_case.py").write_text(words, encoding="utf-8")
