@@ -6,8 +6,6 @@ M is 1, a unit, signed axes, or a turn, as of a gyroscope that is mounted askew.
 Rotations may be transposed, or read in the other ways that the reader offers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping
 from typing import NamedTuple

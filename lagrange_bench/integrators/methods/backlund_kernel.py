@@ -13,8 +13,9 @@ import numpy as np
 from lagrange_bench.integrators.compiling import loops
 from lagrange_bench.integrators.compiling.compiled import jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
+from lagrange_bench.integrators.compiling.intrinsics import load_tuple
 from lagrange_bench.integrators.compiling.unroll import unrolled
-from lagrange_bench.integrators.interface import Array, StepError
+from lagrange_bench.integrators.interface import Array
 from lagrange_bench.integrators.methods.splitting import torques
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.torus.plain_step import invariants, move, parameter
@@ -87,20 +88,11 @@ def kernel(V: System, gradients: int, degree: int) -> Any:
     return step
 
 
-def constants(head: Array, h: float, parts: Array, start: float, tables: Array | None = None) -> Array:
-    """The constants of a composition.
-
-    Parameters
-    ----------
-    head : those of the top, the box and V.
-    parts : (n, 4), of each group the time of its flow and the three factors of its kick.
-    start : the time of the first flow, from the start of the step.
-    tables : (n, m), of each group, if its kernel has tables.
-    """
-    c, whens = head.copy(), start + np.cumsum(parts[:, TIME])
-    c[GROUPS], c[STEP] = len(parts), h
-    groups = np.column_stack((parts, whens) if tables is None else (parts, whens, tables))
-    return np.concatenate((c, groups.ravel()))
+def constants(head: Array, h: float, groups: Array) -> Array:
+    """The constants of a composition. head : those of the top, the box and V. groups : a row for each, with its table."""
+    c = np.concatenate((head, groups.ravel()))
+    c[GROUPS], c[STEP] = len(groups), h
+    return c
 
 
 @cache
@@ -132,27 +124,40 @@ TRIAL_STEPS, TRIAL_STEP = 96, 1.2
 MARGIN = 8.0  # the box is so many times as wide as the trial run: a slow motion goes further, and a table is cheap
 
 
-def set_box(c: Array, scales: tuple[float, float, float], y0: Array, kernel: loops.Kernel, h: float) -> bool:
+@cache
+def trial_run(step: Any) -> Any:
+    """(y, c, counters, n) → least and largest 2H, then J3, along n steps; H is without V."""
+
+    @jit
+    def run(y, c, counters, n):
+        s = load_tuple(y, 0, 6)
+        low_h = high_h = invariants(s, c[ALPHA])[2]
+        low_j = high_j = s[2]
+        for _ in range(n):
+            s = step(s, c, counters)
+            counters[loops.CLOCK] += 1.0
+            h2 = invariants(s, c[ALPHA])[2]
+            low_h, high_h = min(low_h, h2), max(high_h, h2)
+            low_j, high_j = min(low_j, s[2]), max(high_j, s[2])
+        return low_h, high_h, low_j, high_j
+
+    return run
+
+
+def set_box(c: Array, scales: tuple[float, float, float], y0: Array, step: Any, h: float) -> bool:
     """Put the box of the tables into c, from a trial run with long steps; False if there is no such box.
 
-    scales : rate, length and time scale of the top without V. kernel : steps without tables.
+    scales : rate, length and time scale of the top without V. step : without tables.
     """
     rate, _, unit = scales
     if not math.isfinite(unit):  # without V nothing moves
         return False
-    h = math.copysign(TRIAL_STEP * unit, h)
-    try:
-        y = loops.FixedStepper("trial", h, kernel, constants(c, h, np.array([(h, h, 0.0, 0.0)]), 0.0)).record(
-            y0, TRIAL_STEPS, 1
-        )
-    except StepError:
-        return False
-    with np.errstate(over="ignore", invalid="ignore"):  # of a size whose square is no double
-        energies = np.sum(y[:, :3] ** 2, axis=1) + 2.0 * c[ALPHA] * y[:, 5]
-    for place, values, size in ((CENTRE_H, energies, rate * rate), (CENTRE_J, y[:, 2], rate)):
-        low, high = float(np.min(values)), float(np.max(values))
+    h, counters = math.copysign(TRIAL_STEP * unit, h), np.zeros(loops.SIZE)
+    trial = constants(c, h, np.array([(h, h, 0.0, 0.0, h)]))
+    low_h, high_h, low_j, high_j = trial_run(step)(y0, trial, counters, TRIAL_STEPS)
+    for place, low, high, size in ((CENTRE_H, low_h, high_h, rate * rate), (CENTRE_J, low_j, high_j, rate)):
         width = 0.5 * MARGIN * (high - low) + 2.0**-40 * size
-        if not 0.0 < width < math.inf or 1.0 / width == math.inf:
+        if counters[loops.FAILURE] or not 0.0 < width < math.inf or 1.0 / width == math.inf:
             return False
         c[place], c[place + 1] = 0.5 * (low + high), 1.0 / width
     return True

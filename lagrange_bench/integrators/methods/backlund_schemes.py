@@ -107,12 +107,15 @@ def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
     for time, kick in reversed(after):
         before.append((pending, -kick))
         pending = -time
-    return tuple(np.pad(parts, ((0, 0), (0, 2))) for parts in ([*before, (pending, 0.0)], after))
+    ends = [np.pad(parts, ((0, 0), (0, 3))) for parts in ([*before, (pending, 0.0)], after)]
+    for groups, start in zip(ends, (0.0, -chosen.a[0] * sign), strict=True):
+        groups[:, 4] = start + groups[:, 0].cumsum()
+    return tuple(ends)
 
 
 def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, ...]:
     """The flows and kicks by which a state enters a run, and those by which it leaves: inverse maps of each other.
 
-    A row holds the time of a flow, then the factors of V, W and Z in the kick after it.
+    A row holds the time of a flow, the factors of V, W and Z in the kick after it, and the time of the kick.
     """
     return tuple(abs(h) * end for end in _ends(chosen, corrected, math.copysign(1.0, h)))

@@ -80,28 +80,30 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         J, x = y0[:3], y0[3:]
         times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
         gradients = (1 + bool(chosen.d)) if modified else 0
-        groups = []
+        # the kernel's state is behind the user's, by the first flow
+        listed, when = [], -chosen.a[0] * h
         for g, time in enumerate(times):
+            when += time
             kick_W = chosen.c[g] * -(h * h * h) if gradients > 0 else 0.0
             kick_Z = chosen.d[g] * (h * h * h * h * h) if gradients > 1 else 0.0
-            groups.append((time, chosen.b[g] * h, kick_W, kick_Z))
+            listed.append((time, chosen.b[g] * h, kick_W, kick_Z, when))
+        groups = np.array(listed)
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
             head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, start, *problem.numbers))
         plain = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
-        degree, made = 0, None
-        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain, h):
+        self.degree = 0  # of the tables, 0 for none
+        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain.step, h):
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
-            degree, listed = tables(torus, box, times, conserves_J3)
-            made = np.array(listed) if degree else None
-        # the kernel's state is behind the user's, by the first flow
-        behind = -chosen.a[0] * h
-        c = kernels.constants(head, h, np.array(groups), behind, made)
+            different = tuple(dict.fromkeys(times))
+            self.degree, made = tables(torus, box, different, conserves_J3)
+            if self.degree:
+                groups = np.hstack((groups, [made[different.index(time)] for time in times]))
+        c = kernels.constants(head, h, groups)
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
-        self.degree = degree  # of the tables, 0 for none
         preprocess, postprocess = ends_of(chosen, h, corrected)
         kernel = loops.Kernel(
-            kernels.kernel(V, gradients, degree),
+            kernels.kernel(V, gradients, self.degree),
             kernels.restorer(conserves_J3),
             kernels.RESTORE_EVERY,
             kernels.FAILURES,
@@ -114,8 +116,8 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             kernel,
             c,
             conversion=plain.step,
-            preprocess=kernels.constants(head, h, preprocess, 0.0),
-            postprocess=kernels.constants(head, h, postprocess, behind),
+            preprocess=kernels.constants(head, h, preprocess),
+            postprocess=kernels.constants(head, h, postprocess),
         )
 
     def enter(self, y: Array) -> Array:

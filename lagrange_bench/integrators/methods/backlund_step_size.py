@@ -20,6 +20,7 @@ from lagrange_bench.integrators.torus import time_step
 NAME = "backlund_splitting"
 STRONG = 0.05  # range of V over energy of the top, from which on other methods are better
 RESONANT = 0.125  # a step over the nutation period, from which on harmonics of the motion come near 2π/h
+SHORTEST = math.pi  # the shortest nutation period of any top, in time scales
 
 
 def warn_strong(problem: Problem, y0: Array) -> None:
@@ -35,7 +36,10 @@ def warn_strong(problem: Problem, y0: Array) -> None:
 
 def warn_long(problem: Problem, y0: Array, h: float) -> None:
     """Warn, or raise a StepError, where the step is in resonance with V along the motion from y0 on."""
-    h, frequency, period = abs(h), highest_frequency(problem, y0, np.zeros(1)), nutation_period(problem, y0)
+    h, frequency, unit = abs(h), highest_frequency(problem, y0, np.zeros(1)), top_without_V(problem).scales(y0)[2]
+    if h <= RESONANT * SHORTEST * unit * (1.0 - h * frequency / WIDEST):
+        return
+    period = nutation_period(problem, y0)
     if h >= 0.5 * period:
         reason = f"h is {h / period:.2g} of the nutation period, in resonance with it; take less than a half"
         raise StepError(NAME, reason, h=h)

@@ -21,8 +21,6 @@ and that the start is in reach. |m| falls towards a double root of Q, next to th
 A kernel calls `R, eta, mr, mi, ok = parameter(invariants(s, alpha), s[2], alpha, h)`, then `move`.
 """
 
-from __future__ import annotations
-
 import math
 from operator import mul
 
