@@ -146,7 +146,7 @@ def _longest(top, y0: Array, h: float, counts: list[int]) -> list[dict]:
     ours = _errors(top, y0, times, y, exact.after_steps(top, y0, h, counts))
     rows = [{"method": "backlund", **row} for row in ours]
     try:
-        heyoka = taylor.integrator_here(taylor.EPS, False)
+        heyoka = taylor.integrator_of_thread(taylor.EPS, False)
     except ImportError:
         return rows
     heyoka.time, heyoka.state[:], heyoka.pars[0] = 0.0, y0, top.alpha

@@ -31,8 +31,8 @@ def python(code, *words, cache, cwd=None, limit=None, **settings):
 
 # a small kernel: its result
 SMALL = """
-from lagrange_bench.integrators.methods.theta_functions import turned
-print(turned(3.0, 0.1, 1e-20).hex())
+from lagrange_bench.integrators.methods.theta_functions import angle_of_periods
+print(angle_of_periods(3.0, 0.1, 1e-20).hex())
 """
 
 
@@ -117,7 +117,7 @@ def test_damaged_machine_code_is_compiled_anew(tmp_path):
     """Numba would end in a raw error, or in a segmentation fault."""
 
     def run():
-        return python(SMALL + "print(sum(turned.stats.cache_hits.values()))", cache=tmp_path).split()
+        return python(SMALL + "print(sum(angle_of_periods.stats.cache_hits.values()))", cache=tmp_path).split()
 
     number, hits = run()
     assert hits == "0"

@@ -27,6 +27,7 @@ except ImportError:
 if COMPILED:  # read once, since compiled and other functions do not mix
     from lagrange_bench.integrators.compiling.machine_code import IDENTIFIED, CompiledFunction
 
+Compiled = Callable[..., Any]  # what `jit` and `unrolled` return
 OPTIONS = {"nopython": True, "error_model": "numpy", "nogil": True, "fastmath": False, "no_cfunc_wrapper": True}
 ROOM = __name__.rsplit(".", 2)[0] + "."  # only of functions in `integrators` is it known what they can call
 

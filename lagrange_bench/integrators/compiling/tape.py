@@ -74,6 +74,9 @@ class Term(Number):
     __eq__ = __ne__ = __lt__ = __le__ = __gt__ = __ge__ = _refuse  # type: ignore[assignment]
 
 
+Terms = Sequence[Term]
+
+
 class Tape:
     """Where formulas are recorded and differentiated. Equal operations are recorded once, those with 0 and 1 not at all."""
 

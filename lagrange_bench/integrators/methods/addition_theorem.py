@@ -171,9 +171,9 @@ def double_time(torus, p, dp, f, df, turn):
     V = sub(scale(Y, 2.0), quarter)
     V2 = add(Y, sub(div(ONE, p2), quarter))
     ff, fd, d2 = mul(f, f), scale(mul(f, df), 2.0), mul(df, df)
-    third = dd(3.0)
-    f2 = div(add(sub(mul(V, ff), mul(mu, fd)), d2), third)
-    df2 = div(sub(sub(mul(V2, fd), mul(mu, d2)), mul(ff, sub(mul(mu, V), dY))), third)
+    three = dd(3.0)
+    f2 = div(add(sub(mul(V, ff), mul(mu, fd)), d2), three)
+    df2 = div(sub(sub(mul(V2, fd), mul(mu, d2)), mul(ff, sub(mul(mu, V), dY))), three)
     return p2, dp2, f2, df2, cmul(turn, turn)
 
 
@@ -194,20 +194,20 @@ def functions(torus, h):
 def coefficients(alpha, torus, values, turn):
     """All constants of a step, as double-doubles: seven real ones, then eight complex ones, turned about e3 by `turn`."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
-    p, dp, f, df, own_turn = values
-    eps = cmul(own_turn, turn)
+    p, dp, f, df, half_turn = values
+    eps = cmul(half_turn, turn)
     X, dX = ONE, ZERO  # χ = φ/p and its derivative
     if p[0] != 0.0:
         X = div(f, p)
         dX = div(sub(df, mul(dp, X)), p)
-    third = div(ONE, dd(3.0))
+    one_third = div(ONE, dd(3.0))
     a, half_m = dd(alpha), scale(m, 0.5)
-    k1, k0 = neg(mul(f, third)), mul(df, third)  # c1 and c0 of M
-    S = add(scale(mul(dp, X), 0.5), mul(mul(p, dX), third))
+    k1, k0 = neg(mul(f, one_third)), mul(df, one_third)  # c1 and c0 of M
+    S = add(scale(mul(dp, X), 0.5), mul(mul(p, dX), one_third))
     pp = mul(p, p)
-    inner = sub(ONE, mul(p, mul(add(scale(mul(m, m), 0.25), H_), third)))
-    inner = add(inner, mul(scale(mul(pp, add(G1, mul(p, G0))), 0.5), third))
-    a0 = add(mul(X, inner), scale(mul(mul(dX, dp), third), 0.5))
+    inner = sub(ONE, mul(p, mul(add(scale(mul(m, m), 0.25), H_), one_third)))
+    inner = add(inner, mul(scale(mul(pp, add(G1, mul(p, G0))), 0.5), one_third))
+    a0 = add(mul(X, inner), scale(mul(mul(dX, dp), one_third), 0.5))
     mS = mul(half_m, S)
     reals = (
         scale(dp, -0.5),
@@ -226,8 +226,8 @@ def coefficients(alpha, torus, values, turn):
     minus_i_eps = (eps[1], neg(eps[0]))
     first = cscale(minus_i_eps, S)
     second = cscale(cmul(minus_i_eps, (k0, mul(half_m, k1))), dd(0.5))
-    third_ = cscale(minus_i_eps, scale(k1, 0.5))
-    return reals, (g, gx, ge, ge_x, first, second, third_, cscale(third_, a))
+    third = cscale(minus_i_eps, scale(k1, 0.5))
+    return reals, (g, gx, ge, ge_x, first, second, third, cscale(third, a))
 
 
 @jit
@@ -236,11 +236,11 @@ def constants(alpha, y, h):
     torus = cubic(alpha, y)
     period = ts.nutation_period(alpha, y)
     turn, r = (ONE, ZERO), dd(h)
-    turns = np.rint(h / period[0])  # 0 for an infinite period
-    if turns != 0.0:
-        r = sub(r, mul(period, dd(turns)))
+    periods = np.rint(h / period[0])  # 0 for an infinite period
+    if periods != 0.0:
+        r = sub(r, mul(period, dd(periods)))
         c, s = ts.precession(ts.spectral_polynomial(alpha, y), alpha, y, period)
-        turn = ts.power(c, s, int(turns))
+        turn = ts.power(c, s, int(periods))
     reals, complexes = coefficients(alpha, torus, functions(torus, r), turn)
     c = np.zeros(SIZE)
     c[ALPHA], c[J3_2] = alpha, 2.0 * y[2]
@@ -261,10 +261,10 @@ class AdditionStepper(real_map.TorusStepper):
     """Refuses rows off the torus. The map leaves it if h is so long that the constants have no digits."""
 
     def rows(self, out: Array, every: int) -> Array:
-        on = real_map.rows_on_torus(out, self.constants, real_map.OFF_TORUS)
-        if on < len(out):
+        count = real_map.rows_on_torus(out, self.constants, real_map.OFF_TORUS)
+        if count < len(out):
             reason = "the map has left the torus: h is too long so near the separatrix"
-            raise StepError(self.name, reason, h=self.h, step=on * every)
+            raise StepError(self.name, reason, h=self.h, step=count * every)
         return super().rows(out, every)
 
 

@@ -45,8 +45,8 @@ def stepper(
     else:
         c = plain_constants(units.alpha, state, units.parameter(check_parameter(lam)), -1 if h < 0 else 1)
     real_map.check_constants(name, c, h)
-    back, block = (real_map.restore_invariants, pin) if pin else (None, NEVER)
-    return real_map.TorusStepper(name, h, Kernel(real_map.KERNELS[real_map.form(c)], back, block), c, units, turn)
+    restore, block = (real_map.restore_invariants, pin) if pin else (None, NEVER)
+    return real_map.TorusStepper(name, h, Kernel(real_map.KERNELS[real_map.form(c)], restore, block), c, units, turn)
 
 
 def prepare_exact(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN, lam: complex | None = None) -> FixedStepper:
@@ -72,16 +72,16 @@ def prepare_paper(top: LagrangeTop, y0: Array, h: float, *, pin: int = PIN) -> F
     return stepper("backlund_paper", top, y0, h, check_count(pin, "pin"), lam)
 
 
-def evaluate_exact(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
+def evaluate_exact(problem: LagrangeTop | RigidBody, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times: one two-point map from y0 to each time, whatever the distance."""
-    if kinds.symmetric_body(top):
-        states, work = evaluate_exact(top.top, top.reduced(y0), times)  # type: ignore[attr-defined]
-        return with_attitude("backlund", top, y0, times, states), work  # type: ignore[arg-type]
-    return states_at("backlund", top, y0, times)
+    if isinstance(problem, RigidBody):
+        states, work = states_at("backlund", problem.top, problem.reduced(y0), times)
+        return with_attitude("backlund", problem, y0, times, states), work
+    return states_at("backlund", problem, y0, times)
 
 
 def states_at(name: str, top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
-    """As `evaluate_exact`, for a top; `name` is that of the method, for messages."""
+    """The states of a top at any times. name : of the method, for messages."""
     units = Units(top, y0, float(np.max(np.abs(times), initial=0.0)) or 1.0)
     y = units.leave(ts.exact_flow(units.alpha, tuple(units.enter(y0)), units.spans(name, times)))
     y[times == 0.0] = y0
@@ -90,7 +90,7 @@ def states_at(name: str, top: LagrangeTop, y0: Array, times: Array) -> tuple[Arr
     return y, Work(steps=len(times))
 
 
-def many(
+def record_tops(
     alphas: Array,
     Y0: Array,
     h: float,
@@ -102,19 +102,22 @@ def many(
     pin: int = PIN,
     lam: complex | None = None,
 ) -> NDArray[np.bool_]:
-    """The exact steps of many tops, each with its own λ(h) and constants; options and bits as of `prepare_exact`."""
+    """Put the exact steps of many tops into `out`, each with its own λ(h) and constants; options and bits as of `prepare_exact`.
+
+    Returns a mask of the tops that are done. The caller steps the others one by one.
+    """
     pin, n = check_count(pin, "pin"), len(Y0)
-    if lam is not None:  # λ is another number in the units of each top: they are taken one by one
+    if lam is not None:  # λ is another number in the units of each top
         check_parameter(lam)
         return np.zeros(n, dtype=bool)
     states, units, c, turns = (np.empty((n, width)) for width in (6, 6, real_map.CONSTANTS, 4))
-    taken = np.zeros(n, dtype=bool)
-    real_map.many_constants(alphas, Y0, h, states, c, units, taken, turns)
-    if np.any(taken):
+    is_done = np.zeros(n, dtype=bool)
+    real_map.many_constants(alphas, Y0, h, states, c, units, is_done, turns)
+    if np.any(is_done):
         kernel = (real_map.step, real_map.restore_invariants, pin) if pin else (real_map.step, None, NEVER)
-        run_lanes(kernel, states, c, np.flatnonzero(taken), steps, every, out, stopped)
-    real_map.leave_many(out, taken, turns, every, units)
-    return taken
+        run_lanes(kernel, states, c, np.flatnonzero(is_done), steps, every, out, stopped)
+    real_map.leave_many(out, is_done, turns, every, units)
+    return is_done
 
 
 def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> BodyStepper:
@@ -122,12 +125,12 @@ def prepare_body(body: RigidBody, y0: Array, h: float, *, pin: int = PIN) -> Bod
     pin = check_count(pin, "pin")
     prepare_exact(body.top, body.reduced(y0), h, pin=pin)  # fails here, and not in the first step
 
-    def rows(body: RigidBody, y: Array, times: Array) -> Array:
+    def solution(body: RigidBody, y: Array, times: Array) -> Array:
         every, start = round(float(times[1]) / h) if len(times) > 1 else 1, body.reduced(y)
         states = prepare_exact(body.top, start, h, pin=pin).record(start, every * (len(times) - 1), every)
         return with_attitude("backlund", body, y, times, states)
 
-    return BodyStepper(body, h, rows)
+    return BodyStepper(body, h, solution)
 
 
 SOURCE = "Kuznetsov, Petrera, Ragnisco, J. Phys. A 37 (2004) 8495, arXiv nlin/0403028, section 5.5"
@@ -142,7 +145,7 @@ EXACT = Method(
     source=SOURCE + "; λ(h) by time doubling, this project",
     prepare=prepare_exact,
     evaluate=evaluate_exact,
-    many=many,
+    many=record_tops,
     kernels_for={kinds.symmetric_body: prepare_body},
 )
 UNPINNED = replace(
@@ -151,7 +154,7 @@ UNPINNED = replace(
     label="Bäcklund, exact, not pinned",
     prepare=prepare_unpinned,
     evaluate=None,
-    many=partial(many, pin=0),
+    many=partial(record_tops, pin=0),
     kernels_for={},
 )
 PAPER = replace(

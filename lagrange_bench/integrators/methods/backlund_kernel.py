@@ -6,12 +6,11 @@ trial run with long steps shows how wide the box must be.
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import load_tuple
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -25,7 +24,7 @@ from lagrange_bench.integrators.torus.step_table import look_up, table_size
 ALPHA, C1, C2, GROUPS, STEP, CENTRE_H, SCALE_H, CENTRE_J, SCALE_J, NUMBERS = range(10)
 # A group is one flow and one kick: the time of the flow; the factors of V, W and Z in the kick; the time of the kick from the
 # start of the step.
-TIME, KICK_V, KICK_W, KICK_Z, WHEN, GROUP = range(6)
+TIME, KICK_V, KICK_W, KICK_Z, KICK_TIME, GROUP = range(6)
 
 LOST = 1
 MOST_PARTS = 2**16  # of a flow; kicks are too far from each other long before
@@ -36,13 +35,13 @@ FAILURES = {LOST: "no exact step over this time was found; take a smaller |h|"}
 def exact_flow(s, alpha, h):
     """The exact step over h, λ(h) computed in place, and whether λ was found. Too long an h is divided into equal parts."""
     torus, parts = invariants(s, alpha), 1
-    R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h)
-    while not ok and parts < MOST_PARTS:
+    R, eta, mr, mi, is_found = parameter(torus, s[2], alpha, h)
+    while not is_found and parts < MOST_PARTS:
         parts *= 2
-        R, eta, mr, mi, ok = parameter(torus, s[2], alpha, h / parts)
-    for _ in range(parts if ok else 0):
+        R, eta, mr, mi, is_found = parameter(torus, s[2], alpha, h / parts)
+    for _ in range(parts if is_found else 0):
         s = move(s, alpha, (R, eta, mr, mi))
-    return s, ok
+    return s, is_found
 
 
 @unrolled
@@ -59,7 +58,7 @@ def on_curve(torus, j3, alpha, lam):
 
 
 @cache
-def kernel(V: System, gradients: int, degree: int) -> Any:
+def kernel(V: System, gradients: int, degree: int) -> Compiled:
     """The flows and kicks of a composition. degree : of the tables, 0 for none. gradients : whether kicks have W, and Z."""
     conserves_J3, timed = 2 in V.constant, V.timed
     torque, look, parameters = torques(V, gradients), look_up(degree or 1, conserves_J3), tuple_loader(V.parameters)
@@ -76,11 +75,11 @@ def kernel(V: System, gradients: int, degree: int) -> Any:
                 s = move(s, alpha, on_curve(torus, s[2], alpha, look(c, place + GROUP, u, v)))
             else:
                 counters[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
-                s, ok = exact_flow(s, alpha, c[place + TIME])
-                if not ok:
+                s, is_found = exact_flow(s, alpha, c[place + TIME])
+                if not is_found:
                     counters[loops.FAILURE] = LOST
-            t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + WHEN]) if timed else 0.0
-            q = (t,) + parameters(c, NUMBERS + 1)  # noqa: RUF005 - compiled code does not unpack
+            t = c[NUMBERS] + (c[STEP] * counters[loops.CLOCK] + c[place + KICK_TIME]) if timed else 0.0
+            q = (t, *parameters(c, NUMBERS + 1))
             k = torque(s[3:], q, (c[place + KICK_V], c[place + KICK_W], c[place + KICK_Z]))
             s = s[0] + k[0], s[1] + k[1], s[2] if conserves_J3 else s[2] + k[2], s[3], s[4], s[5]
         return s
@@ -96,7 +95,7 @@ def constants(head: Array, h: float, groups: Array) -> Array:
 
 
 @cache
-def restorer(conserves_J3: bool) -> Any:
+def restorer(conserves_J3: bool) -> Compiled:
     """(s, c) → the state, moved back onto C1 and C2: first x along x, then J along x.
 
     Where J3 is conserved, J moves in the horizontal plane, and not at all where x is vertical.
@@ -119,13 +118,16 @@ RESTORE_EVERY = 16  # steps
 
 # ------------------------------------------------------------------------------------ the box of the tables
 
-# Number and length of the steps that show where (H, J3) go, in time scales of the top. They need not be exact.
-TRIAL_STEPS, TRIAL_STEP = 96, 1.2
-MARGIN = 8.0  # the box is so many times as wide as the trial run: a slow motion goes further, and a table is cheap
+# steps of the trial run that shows where (H, J3) go
+TRIAL_STEPS = 96
+# length of such a step, in time scales of the top; it need not be exact
+TRIAL_STEP = 1.2
+# width of the box over that of the trial run: a slow motion goes further, and a table is cheap
+MARGIN = 8.0
 
 
 @cache
-def trial_run(step: Any) -> Any:
+def trial_run(step: Compiled) -> Compiled:
     """(y, c, counters, n) → least and largest 2H, then J3, along n steps; H is without V."""
 
     @jit
@@ -144,7 +146,7 @@ def trial_run(step: Any) -> Any:
     return run
 
 
-def set_box(c: Array, scales: tuple[float, float, float], y0: Array, step: Any, h: float) -> bool:
+def set_box(c: Array, scales: tuple[float, float, float], y0: Array, step: Compiled, h: float) -> bool:
     """Put the box of the tables into c, from a trial run with long steps; False if there is no such box.
 
     scales : rate, length and time scale of the top without V. step : without tables.

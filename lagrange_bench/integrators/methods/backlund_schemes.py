@@ -21,7 +21,8 @@ from lagrange_bench.support.precision import workdps
 # same kernel. DELTA and SECOND_ORDER reduce the errors at h⁵, of order ε³ and at the ends: see docs/perturbed.md, section 5.
 TAU = 0.25 * (1.0 - math.sqrt(1.0 + 16.0 / math.sqrt(240.0)))
 GAMMA = 1.0 / 12.0 + 1.0 / math.sqrt(240.0)
-DELTA, SECOND_ORDER = 0.00546734954597738, -0.00180092478026637
+DELTA = 0.00546734954597738
+SECOND_ORDER = -0.00180092478026637
 
 SCHEMES = {
     "strang": Scheme(4, "A", (0.5, 0.5), (1.0,), "Strang, SIAM J. Numer. Anal. 5 (1968) 506", c=(1 / 24,)),
@@ -39,19 +40,20 @@ SCHEMES = {
     ),
 }  # fmt: skip
 
-PROCESSED = tuple(name for name, one in SCHEMES.items() if one.c)
+PROCESSED = tuple(name for name, scheme in SCHEMES.items() if scheme.c)
 
 
 # ------------------------------------------------------------------------------------ correctors
 
-SPACING, NODES = 0.4, 10  # of the corrector's kicks, in h
+SPACING = 0.4  # distance of the corrector's kicks, in h
+NODES = 10  # kicks of the corrector on each side
 WIDEST = 4.0  # largest |ωh| of the fit
 LEAP = 2.0  # longest flow between two kicks, in h
 SECOND_REACH = 0.5  # distance, in h, of the kicks whose commutators make the part of second order
 
 
 @cache
-def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
+def corrector_kicks(scheme: Scheme) -> tuple[float, ...]:
     """The kicks b_j at ±j SPACING, least squares with the weight exp(−3w)/w on 0 < w < WIDEST, in forty digits:
 
         Σ_j 2 b_j sin(j w SPACING) ≈ Σ_i b_i cos(w t_i)/(2 sin(w/2)) − 1/w
@@ -60,62 +62,63 @@ def corrector_kicks(chosen: Scheme) -> tuple[float, ...]:
     """
     import mpmath
 
-    times = [math.fsum(chosen.a[: i + 1]) - 0.5 for i in range(len(chosen.b))]
+    times = [math.fsum(scheme.a[: i + 1]) - 0.5 for i in range(len(scheme.b))]
     with workdps(40):
         points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
         A, right = mpmath.matrix(len(points), NODES), mpmath.matrix(len(points), 1)
         for i, w in enumerate(points):
             weight = mpmath.exp(-3 * w) / w
-            kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(chosen.b, times, strict=True))
+            kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(scheme.b, times, strict=True))
             right[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
             for j in range(NODES):
                 A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
         return tuple(map(float, mpmath.lu_solve(A.T * A, A.T * right)))
 
 
-def _corrector(chosen: Scheme, b: Sequence[float], spacing: float) -> list[tuple[float, float]]:
+def _corrector(scheme: Scheme, b: Sequence[float], spacing: float) -> list[tuple[float, float]]:
     """The corrector as (flow, kick) pairs, for h = 1: half of each kick in the order of the times, then half backwards.
 
-    So no commutator of two kicks is left, of size ε²h³. The part of second order is made of commutators of kicks, once with each
-    sign of the kicks: so nothing of order ε³ is left.
+    So the commutators of two kicks, of size ε²h³, cancel. The part of second order is made of commutators of kicks, once with
+    each sign of the kicks: so the terms of order ε³ cancel.
     """
-    numbered = list(enumerate(b, 1))
-    half = [(side * spacing * j, side * 0.5 * b) for side in (-1, 1) for j, b in numbered[::side]]
+    numbered_kicks = list(enumerate(b, 1))
+    half = [(side * spacing * j, side * 0.5 * kick) for side in (-1, 1) for j, kick in numbered_kicks[::side]]
     kicks = [*half, *reversed(half)]
-    if chosen.second:
-        reach, a = SECOND_REACH, math.sqrt(0.5 * abs(chosen.second)) / SECOND_REACH
-        for u, v in ((a, math.copysign(a, chosen.second)), (-a, -math.copysign(a, chosen.second))):
+    if scheme.second:
+        reach, a = SECOND_REACH, math.sqrt(0.5 * abs(scheme.second)) / SECOND_REACH
+        for u, v in ((a, math.copysign(a, scheme.second)), (-a, -math.copysign(a, scheme.second))):
             kicks += [(0.0, u), (reach, v), (-reach, v), (0.0, -u), (-reach, -v), (reach, -v)]
-    parts: list[tuple[float, float]] = []
-    at = 0.0
-    for place, kick in (*kicks, (0.0, 0.0)):
-        hops = math.ceil(abs(place - at) / LEAP)  # a long flow takes the slow route to its λ
-        if hops == 0 and parts:
-            parts[-1] = (parts[-1][0], parts[-1][1] + kick)
+    groups: list[tuple[float, float]] = []
+    now = 0.0
+    for time, kick in (*kicks, (0.0, 0.0)):
+        flows = math.ceil(abs(time - now) / LEAP)  # a long flow takes the slow route to its λ
+        if flows == 0 and groups:
+            groups[-1] = (groups[-1][0], groups[-1][1] + kick)
         else:
-            parts += [*(((place - at) / max(hops, 1), 0.0),) * (hops - 1), ((place - at) / max(hops, 1), kick)]
-        at = place
-    return parts
+            flow = (time - now) / max(flows, 1)
+            groups += [*[(flow, 0.0)] * (flows - 1), (flow, kick)]
+        now = time
+    return groups
 
 
 @cache
-def _ends(chosen: Scheme, corrected: bool, sign: float) -> tuple[Array, ...]:
-    """`ends_of` for |h| = 1."""
-    corrector = _corrector(chosen, corrector_kicks(chosen), SPACING) if corrected else ()
-    after = [(chosen.a[0] * sign, 0.0), *corrector]
-    before, pending = [], 0.0
-    for time, kick in reversed(after):
-        before.append((pending, -kick))
+def _ends(scheme: Scheme, has_corrector: bool, sign: float) -> tuple[Array, ...]:
+    """The result of `ends_of` for |h| = 1."""
+    corrector = _corrector(scheme, corrector_kicks(scheme), SPACING) if has_corrector else ()
+    exit_groups = [(scheme.a[0] * sign, 0.0), *corrector]
+    entry_groups, pending = [], 0.0
+    for time, kick in reversed(exit_groups):
+        entry_groups.append((pending, -kick))
         pending = -time
-    ends = [np.pad(parts, ((0, 0), (0, 3))) for parts in ([*before, (pending, 0.0)], after)]
-    for groups, start in zip(ends, (0.0, -chosen.a[0] * sign), strict=True):
+    ends = [np.pad(groups, ((0, 0), (0, 3))) for groups in ([*entry_groups, (pending, 0.0)], exit_groups)]
+    for groups, start in zip(ends, (0.0, -scheme.a[0] * sign), strict=True):
         groups[:, 4] = start + groups[:, 0].cumsum()
     return tuple(ends)
 
 
-def ends_of(chosen: Scheme, h: float, corrected: bool) -> tuple[Array, ...]:
+def ends_of(scheme: Scheme, h: float, has_corrector: bool) -> tuple[Array, ...]:
     """The flows and kicks by which a state enters a run, and those by which it leaves: inverse maps of each other.
 
     A row holds the time of a flow, the factors of V, W and Z in the kick after it, and the time of the kick.
     """
-    return tuple(abs(h) * end for end in _ends(chosen, corrected, math.copysign(1.0, h)))
+    return tuple(abs(h) * end for end in _ends(scheme, has_corrector, math.copysign(1.0, h)))

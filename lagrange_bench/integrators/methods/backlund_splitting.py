@@ -31,7 +31,6 @@ table, this corrector: this project.
 import math
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -50,9 +49,10 @@ from lagrange_bench.integrators.methods.backlund_step_size import (
     warn_long,
     warn_strong,
 )
-from lagrange_bench.integrators.methods.dense import at_times
+from lagrange_bench.integrators.methods.dense import at_times, check_tolerance
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.integrators.problem.problem import Problem
+from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.torus.real_map import OFF_TORUS
 from lagrange_bench.integrators.torus.step_table import tables
 
@@ -62,7 +62,7 @@ TOLERANCE = 1e-9
 class ExactSplittingStepper(loops.ConjugateStepper):
     """Repeats a conjugate of the scheme. States enter and leave through its first flow and its corrector.
 
-    after : the time from the problem's start to the start of this run, if V depends on time.
+    elapsed : the time from the problem's start to the start of this run, if V depends on time.
     """
 
     def __init__(
@@ -70,38 +70,37 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         problem: Problem,
         y0: Array,
         h: float,
-        chosen: Scheme,
-        corrected: bool,
-        modified: bool,
-        after: float = 0.0,
+        scheme: Scheme,
+        has_corrector: bool,
+        has_modified_kick: bool,
+        elapsed: float = 0.0,
     ):
-        (alpha, V), start = problem.alpha_and_rest, problem.start + after
-        conserves_J3, timed, n = 2 in V.constant, V.timed, len(chosen.b)
+        (alpha, V), start = problem.alpha_and_rest, problem.start + elapsed
+        conserves_J3, timed, n = 2 in V.constant, V.timed, len(scheme.b)
         J, x = y0[:3], y0[3:]
-        times = ((chosen.a[0] + chosen.a[-1]) * h, *(a * h for a in chosen.a[1:-1]))
-        gradients = (1 + bool(chosen.d)) if modified else 0
+        times = ((scheme.a[0] + scheme.a[-1]) * h, *(a * h for a in scheme.a[1:-1]))
+        gradients = (1 + bool(scheme.d)) if has_modified_kick else 0
         # the kernel's state is behind the user's, by the first flow
-        listed, when = [], -chosen.a[0] * h
+        groups, kick_time = np.zeros((n, kernels.GROUP)), -scheme.a[0] * h
         for g, time in enumerate(times):
-            when += time
-            kick_W = chosen.c[g] * -(h * h * h) if gradients > 0 else 0.0
-            kick_Z = chosen.d[g] * (h * h * h * h * h) if gradients > 1 else 0.0
-            listed.append((time, chosen.b[g] * h, kick_W, kick_Z, when))
-        groups = np.array(listed)
+            kick_time += time
+            kick_W = scheme.c[g] * -(h * h * h) if gradients > 0 else 0.0
+            kick_Z = scheme.d[g] * (h * h * h * h * h) if gradients > 1 else 0.0
+            groups[g] = time, scheme.b[g] * h, kick_W, kick_Z, kick_time
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
             head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, start, *problem.numbers))
         plain = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
         self.degree = 0  # of the tables, 0 for none
         if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain.step, h):
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
-            different = tuple(dict.fromkeys(times))
-            self.degree, made = tables(torus, box, different, conserves_J3)
+            flow_times = tuple(dict.fromkeys(times))  # each once
+            self.degree, flow_tables = tables(torus, box, flow_times, conserves_J3)
             if self.degree:
-                groups = np.hstack((groups, [made[different.index(time)] for time in times]))
+                groups = np.hstack((groups, [flow_tables[flow_times.index(time)] for time in times]))
         c = kernels.constants(head, h, groups)
         if not loops.finite(c):
             raise StepError(NAME, "the coefficients of the step are beyond the range of doubles", h=h)
-        preprocess, postprocess = ends_of(chosen, h, corrected)
+        preprocess, postprocess = ends_of(scheme, h, has_corrector)
         kernel = loops.Kernel(
             kernels.kernel(V, gradients, self.degree),
             kernels.restorer(conserves_J3),
@@ -124,14 +123,14 @@ class ExactSplittingStepper(loops.ConjugateStepper):
         J1, J2, J3, x1, x2, x3 = y.tolist()
         c1, c2 = self.constants[kernels.C1 : kernels.C2 + 1].tolist()
         size = math.sqrt(c1) * math.hypot(J1, J2, J3)
-        near = abs(x1 * x1 + x2 * x2 + x3 * x3 - c1) <= OFF_TORUS * c1
-        if not (near and abs(x1 * J1 + x2 * J2 + x3 * J3 - c2) <= OFF_TORUS * size):
+        has_C1 = abs(x1 * x1 + x2 * x2 + x3 * x3 - c1) <= OFF_TORUS * c1
+        if not (has_C1 and abs(x1 * J1 + x2 * J2 + x3 * J3 - c2) <= OFF_TORUS * size):
             raise StepError(NAME, "C1 or C2 of the state is not that of the state this step was prepared for", h=self.h)
         return super().enter(y)
 
 
 def prepare(
-    problem: Any,
+    problem: Problem,
     y0: Array,
     h: float,
     *,
@@ -147,30 +146,31 @@ def prepare(
     corrector, modified_kick : True by default for "strang" and "processed6". Other schemes have none.
     """
     check_choice(scheme, "scheme", SCHEMES)
-    corrected = _belongs("corrector", corrector, scheme)
-    modified = _belongs("modified_kick", modified_kick, scheme)
-    if kinds.uniform(problem):
+    has_corrector = _has_part("corrector", corrector, scheme)
+    has_modified_kick = _has_part("modified_kick", modified_kick, scheme)
+    if isinstance(problem, LagrangeTop):
         return backlund.stepper(NAME, problem, y0, h)
     warn_strong(problem, y0)
     warn_long(problem, y0, h)
-    return ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], corrected, modified)
+    return ExactSplittingStepper(problem, y0, h, SCHEMES[scheme], has_corrector, has_modified_kick)
 
 
-def _belongs(name: str, value: bool | None, scheme: str) -> bool:
-    """Whether a part of a processed scheme is taken."""
-    flag = scheme in PROCESSED if value is None else check_flag(value, name)
-    if flag and scheme not in PROCESSED:
+def _has_part(name: str, value: bool | None, scheme: str) -> bool:
+    """Whether the steps have a part that only processed schemes offer. value : the option, None for the scheme's default."""
+    has_part = scheme in PROCESSED if value is None else check_flag(value, name)
+    if has_part and scheme not in PROCESSED:
         raise ValueError(f"{name} belongs to scheme={' or '.join(map(repr, PROCESSED))}; got scheme={scheme!r}")
-    return flag
+    return has_part
 
 
-def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
+def evaluate(problem: Problem, y0: Array, times: Array, *, tol: float = TOLERANCE) -> tuple[Array, Work]:
     """The states at any times. The step is halved until two runs agree to `tol` of the scales of J and x: see `step_halving`.
 
     In a uniform field there is one exact step to each time, whatever `tol`.
     """
-    tol, notes = step_halving.check_tolerance(tol), []
-    if kinds.uniform(problem):
+    tol = check_tolerance(tol, step_halving.LEAST, step_halving.MOST)
+    notes: list[str] = []
+    if isinstance(problem, LagrangeTop):
         states, work = backlund.states_at(NAME, problem, y0, times)
         work.notes = "one exact step to each time"
         return states, work
@@ -185,8 +185,8 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
         frequency = highest_frequency(problem, y, np.linspace(0.0, last, step_halving.PLACES))
         longest = 2.0 * min(longest_step(nutation_period(problem, y), frequency), unit)
         track = partial(_track, problem, y, grid, parts, longest, work)
-        rows, halved, difference = step_halving.agreeing(NAME, track, tol, (rate, size))
-        largest = longest / 2**halved
+        rows, halvings, difference = step_halving.agreeing(NAME, track, tol, (rate, size))
+        largest = longest / 2**halvings
         notes.append(
             f"strang, h ≤ {largest:.3g} to t = {last:g}; twice the step makes a difference of {difference:.1e}"
         )
@@ -197,18 +197,18 @@ def evaluate(problem: Any, y0: Array, times: Array, *, tol: float = TOLERANCE) -
     return states, work
 
 
-def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, work: Work, finer: int) -> Array:
-    """The states at the times of `grid`, and at parts − 1 equidistant times before each. Steps are at most longest/finer.
+def _track(problem: Problem, y: Array, grid: Array, parts: int, longest: float, work: Work, refinement: int) -> Array:
+    """The states at the times of `grid`, and at parts − 1 equidistant times before each. Steps are at most longest/refinement.
 
     A uniform grid is one run. On another grid a run goes from each time to the next.
     """
     n, last, tracks = len(grid), float(grid[-1]), []
-    uniform = np.allclose(grid, last * np.arange(1, n + 1) / n, rtol=4 * 2.0**-52, atol=0.0)
-    for start, end in [(0.0, last)] if uniform else pairwise((0.0, *grid.tolist())):
-        rows = (n if uniform else 1) * parts
-        every = finer * max(1, math.ceil(abs(end - start) / rows / longest))
+    is_uniform = np.allclose(grid, last * np.arange(1, n + 1) / n, rtol=4 * 2.0**-52, atol=0.0)
+    for start, end in [(0.0, last)] if is_uniform else pairwise((0.0, *grid.tolist())):
+        rows = (n if is_uniform else 1) * parts
+        every = refinement * max(1, math.ceil(abs(end - start) / rows / longest))
         h = (end - start) / (rows * every)
-        if h == 0.0:  # it underflows: nothing moves in so short a time
+        if h == 0.0:  # h underflows: nothing moves in so short a time
             tracks.append(np.tile(y, (rows, 1)))
             continue
         stepper = ExactSplittingStepper(problem, y, h, SCHEMES["strang"], True, True, start)

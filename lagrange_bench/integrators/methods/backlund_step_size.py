@@ -60,10 +60,10 @@ def longest_step(period: float, frequency: float) -> float:
     return 1.0 / share if share > 0.0 else math.inf
 
 
-def highest_frequency(problem: Problem, y0: Array, after: Array) -> float:
-    """The highest angular frequency of V in time, at times `after` the start, from the sin, cos and exp in its formula."""
+def highest_frequency(problem: Problem, y0: Array, elapsed: Array) -> float:
+    """The highest angular frequency of V in time, from the sin, cos and exp in its formula. elapsed : times since the start."""
     V = problem.alpha_and_rest[1]
-    return bandwidth(V.energy, 0, (problem.start + after, *y0, *problem.numbers)) if V.timed else 0.0
+    return bandwidth(V.energy, 0, (problem.start + elapsed, *y0, *problem.numbers)) if V.timed else 0.0
 
 
 def nutation_period(problem: Problem, y0: Array) -> float:

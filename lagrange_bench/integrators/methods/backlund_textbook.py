@@ -1,4 +1,8 @@
-"""The paper's MATLAB program (section 5.7): the two-point map in complex form. It is here to show what the real form gains."""
+"""The paper's MATLAB program (section 5.7): the two-point map in complex form. It shows what the real form gains.
+
+The program carries six complex numbers. Round-off moves them off the real states: J+ is no longer the conjugate of J−, and x3 no
+longer real. A row is the nearest real state. So a run that goes on from a row differs from one that was never stopped.
+"""
 
 from dataclasses import replace
 
@@ -13,6 +17,9 @@ from lagrange_bench.integrators.problem.units import Units
 from lagrange_bench.integrators.torus import time_step as ts
 from lagrange_bench.integrators.torus.any_parameter import branch_guess, check_parameter, papers_parameter
 from lagrange_bench.integrators.torus.real_map import check_constants
+
+VANISHING = 1
+FAILURES = {VANISHING: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
 
 
 @jit
@@ -31,12 +38,12 @@ def textbook_step(s, c, counters):
     B2 = Jm * l2 + xm
     A1 = (alpha - mu1) * l1 * l1 + J3 * l1 + x3
     A2 = (alpha + mu2) * l2 * l2 + J3 * l2 + x3
-    below = B1 * A2 - B2 * A1
-    if B1 == 0.0 or below == 0.0:
-        counters[FAILURE] = 1
+    denominator = B1 * A2 - B2 * A1
+    if B1 == 0.0 or denominator == 0.0:
+        counters[FAILURE] = VANISHING
         return s
     x = quotient(A1, B1)
-    X = quotient((l2 - l1) * B1 * B2, below)
+    X = quotient((l2 - l1) * B1 * B2, denominator)
     # M(u) = u + M0; J̃ = J + [M0, alpha σ3], x̃ = x + M0 J − J̃ M0
     a, b = -l1 + x * X, X
     c_, d = -x * x * X + (l1 - l2) * x, -l2 - x * X
@@ -70,17 +77,16 @@ def prepare_textbook(top: LagrangeTop, y0: Array, h: float, *, lam: complex | No
     """The paper's program with λ = i h √C1/2 (or `lam`), and μ fixed at the start. Nothing is pinned."""
     units = Units(top, y0, h)
     state = units.enter(y0)
-    lam = papers_parameter("backlund_textbook", y0, h) if lam is None else check_parameter(lam)
-    lam = units.parameter(lam)
+    lam = units.parameter(papers_parameter("backlund_textbook", y0, h) if lam is None else check_parameter(lam))
     _, m = ts.curve_point(units.alpha, tuple(state), lam.real, lam.imag, *branch_guess(units.alpha, state, lam))
     with np.errstate(all="ignore"):
         mu = -np.complex128(complex(m[0][0], m[1][0])) / np.complex128(lam) ** 2  # μ on the forward sheet
     mu = mu if h > 0 else -mu
     c = np.array([units.alpha, lam, lam.conjugate(), mu, mu.conjugate()])
     check_constants("backlund_textbook", c, h)
-
-    failures = {1: "B(λ) = J- λ + x- vanishes, as it does for a vertical top, and the program divides by it"}
-    return FixedStepper("backlund_textbook", h, Kernel(textbook_step, failures=failures), c, ComplexUnits(units))
+    stepper = FixedStepper("backlund_textbook", h, Kernel(textbook_step, failures=FAILURES), c, ComplexUnits(units))
+    stepper.from_start = True  # see the module
+    return stepper
 
 
 METHOD = replace(

@@ -23,17 +23,17 @@ and its energy: this project.
 """
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FixedStepper
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.gauss import check_span
 from lagrange_bench.integrators.methods.lie_group import dot, turn
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
@@ -41,28 +41,28 @@ LONGEST = 100.0  # largest |h|, in time scales of the top: the Cayley transform 
 
 
 @cache
-def kernel(system: System) -> Any:
+def kernel(system: System) -> Compiled:
     """The step of |J|²/2 + U(x); constants: h, then t and the parameters."""
     torque, numbers = machine_code(system.torque), tuple_loader(1 + system.parameters)
     conserves_J3 = 2 in system.constant
 
     @jit(inline=True)
-    def kicked(J, k, t):
+    def kick(J, k, t):
         return J[0] + k * t[0], J[1] + k * t[1], J[2] if conserves_J3 else J[2] + k * t[2]
 
     @jit(inline=True)
     def step(s, c, counters):
         x, q, k = s[3:], numbers(c, 1), 0.5 * c[0]
-        J = kicked(s[:3], k, torque(x, q))
+        J = kick(s[:3], k, torque(x, q))
         v = k * J[0], k * J[1], k * J[2]
         x = turn(v, 1.0 / (1.0 + dot(v, v)), x)
-        J = kicked(J, k, torque(x, q))
+        J = kick(J, k, torque(x, q))
         return J + x
 
     return step
 
 
-def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
+def prepare(problem: Problem, y0: Array, h: float) -> FixedStepper:
     """Any |h| up to LONGEST time scales. An energy of its own is known only in a uniform field."""
     check_span("bobenko_suris", abs(h) / problem.scales(y0)[2], h, LONGEST)
     return FixedStepper("bobenko_suris", h, kernel(problem.system), np.array((h, problem.start, *problem.numbers)))

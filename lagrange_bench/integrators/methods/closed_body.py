@@ -1,7 +1,7 @@
 """Bodies in closed form: rows of the truth, and the attitude of a symmetric body for methods that are exact on its top.
 
-A symmetric body with the moment A across its axis a has a top J = R L/A, x = R a. A method that is exact on it gives J; R, which
-the top does not know, is that of the closed form. So L = A Rᵀ J.
+A symmetric body with the moment A across its axis a has a top J = R L/A, x = R a. A method that is exact on the top gives J. The
+closed form of the body gives R. Then L = A Rᵀ J.
 """
 
 from collections.abc import Callable
@@ -13,8 +13,8 @@ from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
 from lagrange_bench.integrators.problem.rigid_body import RigidBody
 from lagrange_bench.integrators.truth import truths
 
-PARTED = 1e-6  # largest difference of R a and x: on a stable orbit the two agree to round-off
-Rows = Callable[[RigidBody, Array, Array], Array]  # (body, start, times) → states (N, 7)
+LARGEST_GAP = 1e-6  # between R a and x: on a stable orbit the two agree to round-off
+Solution = Callable[[RigidBody, Array, Array], Array]  # (body, start, times) → states (N, 7)
 
 
 def closed_form(body: RigidBody, y0: Array, times: Array) -> Array:
@@ -38,12 +38,12 @@ def with_attitude(name: str, body: RigidBody, y0: Array, times: Array, states: A
     y, k, axis = closed_form(body, y0, times), body.symmetry, body.axis
     assert k is not None
     assert axis is not None
-    turns = body.world @ body.rotations(y).as_matrix() @ body.axes.T
-    x = turns[:, :, k] * np.sign(axis @ body.axes[k])
-    apart = np.max(np.abs(x - states[:, 3:]), initial=0.0)
-    if not apart < PARTED:
-        raise StepError(name, f"attitude and state have parted by {apart:.1e}: the orbit is unstable")
-    y[:, 4:] = body.across * (turns.transpose(0, 2, 1) @ states[:, :3, None])[:, :, 0]
+    R = body.world @ body.rotations(y).as_matrix() @ body.axes.T
+    x = R[:, :, k] * np.sign(axis @ body.axes[k])
+    gap = np.max(np.abs(x - states[:, 3:]), initial=0.0)
+    if not gap < LARGEST_GAP:
+        raise StepError(name, f"attitude and state have parted by {gap:.1e}: the orbit is unstable")
+    y[:, 4:] = body.across * (R.transpose(0, 2, 1) @ states[:, :3, None])[:, :, 0]
     y[:, 4 + k] = y0[4 + k]
     y[times == 0.0] = y0
     return y
@@ -54,10 +54,10 @@ class BodyStepper(Stepper):
 
     from_start = True
 
-    def __init__(self, body: RigidBody, h: float, rows: Rows):
-        self.body, self.h, self.rows, self.work = body, h, rows, Work()
+    def __init__(self, body: RigidBody, h: float, solution: Solution):
+        self.body, self.h, self.solution, self.work = body, h, solution, Work()
 
     def record(self, y: Array, n: int, every: int) -> Array:
         check_grid(n, every)
         self.work.steps += n
-        return self.rows(self.body, y, self.h * (every * np.arange(n // every + 1, dtype=np.float64)))
+        return self.solution(self.body, y, self.h * (every * np.arange(n // every + 1, dtype=np.float64)))

@@ -1,4 +1,4 @@
-"""What methods that choose their own steps have in common.
+"""The common part of methods that choose their own steps.
 
 Such a method supplies `run(y, grid, work) -> (len(grid), 6)`: the states at the times of a strictly monotone `grid` that leads
 away from 0. `run` counts its work in `work`, leaves `y` alone, and raises `StepError` if the library reports a failure.
@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange_bench.integrators.checks import as_state, check_count, check_grid
+from lagrange_bench.integrators.checks import as_state, check_count, check_grid, check_real
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
-from lagrange_bench.integrators.problem.perturbed import PerturbedTop
-from lagrange_bench.integrators.problem.problem import Problem as AnyProblem
-from lagrange_bench.integrators.problem.top import LagrangeTop
+from lagrange_bench.integrators.problem.problem import Problem
 
 FARTHEST = 1e12  # time scales of a top: with one step of a microsecond in each, eleven days
 Run = Callable[[Array, Array, Work], Array]
-Problem = LagrangeTop | PerturbedTop | AnyProblem
 
 
 class DenseStepper(Stepper):
@@ -73,11 +70,19 @@ def dense(
         return at_times(name, top, runner(top, **options), y0, times)
 
     options = [p for p in inspect.signature(runner).parameters.values() if p.kind is p.KEYWORD_ONLY]
-    both: tuple[Any, ...] = prepare, evaluate
-    for function in both:
-        known = list(inspect.signature(function).parameters.values())[:-1]
-        function.__signature__ = inspect.Signature(known + options)
+    functions: tuple[Any, ...] = prepare, evaluate
+    for function in functions:
+        parameters = list(inspect.signature(function).parameters.values())[:-1]
+        function.__signature__ = inspect.Signature(parameters + options)
     return prepare, evaluate
+
+
+def check_tolerance(tol: Any, least: float, most: float) -> float:
+    """`tol` as a float; ValueError if it is not between `least` and `most`."""
+    value = check_real(tol, "tol")
+    if not least <= value <= most:
+        raise ValueError(f"tol must be between {least:.3g} and {most:g}; got {value:g}")
+    return value
 
 
 def farthest(top: Problem, y0: Array) -> float:
@@ -87,7 +92,7 @@ def farthest(top: Problem, y0: Array) -> float:
 
 
 def too_far(t: float, limit: float) -> str:
-    """Why a time is refused: no run would ever reach it."""
+    """The reason why a time is refused."""
     return (
         f"|t| = {abs(t):g} is over {FARTHEST:g} times the shortest time scale of the motion, {limit / FARTHEST:g}: "
         f"more steps than can be taken"
@@ -107,7 +112,7 @@ def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tupl
 
 
 def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.intp]]]:
-    """For the times after 0, then before 0: which they are, each once in the order away from 0, and their places there."""
+    """For the times after 0, then for those before 0: their mask, their grid away from 0, and their places on the grid."""
     for side in (times > 0.0, times < 0.0):
         if np.any(side):
             grid, places = np.unique(np.abs(times[side]), return_inverse=True)
@@ -116,7 +121,7 @@ def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.i
 
 def finite(name: str, states: Array) -> Array:
     # NumPy takes 2 µs for six numbers
-    good = all(map(math.isfinite, states[0].tolist())) if len(states) == 1 else np.isfinite(states).all()
-    if not good:
+    is_finite = all(map(math.isfinite, states[0].tolist())) if len(states) == 1 else np.isfinite(states).all()
+    if not is_finite:
         raise StepError(name, "the state left the range of floating-point numbers")
     return states

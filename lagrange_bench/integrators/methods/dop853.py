@@ -12,32 +12,34 @@ the program DOP853.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_real
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import column, put_column
 from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
-from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.tape import Tape, Term
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import Problem, Run, dense
-from lagrange_bench.integrators.methods.runge_kutta import floats, stages, weigh
+from lagrange_bench.integrators.methods.dense import Run, dense
+from lagrange_bench.integrators.methods.runge_kutta import Weights, floats, stages, weigh
 from lagrange_bench.integrators.methods.tableaux import DOP853
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 
 RTOL, ATOL, START, NUMBERS = range(4)  # places of the constants; START is the time at the start
-# Places in `walk`: where a run on natural steps is, so that it can be resumed, and what it has done. WALK is their number.
-TIME, STEP, ROW, TAKEN, REJECTED, INTERPOLATED, STUCK, WALK = range(8)
-SHRINK, GROW = 1.0 / 3.0, 6.0  # least and largest quotient of a step and the one before
+# Places in `walk`: the state of a run on natural steps, so that it can be resumed, and its work. WALK is their number.
+TIME, STEP, ROW, ACCEPTED, REJECTED, INTERPOLATED, STUCK, WALK = range(8)
+SHRINK = 1.0 / 3.0  # least quotient of a step and the one before
+GROW = 6.0  # largest quotient
 LEAST_RTOL = 100 * float(np.finfo(float).eps)  # as SciPy's
-LEAST_SCALE = 2.0**-1022
-SAFETY = 0.9
+LEAST_SCALE = 2.0**-1022  # of a component: its tolerance may be 0
+SAFETY = 0.9  # factor of the step that the error estimate allows
 NEGLIGIBLE = 1e-16  # an error that lets the step grow as much as it may
 
 A = tuple(map(floats, DOP853.a))
@@ -45,18 +47,14 @@ B = floats(DOP853.b)
 
 
 @cache
-def more() -> tuple[tuple[float, ...], tuple[float, ...], tuple[tuple[float, ...], ...], tuple[tuple[float, ...], ...]]:
+def extra_coefficients() -> tuple[Weights, Weights, tuple[Weights, ...], tuple[Weights, ...]]:
     """The error estimates of orders 5 and 3, stages 13 to 16, and the weights d4 … d7 of the interpolant, from SciPy."""
     import scipy.integrate  # imported here, so that other methods that import this module need not wait for it
 
     program = scipy.integrate.DOP853
-    ahead = tuple(tuple(row[: 13 + i].tolist()) for i, row in enumerate(program.A_EXTRA))
-    return (
-        tuple(program.E5[:12].tolist()),
-        tuple(program.E3[:12].tolist()),
-        (B, *ahead),
-        tuple(map(tuple, program.D.tolist())),
-    )
+    extra_stages = tuple(tuple(row[: 13 + i].tolist()) for i, row in enumerate(program.A_EXTRA))
+    E5, E3 = (tuple(row[:12].tolist()) for row in (program.E5, program.E3))
+    return E5, E3, (B, *extra_stages), tuple(map(tuple, program.D.tolist()))
 
 
 @unrolled
@@ -74,15 +72,16 @@ def eighth_root(a):
 
 
 @cache
-def kernels(system: System) -> tuple[Callable[..., Any], ...]:
+def kernels(system: System) -> tuple[Compiled, ...]:
     """For any system: trial, interpolant and value, which `compile_loop` takes, and first_step(s, end, c).
 
     Constants: RTOL, ATOL, the time at the start, parameters.
     """
-    moving, n, numbers, (E5, E3, AHEAD, D) = system.moving, system.size, tuple_loader(system.parameters), more()
+    moving, n, numbers = system.moving, system.size, tuple_loader(system.parameters)
+    E5, E3, EXTRA_STAGES, D = extra_coefficients()
 
-    def recorded(formula: Callable[..., Any], slopes: int = 0) -> Program:
-        """`formula(follow, slopes, increment)` as a program of t, s, these, h and the parameters."""
+    def record(formula: Callable[..., Any], slopes: int = 0) -> Program:
+        """`formula(follow, *slopes, increment)` as a program of t, s, slopes, increment, h and the parameters."""
         tape = Tape()
         t, s, *vectors = tape.input(), *([tape.input() for _ in range(n)] for _ in range(1 + slopes + bool(slopes)))
         h = tape.input()
@@ -90,26 +89,26 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
         follow = partial(stages, system, tape=tape, t=t, y=s, h=h, p=p)
         return tape.program([v for part in formula(follow, *vectors) for v in part])
 
-    def minus(a: Any, b: Any) -> tuple[Any, ...]:
+    def minus(a: Sequence[Any], b: Sequence[Any]) -> tuple[Any, ...]:
         return tuple(p - q for p, q in zip(a, b, strict=True))
 
-    def attempt_of(follow: Any) -> Any:
-        """Increment, both errors, and all twelve slopes."""
+    def attempt_of(follow: Callable[..., Any]) -> tuple[Any, ...]:
+        """The increment, both errors, and all twelve slopes."""
         slopes = follow(A)
         return weigh(B, slopes), weigh(E5, slopes), weigh(E3, slopes), *slopes
 
-    def polynomial_of(follow: Any, *made: Any) -> Any:
-        """Coefficients of the interpolant in its own nested form, without the state. made : twelve slopes and the increment."""
-        *slopes, increment = made
-        slopes = follow(AHEAD, slopes=slopes)
+    def polynomial_of(follow: Callable[..., Any], *slopes_and_increment: list[Term]) -> tuple[Any, ...]:
+        """Coefficients of the interpolant in its own nested form, without the state."""
+        *slopes, increment = slopes_and_increment
+        slopes = follow(EXTRA_STAGES, slopes=slopes)
         bend = minus(slopes[0], increment)
         twist = minus(minus(increment, slopes[12]), bend)
         return bend, twist, *(weigh(d, slopes) for d in D)
 
-    attempt_program, polynomial_program = recorded(attempt_of), recorded(polynomial_of, 12)
+    attempt_program, polynomial_program = record(attempt_of), record(polynomial_of, 12)
     slope = machine_code(system.rhs)
 
-    def in_rows(flat: Any) -> Any:
+    def in_rows(flat: tuple[Any, ...]) -> tuple[Any, ...]:
         return tuple(flat[i : i + n] for i in range(0, len(flat), n))
 
     @unrolled
@@ -119,12 +118,12 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
     @unrolled
     def polynomial(s, increment, t, q, h, slopes):
-        made = (v for slope in slopes for v in slope)
-        return s, increment, *in_rows(polynomial_program(t, *s, *made, *increment, h, *q))
+        flat_slopes = (v for slope in slopes for v in slope)
+        return s, increment, *in_rows(polynomial_program(t, *s, *flat_slopes, *increment, h, *q))
 
     @unrolled
-    def moved(s, h, d):
-        """s + h d"""
+    def shift(s, h, d):
+        """s + h d."""
         return tuple(a + h * b for a, b in zip(s, d, strict=True))
 
     difference = unrolled(minus)
@@ -132,21 +131,21 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     @jit
     def trial(s, t, h, c):
         d, e, f, slopes = attempt(s, c[START] + t, numbers(c, NUMBERS), h)
-        new = moved(s, 1.0, d)
+        new = shift(s, 1.0, d)
         fifth = third = 0.0
         for i in moving:
             r = 1.0 / max(c[ATOL] + c[RTOL] * max(abs(s[i]), abs(new[i])), LEAST_SCALE)
             p, q = e[i] * r, f[i] * r
             fifth += p * p
             third += q * q
-        both = fifth + 0.01 * third
-        error = fifth / math.sqrt(n * both) if both > 0.0 else both  # all components share it; or NaN
+        square = fifth + 0.01 * third
+        error = fifth / math.sqrt(n * square) if square > 0.0 else square  # all components share it; or NaN
         growth = SAFETY / eighth_root(max(error, NEGLIGIBLE))
         return new, error, growth, (d, slopes)
 
     @jit
-    def interpolant(s, new, t, h, c, made):
-        d, slopes = made
+    def interpolant(s, new, t, h, c, increment_and_slopes):
+        d, slopes = increment_and_slopes
         return polynomial(s, d, c[START] + t, numbers(c, NUMBERS), h, slopes)
 
     @jit
@@ -161,12 +160,12 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
     def first_step(s, end, c):
         """A step whose error should be a hundredth of the tolerance, from f and its change along an Euler step."""
         q = numbers(c, NUMBERS)
-        f = slope((c[START],) + s, q)  # noqa: RUF005 - compiled code does not unpack
+        f = slope((c[START], *s), q)
         d0, d1 = size(s, s, c), size(f, s, c)
         h = 0.01 * d0 / d1 if min(d0, d1) > 1e-5 else 1e-6
         h = math.copysign(min(h, abs(end)), end)
         if h != 0.0:
-            g = slope((c[START] + h,) + moved(s, h, f), q)  # noqa: RUF005
+            g = slope((c[START] + h, *shift(s, h, f)), q)
             d2 = size(difference(g, f), s, c) / abs(h)
             steepest = max(d1, d2)
             best = eighth_root(0.01 / steepest) if steepest > 1e-15 else max(1e-6, 1e-3 * abs(h))
@@ -177,47 +176,47 @@ def kernels(system: System) -> tuple[Callable[..., Any], ...]:
 
 
 @cache
-def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: int) -> Callable:
+def compile_loop(trial: Compiled, interpolant: Compiled, value: Compiled, size: int) -> Compiled:
     """The time loop of a kernel of `size` numbers that controls its own error: natural steps, and rows at the times of `grid`.
 
-    `trial(s, t, h, c) -> (new, error, growth, slopes)`: a step with error ≤ 1 is taken, and the next is growth·h.
+    `trial(s, t, h, c) -> (new, error, growth, slopes)`: a step with error ≤ 1 is accepted, and the next is growth·h.
     `interpolant(s, new, t, h, c, slopes)` prepares what `value(interpolant, theta)` evaluates at t + theta h, 0 < theta < 1.
     """
 
     @jit
-    def run(y, grid, most, c, walk, out):
-        # Up to `most` natural steps towards the last time of `grid`. A step fills the rows of `out` whose times it passes. Every
-        # h is the difference of two times, so that no rounding adds up.
+    def run(y, grid, budget, c, walk, out):
+        # At most `budget` natural steps towards the last time of `grid`. A step fills the rows of `out` whose times it passes.
+        # Every h is the difference of two times, so that no rounding adds up.
         s = column(y, 0, size, 1)
         t, h, row, end = walk[TIME], walk[STEP], int(walk[ROW]), grid[-1]
-        fresh = True  # not the repetition of a rejected step
-        while row < len(grid) and (most > 0 or not fresh):
-            most -= 1
-            last = abs(1.01 * h) >= abs(end - t)  # no tiny step at the end
-            ahead = end if last else t + h
-            h = ahead - t
+        is_fresh = True  # not the repetition of a rejected step
+        while row < len(grid) and (budget > 0 or not is_fresh):
+            budget -= 1
+            is_last = abs(1.01 * h) >= abs(end - t)  # no tiny step at the end
+            new_t = end if is_last else t + h
+            h = new_t - t
             if abs(h) <= 2.0**-50 * abs(t):
                 walk[STUCK] = 1.0
                 break
             new, error, growth, slopes = trial(s, t, h, c)
             if error <= 1.0:
-                if abs(grid[row]) < abs(ahead):
+                if abs(grid[row]) < abs(new_t):
                     walk[INTERPOLATED] += 1.0
                     f = interpolant(s, new, t, h, c, slopes)
-                    while abs(grid[row]) < abs(ahead):
+                    while abs(grid[row]) < abs(new_t):
                         put_column(out, row * size, value(f, (grid[row] - t) / h), 1)
                         row += 1
-                s, t = new, ahead
+                s, t = new, new_t
                 if grid[row] == t:
                     put_column(out, row * size, s, 1)
                     row += 1
-                walk[TAKEN] += 1.0
-                h *= min(growth, GROW) if fresh else min(growth, 1.0)
-                fresh = True
+                walk[ACCEPTED] += 1.0
+                h *= min(growth, GROW) if is_fresh else min(growth, 1.0)
+                is_fresh = True
             else:
                 walk[REJECTED] += 1.0
                 h *= growth if SHRINK < growth < 1.0 else SHRINK  # SHRINK also if the error is not a number
-                fresh = False
+                is_fresh = False
         walk[TIME], walk[STEP], walk[ROW] = t, h, row
         put_column(y, 0, s, 1)
 
@@ -227,8 +226,8 @@ def compile_loop(trial: Callable, interpolant: Callable, value: Callable, size: 
 def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     """Natural steps with the local error below atol + rtol |y_i|, as a root mean square over the components."""
     rtol, atol = check_tolerances(rtol, atol)
-    (*made, first_step), n = kernels(top.system), top.system.size
-    c, loop = np.array((rtol, atol, top.start, *top.numbers)), compile_loop(*made, n)
+    (*loop_parts, first_step), n = kernels(top.system), top.system.size
+    c, loop = np.array((rtol, atol, top.start, *top.numbers)), compile_loop(*loop_parts, n)
     loop(np.zeros(n), np.zeros(1), 0, c, np.zeros(WALK), np.zeros((1, n)))  # compile
     first_step((0.0,) * n, 1.0, c)
 
@@ -237,20 +236,20 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
         walk[STEP] = first_step(tuple(y.tolist()), float(grid[-1]), c)
         length = math.hypot(*y[-3:])  # a Casimir function
         while walk[ROW] < len(grid) and not walk[STUCK]:
-            # without this check it may spin ever faster, in ever smaller steps
+            # without this check the state may spin ever faster, in ever smaller steps
             if not 0.5 * length <= math.hypot(*state[-3:]) <= 2.0 * length:
                 reason = (
                     f"rtol and atol do not hold this state: a length is off by a factor over 2 at t = {walk[TIME]:g}"
                 )
-                raise StepError("dop853", reason, step=int(walk[TAKEN]))
+                raise StepError("dop853", reason, step=int(walk[ACCEPTED]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
-        taken, rejected, interpolated = map(int, walk[[TAKEN, REJECTED, INTERPOLATED]])
-        work.steps += taken
+        accepted, rejected, interpolated = map(int, walk[[ACCEPTED, REJECTED, INTERPOLATED]])
+        work.steps += accepted
         work.rejected += rejected
-        work.rhs_evals += 2 + 12 * (taken + rejected) + 4 * interpolated
+        work.rhs_evals += 2 + 12 * (accepted + rejected) + 4 * interpolated
         if walk[STUCK]:
             reason = f"the step fell below the spacing of doubles (t = {walk[TIME]:g})"
-            raise StepError("dop853", reason, step=taken)
+            raise StepError("dop853", reason, step=accepted)
         return out
 
     return run

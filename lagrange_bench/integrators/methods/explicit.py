@@ -1,29 +1,29 @@
-"""Explicit methods of your own for any problem: you write what a step adds once, as a formula of the right-hand side."""
+"""Explicit methods of your own for any problem: you write the increment of a step once, as a formula of the right-hand side."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 from lagrange_bench.integrators.compiling.expression import Program
 from lagrange_bench.integrators.compiling.loops import FixedStepper
-from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.tape import Tape, Term, Terms
 from lagrange_bench.integrators.methods.runge_kutta import stepper
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 
-Rates = Callable[[Any, Sequence[Any]], tuple[Any, ...]]
-Increment = Callable[[Rates, Any, Sequence[Any], Any], Sequence[Any]]
+Rates = Callable[[Term, Terms], tuple[Term, ...]]
+Increment = Callable[[Rates, Term, Terms, Term], Terms]
 
 
-def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) -> FixedStepper:
+def explicit_stepper(name: str, problem: Problem, h: float, increment: Increment) -> FixedStepper:
     """A compiled stepper of an explicit one-step method of your own, for any problem.
 
     Parameters
     ----------
     name : str
         The method, in messages.
-    problem : LagrangeTop, PerturbedTop, Problem, …
+    problem : Problem
         The problem that `prepare` of the method gets. It must offer "rhs".
     h : float
         The step.
@@ -41,17 +41,17 @@ def explicit_stepper(name: str, problem: Any, h: float, increment: Increment) ->
     ValueError
         `increment` gives more or fewer numbers than a state has.
     """
-    formula, calls = _recorded(increment, problem.system)
+    formula, calls = _record(increment, problem.system)
     return stepper(name, problem, h, formula, calls)
 
 
 @cache
-def _recorded(increment: Increment, system: System) -> tuple[Program, int]:
-    """The formula for the components that move, and how many right-hand sides it takes."""
+def _record(increment: Increment, system: System) -> tuple[Program, int]:
+    """The formula for the components that move, and its number of right-hand sides."""
     calls = 0
 
-    def formula(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
-        def rates(time: Any, state: Sequence[Any]) -> tuple[Any, ...]:
+    def formula(tape: Tape, t: Term, y: Terms, h: Term, p: Terms) -> list[Term]:
+        def rates(time: Term, state: Terms) -> tuple[Term, ...]:
             nonlocal calls
             calls += 1
             return system.rates(tape, time if system.timed else t, tuple(state), p, h)

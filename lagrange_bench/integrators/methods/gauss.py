@@ -10,8 +10,8 @@ The equations. Newton's method with a fixed matrix D adds ν D⁻¹ R to K, wher
 starts with D = ν, which is the fixed point iteration and costs nothing. If an iteration divides the residual by less than 1/WEAK,
 D is computed and factored at the present stages, and from then on whenever an iteration divides the residual by less than 2⁸.
 The iteration starts from the collocation polynomial of the last step, extrapolated, in the first step of a call from the state
-itself. It ends when the residual stagnates: what a tolerance leaves has a direction, and drifts. So does
-the rest of a slow fixed point, because a rounded iteration stops on the side it comes from.
+itself. It ends when the residual stagnates: the rest that a tolerance leaves has a direction, and drifts.
+So does the rest of a slow fixed point, because a rounded iteration stops on the side it comes from.
 
 In a uniform field the stage equations of a top have one solution for h²|alpha||x| below UNIQUE, and longer steps are refused. In
 general no bound is known. A step is also refused if det(1 − h A f') < 0: the determinant is 1 at h = 0, and has passed through 0,
@@ -27,19 +27,20 @@ Hairer, McLachlan & Razakarivony, BIT 48 (2008) 231 (round-off). Uniqueness: thi
 import math
 from functools import cache
 from itertools import accumulate
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from lagrange_bench.integrators.compiling import loops
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import stack, store_tuple
-from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.tape import Tape, Term, Terms
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError
 from lagrange_bench.integrators.methods.gauss_coefficients import matrices
-from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import BODY, System
+from lagrange_bench.integrators.problem.top import LagrangeTop
 
 # below this contraction some 10⁷ steps show no bias of the fixed point
 WEAK = 1 / 16
@@ -69,7 +70,7 @@ class Places(NamedTuple):
     nodes: int
     mu: int
     nu: int
-    ahead: int  # from K to the K of the next step
+    extrapolation: int  # from K to the K of the next step
     numbers: int
 
 
@@ -116,8 +117,8 @@ def substitute(m, A, pivots, r):
 def sizes_of(system: System) -> Program:
     """For each component the length of its vector, then for each the torque of the others: |g||x| for J in e3, |g||q| for L."""
 
-    def sizes(tape: Tape, t: Any, y: Any, p: Any) -> list[Any]:
-        def length(vector: Any) -> Any:
+    def sizes(tape: Tape, t: Term, y: Terms, p: Terms) -> list[Term]:
+        def length(vector: Terms) -> Term:
             return sum((v * v for v in vector), tape.constant(0.0)).sqrt()
 
         g = system.slopes(tape, t, y, p)
@@ -127,26 +128,25 @@ def sizes_of(system: System) -> Program:
             torques[0] = length(g[3:]) * length(y[3:])
         elif system.space == BODY:
             torques[1] = length(g[:4]) * length(y[:4])
-        lengths = map(length, vectors)
-        return [
-            size for found in (lengths, torques) for size, vector in zip(found, vectors, strict=True) for _ in vector
-        ]
+        lengths = [length(vector) for vector in vectors]
+        sizes_and_vectors = zip(lengths + torques, vectors + vectors, strict=True)
+        return [size for size, vector in sizes_and_vectors for _ in vector]
 
     return system.record(sizes)
 
 
 @cache
-def kernel(stages: int, system: System) -> Any:
+def kernel(stages: int, system: System) -> Compiled:
     """The step of any system; the last constants are the parameters."""
     S, n, timed = stages, system.size, system.timed
     m, MATRIX_SIZE, SLOPES_SIZE = S * n, (S * n) ** 2, n * n  # `stack` wants constants
-    START, STEP, WEIGHTS, NODES, MU, NU, AHEAD, NUMBERS = places(S)
+    START, STEP, WEIGHTS, NODES, MU, NU, EXTRAPOLATION, NUMBERS = places(S)
     rates, jacobian, sizes = map(machine_code, (system.rhs, system.jacobian, sizes_of(system)))
-    numbers, whole = tuple_loader(system.parameters), tuple_loader(n)
+    numbers, state_at = tuple_loader(system.parameters), tuple_loader(n)
 
     @jit(inline=True)
-    def time(c, counters, ahead):
-        return c[START] + c[STEP] * (counters[loops.CLOCK] + ahead) if timed else 0.0
+    def time(c, counters, node):
+        return c[START] + c[STEP] * (counters[loops.CLOCK] + node) if timed else 0.0
 
     @jit(inline=True)
     def times_stages(c, place, vector, first, product):
@@ -160,17 +160,17 @@ def kernel(stages: int, system: System) -> Any:
     @jit
     def residual(s, c, counters, K, Y, R, per_size):
         """Put Y = s + μ K and R = h b f(Y) − K into arrays. Returns Σ|R|, each relative to the size of its vector."""
-        size = 0.0
+        norm = 0.0
         times_stages(c, MU, K, 0, Y)
         for i in range(S):
             for a in range(n):
                 Y[n * i + a] += s[a]
             t = time(c, counters, c[NODES + i])
-            store_tuple(R, n * i, rates((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005 - compiled code does not unpack
+            store_tuple(R, n * i, rates((t, *state_at(Y, n * i)), numbers(c, NUMBERS)))
             for a in range(n):
                 R[n * i + a] = c[WEIGHTS + i] * R[n * i + a] - K[n * i + a]
-                size += abs(R[n * i + a]) * per_size[a]
-        return size
+                norm += abs(R[n * i + a]) * per_size[a]
+        return norm
 
     @jit
     def linearise(c, counters, Y, D, pivots, per_size):
@@ -181,7 +181,7 @@ def kernel(stages: int, system: System) -> Any:
         slopes = stack(SLOPES_SIZE)
         for i in range(S):
             t = time(c, counters, c[NODES + i])
-            store_tuple(slopes, 0, jacobian((t,) + whole(Y, n * i), numbers(c, NUMBERS)))  # noqa: RUF005
+            store_tuple(slopes, 0, jacobian((t, *state_at(Y, n * i)), numbers(c, NUMBERS)))
             for a in range(n):
                 row = m * (n * i + a)
                 for k in range(m):
@@ -203,32 +203,31 @@ def kernel(stages: int, system: System) -> Any:
     def solve(s, c, K, counters):
         """Compute K of the step. Returns the number of iterations, or 0 if there were too many."""
         Y, R, D, r, pivots, per_size = stack(m), stack(m), stack(MATRIX_SIZE), stack(m), stack(m), stack(n)
-        now = (time(c, counters, 0.0),) + s  # noqa: RUF005
-        found = sizes(now, numbers(c, NUMBERS))
+        lengths_and_torques = sizes((time(c, counters, 0.0), *s), numbers(c, NUMBERS))
         for a in range(n):
-            size = found[a] + abs(c[STEP]) * found[n + a]
-            per_size[a] = 1.0 / size if 0.0 < size < math.inf else 1.0  # what has no size does not move
-        last, sign, factored = math.inf, 1.0, False
+            size = lengths_and_torques[a] + abs(c[STEP]) * lengths_and_torques[n + a]
+            per_size[a] = 1.0 / size if 0.0 < size < math.inf else 1.0  # a vector without size does not move
+        last, sign, is_factored = math.inf, 1.0, False
         for k in range(LIMIT):
-            size = residual(s, c, counters, K, Y, R, per_size)
-            if not size < math.inf:
+            norm = residual(s, c, counters, K, Y, R, per_size)
+            if not norm < math.inf:
                 break
-            if size == 0.0 or (size >= last and size <= SMALL):
+            if norm == 0.0 or (norm >= last and norm <= SMALL):
                 for i in range(m):
                     K[i] += R[i]
                 if sign < 0.0:
                     counters[loops.FAILURE] = FOLDED
                 return k + 1
-            if size > max((2.0**-8 if factored else WEAK) * last, SMALL):
-                sign, factored = linearise(c, counters, Y, D, pivots, per_size), True
-            if factored:
+            if norm > max((2.0**-8 if is_factored else WEAK) * last, SMALL):
+                sign, is_factored = linearise(c, counters, Y, D, pivots, per_size), True
+            if is_factored:
                 for i in range(m):
                     r[i] = R[i] * per_size[i % n]
                 substitute(m, D, pivots, r)
                 times_stages(c, NU, r, 0, R)
             for i in range(m):
                 K[i] += R[i]
-            last = size
+            last = norm
         counters[loops.RESIDUAL] = last
         return 0
 
@@ -237,7 +236,7 @@ def kernel(stages: int, system: System) -> Any:
         K, change = stack(m), stack(n)
         for a in range(n):
             change[a] = 0.0
-        times_stages(c, AHEAD, counters, loops.MEMORY, K)
+        times_stages(c, EXTRAPOLATION, counters, loops.MEMORY, K)
         iterations = solve(s, c, K, counters)
         if iterations == 0:
             counters[loops.FAILURE] = NOT_CONVERGED
@@ -249,7 +248,7 @@ def kernel(stages: int, system: System) -> Any:
                 change[a] += K[n * i + a]
         for a in range(n):
             change[a] += s[a]
-        return whole(change, 0)
+        return state_at(change, 0)
 
     return step
 
@@ -260,14 +259,14 @@ def check_span(name: str, span: float, h: float, longest: float = LONGEST) -> No
         raise StepError(name, f"|h| is over {longest:g} times the time scale of the top or problem", h=h)
 
 
-def stepper(name: str, stages: int, problem: Any, y0: Array, h: float) -> loops.FixedStepper:
+def stepper(name: str, stages: int, problem: Problem, y0: Array, h: float) -> loops.FixedStepper:
     """Collocation in so many Gauss nodes."""
     system, span = problem.system, abs(h) / problem.scales(y0)[2]
     check_span(name, span, h)
-    nodes, b, mu, nu, ahead = matrices(stages)
+    nodes, b, mu, nu, extrapolation = matrices(stages)
     if span > 1:
-        ahead = 0 * ahead
-    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), ahead.T.ravel(), problem.numbers)
+        extrapolation = 0 * extrapolation
+    parts = (h * b, nodes, mu.T.ravel(), nu.T.ravel(), extrapolation.T.ravel(), problem.numbers)
     c = np.concatenate(((problem.start, h), *parts))
     memory = stages * system.size
     step = loops.Kernel(kernel(stages, system), failures=FAILURES, timed=system.timed, memory=memory)
@@ -277,9 +276,9 @@ def stepper(name: str, stages: int, problem: Any, y0: Array, h: float) -> loops.
 def method(stages: int) -> Method:
     name = f"gauss{2 * stages}"
 
-    def prepare(problem: Any, y0: Array, h: float) -> loops.FixedStepper:
+    def prepare(problem: Problem, y0: Array, h: float) -> loops.FixedStepper:
         """Every step is iterated until it stagnates."""
-        if kinds.uniform(problem) and not h * h * abs(problem.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
+        if isinstance(problem, LagrangeTop) and not h * h * abs(problem.alpha) * math.hypot(*y0[3:]) <= UNIQUE[stages]:
             reason = f"h²|alpha||x| is over {UNIQUE[stages]}: the stage equations may have several solutions"
             raise StepError(name, reason, h=h)
         return stepper(name, stages, problem, y0, h)

@@ -56,6 +56,6 @@ def matrices(stages: int) -> tuple[Array, Array, Array, Array, Array]:
     c, b, mu = tableau(stages)
     grid = 2**52
     nodes, weights = np.array(c, dtype=float), np.array(b, dtype=float)
-    rounded = np.array([[round(m * grid) / grid for m in row] for row in mu])
-    ahead = np.vander(nodes + 1) @ np.linalg.inv(np.vander(nodes)) * weights[:, None] / weights
-    return nodes, weights, rounded, np.linalg.inv(rounded), ahead
+    mu_doubles = np.array([[round(m * grid) / grid for m in row] for row in mu])
+    extrapolation = np.vander(nodes + 1) @ np.linalg.inv(np.vander(nodes)) * weights[:, None] / weights
+    return nodes, weights, mu_doubles, np.linalg.inv(mu_doubles), extrapolation

@@ -18,7 +18,6 @@ Sources: Hairer, Lubich & Wanner, Geometric Numerical Integration, sections II.1
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
@@ -27,6 +26,7 @@ from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, RESI
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.gauss import check_span, stepper
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.vectors import cross, dot
 
@@ -65,33 +65,33 @@ def newton_correction(x1, x2, x3, v1, v2, v3, q, k, r1, r2):
 
 
 @jit(inline=True)
-def solve(s, c, counters, newton, v1, v2):
-    """One step, from a first guess of v1 and v2."""
+def solve(s, c, counters, is_newton, v1, v2):
+    """One step, from a first guess of v1 and v2; by Newton's method or the fixed point."""
     J1, J2, J3, x1, x2, x3 = s
     half = 0.5 * c[H]
     kick = half * c[ALPHA]
     v3 = half * J3
     # a change that has stopped falling is round-off only if it is this small
     small = 2.0**-45 * (abs(v1) + abs(v2) + abs(half * kick) * (abs(x1) + abs(x2) + abs(x3)))
-    size = last = math.inf
+    norm = last = math.inf
     for i in range(LIMIT):
         u, d, q = cayley((x1, x2, x3), (v1, v2, v3))
         d1, d2, d3 = d
         r1 = half * (J1 - kick * (x2 + d2)) - v1
         r2 = half * (J2 + kick * (x1 + d1)) - v2
-        size = abs(r1) + abs(r2)
-        if size == 0.0 or (size >= last and size <= small):
+        norm = abs(r1) + abs(r2)
+        if norm == 0.0 or (norm >= last and norm <= small):
             counters[ITERATIONS] += i + 1
             counters[RHS_EVALS] += i + 1
             break
-        last = size
-        if newton:
+        last = norm
+        if is_newton:
             r1, r2 = newton_correction(x1 + d1, x2 + d2, x3 + d3, v1, v2, v3, q, half * kick, r1, r2)
         v1 += r1
         v2 += r2
     else:
         counters[FAILURE] = NOT_CONVERGED
-        counters[RESIDUAL] = size
+        counters[RESIDUAL] = norm
     return image(s, 2.0 * kick, u, d, (v1, v2, v3))
 
 
@@ -123,9 +123,9 @@ def cubic_guess(s, c, counters):
     p2, p1 = -a * (2.0 + a * x3), 1.0 + b * b + 2.0 * a * x3 + g
     w = p2 * p2 - 3.0 * a * a * p1
     if w > 0.0:
-        left = (-p2 - math.sqrt(w)) / (3.0 * a * a)
-        right = (-p2 + math.sqrt(w)) / (3.0 * a * a)
-        if cubic(left, a, b, x3, g, k)[0] > 0.0 and cubic(right, a, b, x3, g, k)[0] < 0.0:
+        peak = (-p2 - math.sqrt(w)) / (3.0 * a * a)
+        valley = (-p2 + math.sqrt(w)) / (3.0 * a * a)
+        if cubic(peak, a, b, x3, g, k)[0] > 0.0 and cubic(valley, a, b, x3, g, k)[0] < 0.0:
             counters[FAILURE] = NOT_UNIQUE
     high = 1.001 * math.sqrt(x1 * x1 + x2 * x2 + x3 * x3)
     low, z = -high, x3
@@ -172,8 +172,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     return FixedStepper("implicit_midpoint", h, Kernel(kernel, failures=FAILURES), c)
 
 
-def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """As `prepare`, for any problem; see `gauss`."""
+def prepare_in_field(problem: Problem, y0: Array, h: float) -> FixedStepper:
+    """The steps for any problem: Gauss collocation with one stage."""
     return stepper("implicit_midpoint", 1, problem, y0, h)
 
 

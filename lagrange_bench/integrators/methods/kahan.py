@@ -33,17 +33,17 @@ them in rational arithmetic.
 """
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import FAILURE, FixedStepper, Kernel
 from lagrange_bench.integrators.compiling.tape import with_slopes
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.methods.lie_group import add, cross, dot, times
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 from lagrange_bench.integrators.problem.units import Units
@@ -82,7 +82,7 @@ def step(s, c, counters):
 
 
 @cache
-def kernel_in_field(system: System) -> Any:
+def kernel_in_field(system: System) -> Compiled:
     """The step of |J|²/2 + U(x) with a quadratic U; constants: h, then t and the parameters."""
     slopes, numbers = machine_code(with_slopes(system.torque, 3)), tuple_loader(1 + system.parameters)
     conserves_J3 = 2 in system.constant
@@ -109,19 +109,19 @@ def kernel_in_field(system: System) -> Any:
         J = add(J, k, add(add(add(times(2.0, t), e1, m1), e2, m2), e3, m3))
         if conserves_J3:
             J = J[0], J[1], s[2]
-        return J + (x[0] + e1, x[1] + e2, x[2] + e3)  # noqa: RUF005 - compiled code does not unpack
+        return *J, x[0] + e1, x[1] + e2, x[2] + e3
 
     return step
 
 
-def prepare_in_field(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """As `prepare`, for any quadratic potential."""
+def prepare_in_field(problem: Problem, y0: Array, h: float) -> FixedStepper:
+    """The steps in any quadratic potential, up to a pole of the map."""
     c = np.array((h, problem.start, *problem.numbers))
     return FixedStepper("kahan", h, Kernel(kernel_in_field(problem.system), failures=FAILURES), c)
 
 
 def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
-    """Any h up to a pole of the map."""
+    """The steps in a uniform field, up to a pole of the map."""
     units = Units(top, y0, h)
     half = units.time(h) / 2
     c = np.array((half, half * units.alpha))

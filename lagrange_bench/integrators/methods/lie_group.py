@@ -21,29 +21,29 @@ commutators).
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import Program, machine_code, tuple_loader
 from lagrange_bench.integrators.compiling.loops import CLOCK, FAILURE, FixedStepper, Kernel
-from lagrange_bench.integrators.compiling.tape import Tape
+from lagrange_bench.integrators.compiling.tape import Tape, Term, Terms
 from lagrange_bench.integrators.compiling.unroll import unrolled
 from lagrange_bench.integrators.interface import Array, Claims, Method
 from lagrange_bench.integrators.problem import vectors
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import BODY, Space, System
 
 START, STEP = range(2)  # places of the constants: the time at the start, h; then the parameters
 STAGES = 4
-MOST = 1024.0
+MOST = 1024.0  # largest θ of an exponential
 TURNED = 1
 FAILURES = {TURNED: f"an exponential of this step turns by more than {MOST:g} rad; take a smaller |h|"}
 
-# series in θ², for θ ≤ 1 to less than half an ulp: sin φ/φ and cos φ at φ = θ/2, and (θ − sin θ)/θ³
-SINC = tuple((-1) ** k / (math.factorial(2 * k + 1) * 4**k) for k in range(8))
-COS = tuple((-1) ** k / (math.factorial(2 * k) * 4**k) for k in range(8))
-LAG = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(8))
+# series in θ², for θ ≤ 1 to less than half an ulp; φ = θ/2
+SINC = tuple((-1) ** k / (math.factorial(2 * k + 1) * 4**k) for k in range(8))  # sin φ/φ
+COS = tuple((-1) ** k / (math.factorial(2 * k) * 4**k) for k in range(8))  # cos φ
+LAG = tuple((-1) ** k / math.factorial(2 * k + 3) for k in range(8))  # (θ − sin θ)/θ³
 
 # weights of the generators of the four stages
 RK4 = (1 / 6, 1 / 3, 1 / 3, 1 / 6)
@@ -119,17 +119,17 @@ def turn_one(k, s, counters):
 
 
 @cache
-def turn_all(count: int) -> Any:
+def turn_all(count: int) -> Compiled:
     """Rotations of `count` vectors."""
     if count == 1:
         return turn_one
-    rest = turn_all(count - 1)
+    turn_others = turn_all(count - 1)
 
     @jit
-    def some(k, s, counters):
-        return turn_one(k[:3], s[:3], counters) + rest(k[3:], s[3:], counters)
+    def turn_vectors(k, s, counters):
+        return turn_one(k[:3], s[:3], counters) + turn_others(k[3:], s[3:], counters)
 
-    return some
+    return turn_vectors
 
 
 @jit
@@ -141,17 +141,17 @@ def of_length(square, q0, q):
 
 
 @cache
-def turn_body(right: bool) -> Any:
-    """(a, b) of SO(3)×R³ acts on a whole body (q, L): q exp(−a/2) if `right`, else exp(a/2) q; and L + b."""
+def turn_body(from_right: bool) -> Compiled:
+    """(a, b) of SO(3)×R³ acts on a whole body (q, L): q exp(−a/2) if `from_right`, else exp(a/2) q; and L + b."""
 
     @jit
     def act(k, s, counters):
         _, _, parts, a, z, sinc = exponential(k[:3], counters)
-        c, v = polynomial(COS, z), times(-0.5 * sinc if right else 0.5 * sinc, a)
+        c, v = polynomial(COS, z), times(-0.5 * sinc if from_right else 0.5 * sinc, a)
         q0, q = s[0], s[1:4]
         square = q0 * q0 + dot(q, q)
         for _ in range(parts):
-            across = cross(q, v) if right else cross(v, q)
+            across = cross(q, v) if from_right else cross(v, q)
             q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
         return of_length(square, q0, q) + add(s[4:], 1.0, k[3:])
 
@@ -162,16 +162,17 @@ def turn_body(right: bool) -> Any:
 def generator_of(system: System) -> Program:
     """h times the generator of the motion: the gradient of H, with the sign of the bracket."""
 
-    def generator(tape: Tape, t: Any, y: Any, h: Any, p: Any) -> list[Any]:
-        slopes = system.slopes(tape, t, y, p)
-        more = system.rates(tape, t, y, p, h)[4:] if system.space == BODY else []
-        return [*((-h if system.body else h) * slope for slope in slopes[-3 if more else 0 :]), *more]
+    def generator(tape: Tape, t: Term, y: Terms, h: Term, p: Terms) -> list[Term]:
+        slopes, scale = system.slopes(tape, t, y, p), -h if system.body else h
+        if system.space == BODY:
+            return [*(scale * slope for slope in slopes[-3:]), *system.rates(tape, t, y, p, h)[4:]]
+        return [scale * slope for slope in slopes]
 
     return system.record_step(generator)
 
 
 @cache
-def algebra(space: Space) -> tuple[Any, Any, Any]:
+def algebra(space: Space) -> tuple[Compiled, Compiled, Compiled]:
     """For generators: k → k/2; (k1, k2) → ½ k2 − ⅛ [k1, k2]; (k1, …, k4) → (k1 + 2 k2 + 2 k3 + k4)/6 − [k1, k4]/12."""
 
     def commutator(k, l):
@@ -199,7 +200,7 @@ def algebra(space: Space) -> tuple[Any, Any, Any]:
 
 
 @cache
-def kernel(system: System) -> Any:
+def kernel(system: System) -> Compiled:
     """The step for any system; constants: the time at the start, h, and the parameters."""
     timed, space = system.timed, system.space
     program, numbers = machine_code(generator_of(system)), tuple_loader(1 + system.parameters)
@@ -209,9 +210,9 @@ def kernel(system: System) -> Any:
         act = move if space.affine else turn_all(space.size // 3)
 
     @jit
-    def generator(s, ahead, c, counters):
-        t = c[START] + c[STEP] * (counters[CLOCK] + ahead) if timed else 0.0
-        return program((t,) + s, numbers(c, STEP))  # noqa: RUF005 - compiled code does not unpack
+    def generator(s, node, c, counters):
+        t = c[START] + c[STEP] * (counters[CLOCK] + node) if timed else 0.0
+        return program((t, *s), numbers(c, STEP))
 
     @jit
     def rkmk4(s, c, counters):
@@ -224,8 +225,8 @@ def kernel(system: System) -> Any:
     return rkmk4
 
 
-def prepare(problem: Any, y0: Array, h: float) -> FixedStepper:
-    """Any h for which no exponential turns by more than `MOST` rad."""
+def prepare(problem: Problem, y0: Array, h: float) -> FixedStepper:
+    """The steps for any h for which no exponential turns by more than `MOST` rad."""
     system = problem.system
     c = np.array((problem.start, h, *problem.numbers))
     step, size, timed = kernel(system), system.size, system.timed

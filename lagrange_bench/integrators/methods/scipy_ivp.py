@@ -1,7 +1,7 @@
 """SciPy's RK45 on its natural steps. h is only the output grid, which dense output fills.
 
-It is used as it is, with a compiled right-hand side. Nearly all of the 5 to 150 µs of a step is interpretation: `rk45_fixed`
-shows what the formula costs without it. J3, whose derivative vanishes, is conserved.
+It is used as it is, with a compiled right-hand side. The step itself is interpreted Python: `rk45_fixed` shows what the formula
+costs when it is compiled. J3, whose derivative vanishes, is conserved.
 
 The local error is kept below atol + rtol |y_i|, as a root mean square over the components. SciPy counts the right-hand sides;
 the number of rejected steps follows from the number of stages.
@@ -11,29 +11,28 @@ Sources: Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19; Virtanen et al., 
 
 import contextlib
 import math
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy.integrate
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import machine_code, tuple_loader
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import Problem, Run, dense
+from lagrange_bench.integrators.methods.dense import Run, dense
 from lagrange_bench.integrators.methods.dop853 import check_tolerances
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 
 
 @cache
-def right_hand_side(system: System) -> Callable[..., Any]:
+def right_hand_side(system: System) -> Compiled:
     """(c, t, y) → y' of any system; c : the time at the start, then the parameters."""
     rates, state, numbers = machine_code(system.rhs), tuple_loader(system.size), tuple_loader(system.parameters)
 
     @jit
     def rhs(c, t, y):
-        f = np.array(rates((c[0] + t,) + state(y, 0), numbers(c, 1)))  # noqa: RUF005 - compiled code does not unpack
+        f = np.array(rates((c[0] + t, *state(y, 0)), numbers(c, 1)))
         if not math.isfinite(f.sum()):  # SciPy would try steps of NaN for ever
             raise OverflowError
         return f
@@ -52,7 +51,7 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
         try:
             with np.errstate(all="ignore"):
                 solver = scipy.integrate.RK45(lambda t, y: f(c, t, y), 0.0, y, grid[-1], rtol=rtol, atol=atol)
-                return states_on(grid, solver, work)
+                return dense_output(grid, solver, work)
         except OverflowError:
             reason = "the state left the range of floating-point numbers"
         except (ArithmeticError, ValueError) as error:
@@ -62,10 +61,10 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
     return run
 
 
-def states_on(grid: Array, solver: Any, work: Work) -> Array:
+def dense_output(grid: Array, solver: scipy.integrate.RK45, work: Work) -> Array:
     """The states at the times of a grid, by dense output."""
     out = np.empty((len(grid), len(solver.y)))
-    size, done = np.abs(grid), 0
+    size, row = np.abs(grid), 0
     while solver.status == "running":
         evaluations, start = solver.nfev, solver.t
         message = solver.step()
@@ -73,10 +72,10 @@ def states_on(grid: Array, solver: Any, work: Work) -> Array:
         if solver.status == "failed" or solver.t == start:
             raise StepError("rk45", f"SciPy: {message or 'no progress'} (t = {solver.t:g})", step=work.steps)
         work.steps += 1
-        reached = int(np.searchsorted(size[:-1], abs(solver.t), side="right"))
-        if reached > done:
-            out[done:reached] = solver.dense_output()(grid[done:reached]).T
-            done = reached
+        next_row = int(np.searchsorted(size[:-1], abs(solver.t), side="right"))
+        if next_row > row:
+            out[row:next_row] = solver.dense_output()(grid[row:next_row]).T
+            row = next_row
     out[-1] = solver.y  # not interpolated: the last step ends at the last time
     work.rhs_evals += solver.nfev
     return out

@@ -30,11 +30,10 @@ Sources: with each scheme; McLachlan & Quispel, Acta Numerica 11 (2002) 341; thi
 """
 
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.loops import FAILURE, ConjugateStepper, FixedStepper, Kernel, finite
 from lagrange_bench.integrators.compiling.unroll import unrolled
@@ -42,6 +41,7 @@ from lagrange_bench.integrators.interface import Array, Claims, Method, StepErro
 from lagrange_bench.integrators.methods.part_splitting import prepare_parts
 from lagrange_bench.integrators.methods.splitting_schemes import SCHEMES, Scheme
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.vectors import cross
 
@@ -75,7 +75,7 @@ def small_coefficients(z):
 
 @unrolled
 def turn(x, v, a, b, z):
-    """Change of x by the rotation about v, |v|² = z; a and b stand for a/z and b/z."""
+    """The change of x by the rotation about v, |v|² = z; a and b stand for a/z and b/z."""
     u = cross(v, x)
     p = cross(v, u)
     parts = zip(u, p, cross(v, p), strict=True)
@@ -89,7 +89,7 @@ def add(x, change):
 
 @jit(inline=True)
 def rotate(part, J, x):
-    """Whether it is done (False: too far), and x turned about v = part·J, |v| half the angle."""
+    """Whether the angle is small enough, and x turned about v = part·J, |v| half the angle."""
     v = part * J[0], part * J[1], part * J[2]
     z = (v[0] * v[0] + v[1] * v[1]) + v[2] * v[2]
     parts = 1
@@ -109,7 +109,7 @@ def rotate(part, J, x):
 
 
 @cache
-def torques(system: System, gradients: int) -> Any:
+def torques(system: System, gradients: int) -> Compiled:
     """(x, q, weights) → the torques of U(t, x) and of the first `gradients` force gradients, times their weights; q = (t, *p)."""
     programs = (system.torque, system.commutator_torque, system.second_commutator_torque)[: gradients + 1]
 
@@ -124,7 +124,7 @@ def torques(system: System, gradients: int) -> Any:
 
 
 @cache
-def kernel(system: System, gradients: int) -> Any:
+def kernel(system: System, gradients: int) -> Compiled:
     """One step of |J|²/2 + U(x): rotation and kick for each group of constants, four and then t and the parameters."""
     kick, numbers, conserves_J3 = torques(system, gradients), tuple_loader(1 + system.parameters), 2 in system.constant
     stride = STRIDE + 1 + system.parameters
@@ -133,8 +133,8 @@ def kernel(system: System, gradients: int) -> Any:
     def step(s, c, counters):
         J1, J2, J3, x1, x2, x3 = s  # a tuple that a loop changes would cost twice the time
         for i in range(0, len(c), stride):
-            done, (x1, x2, x3) = rotate(c[i + A], (J1, J2, J3), (x1, x2, x3))
-            if not done:
+            is_turned, (x1, x2, x3) = rotate(c[i + A], (J1, J2, J3), (x1, x2, x3))
+            if not is_turned:
                 counters[FAILURE] = TOO_FAR
                 return s
             change = kick((x1, x2, x3), numbers(c, i + STRIDE), (c[i + B], c[i + C], c[i + D]))
@@ -152,8 +152,8 @@ def groups(scheme: Scheme) -> tuple[Array, Array]:
 
     A B A … B A becomes (A² B)(A B) …, entered by A⁻¹. B A B … A B becomes (A B) … (A B²), entered by B.
     """
-    none = (0.0,) * len(scheme.b)
-    rotations, kicks = np.array(scheme.a), np.column_stack((scheme.b, scheme.c or none, scheme.d or none))
+    zeros = (0.0,) * len(scheme.b)
+    rotations, kicks = np.array(scheme.a), np.column_stack((scheme.b, scheme.c or zeros, scheme.d or zeros))
     first = np.zeros(STRIDE)
     if scheme.first == "A":
         first[A] = -rotations[0]
@@ -164,7 +164,7 @@ def groups(scheme: Scheme) -> tuple[Array, Array]:
     return np.column_stack((rotations, kicks)), first[None]
 
 
-def scaled(groups: Array, scales: Array, numbers: Array) -> Array:
+def scale_groups(groups: Array, scales: Array, numbers: Array) -> Array:
     """The groups of coefficients, times `scales`, each followed by `numbers`, in one row."""
     parts = np.empty((len(groups), STRIDE + len(numbers)))
     with np.errstate(all="ignore"):  # 0 · ∞ is not a number: a coefficient that vanishes has no scale
@@ -173,7 +173,7 @@ def scaled(groups: Array, scales: Array, numbers: Array) -> Array:
     return parts.ravel()
 
 
-def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
+def prepare(name: str, problem: Problem, y0: Array, h: float) -> FixedStepper:
     """A stepper for |J|²/2 + U(x), or for the parts of any other problem."""
     if not kinds.top(problem):
         return prepare_parts(name, problem, h)
@@ -181,7 +181,8 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
     gradients = bool(scheme.c) + bool(scheme.d)
     scales = np.array((0.5 * h, h, -h * (h * h), h * min(h * h, LARGE) ** 2))
     steps, first = groups(scheme)
-    constants, begin, end = (scaled(*part, numbers) for part in ((steps, scales), (first, scales), (first, -scales)))
+    ends = (steps, scales), (first, scales), (first, -scales)
+    constants, begin, end = (scale_groups(coefficients, factors, numbers) for coefficients, factors in ends)
     if not (finite(constants) and finite(begin)):
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
     step = kernel(system, gradients)
@@ -196,7 +197,7 @@ def prepare(name: str, problem: Any, y0: Array, h: float) -> FixedStepper:
     )
 
 
-def _record(name: str, label: str) -> Method:
+def _method(name: str, label: str) -> Method:
     scheme = SCHEMES[name]
     return Method(
         name=name,
@@ -206,13 +207,13 @@ def _record(name: str, label: str) -> Method:
         claims=Claims(symmetric=True, poisson=True, conserves={"J3", "C1", "C2"}),
         source=scheme.source,
         prepare=partial(prepare, name),
-        needs=kinds.top if scheme.c else "kinetic" if scheme.nystrom else "parts",
+        needs=kinds.top if scheme.c else "kinetic" if scheme.is_nystrom else "parts",
     )
 
 
-STRANG = _record("strang", "Strang")
-BLANES_MOAN4 = _record("blanes_moan4", "Blanes–Moan 4")
-FORCE_GRADIENT4 = _record("force_gradient4", "Force gradient 4")
-FORCE_GRADIENT6 = _record("force_gradient6", "Force gradient 6")
-BLANES_MOAN6 = _record("blanes_moan6", "Blanes–Moan 6")
-KAHAN_LI8 = _record("kahan_li8", "Kahan–Li 8")
+STRANG = _method("strang", "Strang")
+BLANES_MOAN4 = _method("blanes_moan4", "Blanes–Moan 4")
+FORCE_GRADIENT4 = _method("force_gradient4", "Force gradient 4")
+FORCE_GRADIENT6 = _method("force_gradient6", "Force gradient 6")
+BLANES_MOAN6 = _method("blanes_moan6", "Blanes–Moan 6")
+KAHAN_LI8 = _method("kahan_li8", "Kahan–Li 8")

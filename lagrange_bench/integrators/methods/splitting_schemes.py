@@ -17,7 +17,7 @@ class Scheme(NamedTuple):
     source: str
     c: tuple[float, ...] = ()
     d: tuple[float, ...] = ()
-    nystrom: bool = False  # it has this order only because [B,[B,[B,A]]] = 0
+    is_nystrom: bool = False  # it has this order only because [B,[B,[B,A]]] = 0
     second: float = 0.0  # of the corrector, see `backlund_schemes`
 
 
@@ -64,7 +64,7 @@ SCHEMES = {
                     0.106417700369543, -0.00879424312851058), 15),
         palindrome((0.09171915262446165, 0.183983170005006, -0.05653436583288827, 0.004914688774712854,
                     0.143761127168358, 0.328567693746804), 14),
-        f"{BLANES_MOAN}, SRKN14a", nystrom=True,
+        f"{BLANES_MOAN}, SRKN14a", is_nystrom=True,
     ),
     "force_gradient6": Scheme(
         6, "A",
@@ -72,7 +72,7 @@ SCHEMES = {
         palindrome((0.26872220820482184,), 4),
         f"class of {GRADIENTS}; coefficients: this project",
         c=mirror((0.0008056816670964243, 0.003955911930041659), 4),
-        d=mirror((1.935749212896712e-05, 5.0722352657284275e-05), 4), nystrom=True,
+        d=mirror((1.935749212896712e-05, 5.0722352657284275e-05), 4), is_nystrom=True,
     ),
     "kahan_li8": composition(
         8, KAHAN_LI,

@@ -15,31 +15,23 @@ Source: this project; Hairer, Nørsett & Wanner, Solving Ordinary Differential E
 
 import math
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_real
 from lagrange_bench.integrators.interface import Array, StepError
 
-LEAST, MOST = 1e-13, 0.1  # the smallest and the largest tol
-PLACES = 16
-HALVINGS, STALLS = 10, 3
-NO_ROWS = np.full((1, 6), np.nan)
-
-
-def check_tolerance(tol: Any) -> float:
-    """`tol` as a float; ValueError if doubles cannot have such an error."""
-    value = check_real(tol, "tol")
-    if not LEAST <= value <= MOST:
-        raise ValueError(f"tol must be between {LEAST:g} and {MOST:g}; got {value:g}")
-    return value
+LEAST = 1e-13  # the smallest tol
+MOST = 0.1  # the largest tol
+PLACES = 16  # least number of states that are compared
+HALVINGS = 10  # at most
+STALLS = 3  # halvings that do not help: there are no more
+NO_ROWS = np.full((1, 6), np.nan)  # of a run that fails
 
 
 def agreeing(
     name: str, run: Callable[[int], Array], tol: float, scales: tuple[float, float]
 ) -> tuple[Array, int, float]:
-    """The states (N, 6) of a run that agrees with the one before, how often its step was halved, and the last difference.
+    """The states (N, 6) of a run that agrees with the one before, the number of halvings of its step, and the last difference.
 
     run : n → the states with 1/n of the first step. scales : of J and x.
 
@@ -47,22 +39,23 @@ def agreeing(
     ------
     StepError : the runs do not agree.
     """
-    before, stalled, coarse = math.nan, 0, NO_ROWS
-    for halved in range(HALVINGS + 1):
+    previous, stalls, coarse = math.nan, 0, NO_ROWS
+    for halvings in range(HALVINGS + 1):
         try:
-            fine, why = run(2**halved), ""
+            fine, cause = run(2**halvings), ""
         except StepError as error:  # a step that long cannot be taken
-            fine, why = NO_ROWS, f" ({error.reason})"
+            fine, cause = NO_ROWS, f" ({error.reason})"
         difference = _difference(coarse, fine, scales)
-        falls = difference <= 0.5 * before
-        if difference <= tol and (falls or before <= tol):
-            return fine, halved, difference
-        stalled += before <= MOST and not falls
-        if stalled == STALLS:
-            why = ": half of the step does not help, what is left is round-off, or the motion is sensitive to it"
+        is_falling = difference <= 0.5 * previous
+        if difference <= tol and (is_falling or previous <= tol):
+            return fine, halvings, difference
+        if previous <= MOST and not is_falling:
+            stalls += 1
+        if stalls == STALLS:
+            cause = ": half of the step does not help, what is left is round-off, or the motion is sensitive to it"
             break
-        before, coarse = difference, fine
-    reason = f"tol = {tol:g} is not reached: two runs differ by {difference:.0e}{why}"
+        previous, coarse = difference, fine
+    reason = f"tol = {tol:g} is not reached: two runs differ by {difference:.0e}{cause}"
     raise StepError(name, f"{reason}; take a larger tol, or method='taylor', which chooses each step")
 
 

@@ -10,56 +10,54 @@ from fractions import Fraction
 Row = tuple[Fraction, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # a hash of a hundred fractions would be most of a set-up
 class Tableau:
     """u_i = y + h Σ_j a_ij f(u_j), then ỹ = y + h Σ_j b_j f(u_j)."""
 
-    name: str
     order: int
     a: tuple[Row, ...]  # stages 2, 3, …
     b: Row
-
-    def __hash__(self) -> int:
-        """The hash of the name: a hundred hashes of fractions would be most of a set-up."""
-        return hash(self.name)
 
     @property
     def stages(self) -> int:
         return len(self.b)
 
 
-def tableau(name: str, order: int, text: str) -> Tableau:
-    """A Tableau from labelled rows: a word that ends in a colon starts a row."""
+def tableau(text: str) -> Tableau:
+    """A Tableau from its order and labelled rows: a word that ends in a colon starts a row."""
     rows: dict[str, list[Fraction]] = {}
     for word in text.split():
         if word.endswith(":"):
             row = rows.setdefault(word[:-1], [])
         else:
             row.append(Fraction(word))
-    b = tuple(rows.pop("b"))
-    return Tableau(name, order, tuple(tuple(rows[str(i)]) for i in range(2, len(b) + 1)), b)
+    b = tuple(rows["b"])
+    return Tableau(int(rows["order"][0]), tuple(tuple(rows[str(i)]) for i in range(2, len(b) + 1)), b)
 
 
 # Kutta, Z. Math. Phys. 46 (1901) 435
-RK4 = tableau("rk4", 4, """
+RK4 = tableau("""
+    order: 4
     2: 1/2
     3: 0 1/2
     4: 0 0 1
     b: 1/6 1/3 1/3 1/6
-""")  # fmt: skip
+""")
 
 # Dormand & Prince, J. Comput. Appl. Math. 6 (1980) 19, table 2; the seventh stage only serves its error estimate
-DORMAND_PRINCE = tableau("dormand_prince", 5, """
+DORMAND_PRINCE = tableau("""
+    order: 5
     2: 1/5
     3: 3/40 9/40
     4: 44/45 -56/15 32/9
     5: 19372/6561 -25360/2187 64448/6561 -212/729
     6: 9017/3168 -355/33 46732/5247 49/176 -5103/18656
     b: 35/384 0 500/1113 125/192 -2187/6784 11/84
-""")  # fmt: skip
+""")
 
 # Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I (1993), section II.5, and their program DOP853
-DOP853 = tableau("dop853", 8, """
+DOP853 = tableau("""
+    order: 8
     2: 0.0526001519587677318785587544488
     3: 0.0197250569845378994544595329183 0.0591751709536136983633785987549
     4: 0.0295875854768068491816892993775 0 0.0887627564304205475450678981324
@@ -82,11 +80,12 @@ DOP853 = tableau("dop853", 8, """
     b: 0.0542937341165687622380535766363 0 0 0 0 4.45031289275240888144113950566 1.89151789931450038304281599044
        -5.8012039600105847814672114227 0.31116436695781989440891606237 -0.152160949662516078556178806805
        0.201365400804030348374776537501 0.0447106157277725905176885569043
-""")  # fmt: skip
+""")
 
 # Verner, Numer. Algorithms 53 (2010) 383, the "most efficient" pair 9(8), digits of his web page (www.sfu.ca/~jverner,
 # RKV98.IIa.Efficient.000000349.081209); the sixteenth stage only serves the formula of order 8
-VERNER9 = tableau("verner9", 9, """
+VERNER9 = tableau("""
+    order: 9
     2: 0.03462
     3: -0.0389335438857287327017042687229284478532 0.1359578945245091786499878854939346230295
     4: 0.03638413148954266723060635628912731569111 0 0.1091523944686280016918190688673819470733
@@ -129,4 +128,4 @@ VERNER9 = tableau("verner9", 9, """
        0.2246434176204157731566981937082069688984 0.5684352689748512932705226972873692126743
        0.05825871557215827200814768021863420902155 0.1364317403482215641609022744494239843327
        0.03057013983082797397721005067920369646664
-""")  # fmt: skip
+""")

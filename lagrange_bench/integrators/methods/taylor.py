@@ -25,10 +25,11 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.checks import check_flag, check_real
+from lagrange_bench.integrators.checks import check_flag
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
-from lagrange_bench.integrators.methods.dense import Problem, Run, dense
+from lagrange_bench.integrators.methods.dense import Run, check_tolerance, dense
 from lagrange_bench.integrators.problem import kinds
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System, uniform_system
 from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
@@ -37,21 +38,21 @@ FAR = 10  # powers of two: the tolerance is relative to the largest number of a 
 INTERRUPTIBLE = 1 << 20  # most steps in one call of heyoka, which does not see Ctrl-C
 
 
-def equations(system: System | None = None, units: bool = False) -> list[Any]:
+def equations(system: System | None = None, has_units: bool = False) -> list[Any]:
     """The equations of motion in heyoka's symbols, by default those of the Lagrange top.
 
-    The parameters are heyoka's runtime parameters; the time at the start is the last one. With `units` those of rates and of
+    The parameters are heyoka's runtime parameters; the time at the start is the last one. With `has_units` those of rates and of
     lengths are two more parameters, in front of the others.
     """
     import heyoka as hy
 
     hy.set_logger_level_critical()  # its warnings about the disk cache go to stdout
     system = system or uniform_system()
-    first, count = 2 * units, system.parameters
+    first, count = 2 if has_units else 0, system.parameters
     names = ("J1", "J2", "J3", "x1", "x2", "x3") if system.size == 6 else [f"y{i}" for i in range(system.size)]
     y = hy.make_vars(*names)
-    rate, length = (hy.par[0], hy.par[1]) if units else (1.0, 1.0)
-    scales = (rate,) * 3 + (length,) * 3 if units else None
+    rate, length = (hy.par[0], hy.par[1]) if has_units else (1.0, 1.0)
+    scales = (rate, rate, rate, length, length, length) if has_units else None
     states = [u * v for u, v in zip(scales, y, strict=True)] if scales else y
     t = hy.time + hy.par[first + count] if system.timed else 0.0
     rates = system.rhs(t, *states, *(hy.par[first + i] for i in range(count)))
@@ -61,37 +62,30 @@ def equations(system: System | None = None, units: bool = False) -> list[Any]:
 
 
 @lru_cache(maxsize=64)
-def compile_integrator(tol: float, high_accuracy: bool, system: System | None = None, units: bool = False) -> Any:
-    """heyoka's integrator for one tolerance. It has a state: see `integrator_here`."""
+def compile_integrator(tol: float, high_accuracy: bool, system: System | None = None, has_units: bool = False) -> Any:
+    """heyoka's integrator for one tolerance. It has a state: see `integrator_of_thread`."""
     import heyoka as hy
 
-    motion = equations(system, units)
+    motion = equations(system, has_units)
     return hy.taylor_adaptive(motion, [1.0] * len(motion), tol=tol, high_accuracy=high_accuracy, compact_mode=False)
 
 
-def integrator_here(*key: Any) -> Any:
+def integrator_of_thread(*key: Any) -> Any:
     """The integrator of this thread: a copy takes 0.7 ms, in which heyoka follows 700 units of time.
 
-    Steppers share it, because each run sets all that the run before has left in it.
+    Steppers share it, because each run sets its whole state anew.
     """
-    compiled: dict[Any, Any] = _here.__dict__.setdefault("integrators", {})
+    compiled: dict[Any, Any] = _of_thread.__dict__.setdefault("integrators", {})
     if key not in compiled:
         compiled[key] = copy.deepcopy(compile_integrator(*key))
     return compiled[key]
 
 
-_here = threading.local()
+_of_thread = threading.local()
 
 
-def check_tolerance(tol: Any, least: float = EPS) -> float:
-    tol = check_real(tol, "tol")
-    if not least <= tol <= 1:
-        raise ValueError(f"tol must be between {least:.3g} and 1; got {tol:g}")
-    return tol
-
-
-def far_units(top: Any, y: Array, end: float) -> Units | None:
-    """The units in which to follow a state; None: the user's, which every problem that is not a top has."""
+def far_units(top: Problem, y: Array, end: float) -> Units | None:
+    """The units in which to follow a state; None for the user's own, which serve every problem that is not a top."""
     units = units_of("taylor", top, y, end) if kinds.top(top) else None
     return units if units and max(abs(units.rate), abs(units.length)) > FAR else None
 
@@ -101,9 +95,9 @@ def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Ru
 
     high_accuracy : compensated sums.
     """
-    key = check_tolerance(tol), check_flag(high_accuracy, "high_accuracy"), top.system
-    numbers = (*top.numbers, *((top.start,) * top.system.timed))
-    integrator_here(*key)
+    key = check_tolerance(tol, EPS, 1.0), check_flag(high_accuracy, "high_accuracy"), top.system
+    numbers = (*top.numbers, top.start) if top.system.timed else tuple(top.numbers)
+    integrator_of_thread(*key)
 
     def run(y: Array, grid: Array, work: Work) -> Array:
         units = far_units(top, y, float(grid[-1]))
@@ -119,7 +113,7 @@ def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Ru
             raise StepError("taylor", f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
 
     def follow(y: Array, grid: Array, work: Work, key: Any, numbers: Any) -> Array:
-        ta = integrator_here(*key)  # of the thread that runs
+        ta = integrator_of_thread(*key)  # of the thread that runs
         ta.pars[:] = numbers[: len(ta.pars)]  # heyoka has only those that the equations contain, up to the last of them
         ta.time = 0.0
         ta.state[:] = y
@@ -133,11 +127,11 @@ def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Ru
 
 def _until(ta: Any, end: float) -> tuple[Array, int]:
     """The state at one time: natural steps, of which the last is shortened."""
-    steps, limited = 0, True
-    while limited:  # resuming at a limit of steps changes no bit
-        outcome, _, _, taken, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
-        steps += taken
-        limited = _check(ta, outcome, steps)
+    steps, is_limited = 0, True
+    while is_limited:  # resuming at a limit of steps changes no bit
+        outcome, _, _, steps_of_call, *_ = ta.propagate_until(end, max_steps=INTERRUPTIBLE)
+        steps += steps_of_call
+        is_limited = _check(ta, outcome, steps)
     return ta.state.copy().reshape(1, -1), steps
 
 
@@ -162,8 +156,8 @@ def _check(ta: Any, outcome: Any, steps: int) -> bool:
         return False
     if outcome == hy.taylor_outcome.step_limit:
         return True
-    at = f" at t = {ta.time:g}" if math.isfinite(ta.time) else ""
-    raise StepError("taylor", f"heyoka: {outcome.name}{at}", step=steps)
+    place = f" at t = {ta.time:g}" if math.isfinite(ta.time) else ""
+    raise StepError("taylor", f"heyoka: {outcome.name}{place}", step=steps)
 
 
 PREPARE, EVALUATE = dense("taylor", runner)

@@ -7,23 +7,23 @@ Source: Jorba & Zou, Exp. Math. 14 (2005) 99.
 """
 
 import math
-from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_count
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import stack
 from lagrange_bench.integrators.compiling.loops import CLOCK, FixedStepper, Kernel
 from lagrange_bench.integrators.interface import Array, Claims, Method
+from lagrange_bench.integrators.problem.problem import Problem
 from lagrange_bench.integrators.problem.system import System
 from lagrange_bench.integrators.problem.top import LagrangeTop
 
 MAX_ORDER = 60
-SCRATCH = 8 * (MAX_ORDER + 1)
+SCRATCH = 8 * (MAX_ORDER + 1)  # numbers in the z of `step`
 
 
 @jit
@@ -87,32 +87,32 @@ def recurrences(system: System) -> Recurrences:
     """The right-hand side as tables. Sine and cosine come together, because each needs the other."""
     program = system.rhs
     table: list[tuple[int, int, int]] = []
-    place: dict[Any, int] = {i: i for i in range(program.inputs)}
+    rows = {i: i for i in range(program.inputs)}  # of the inputs, then of the operations
     moving = set(range(1 + system.size))
     constants = sorted({a[1] for _, *args in program.lines for a in args if isinstance(a, tuple)})
     constants = sorted({*constants, *(o[1] for o in program.outputs if isinstance(o, tuple))})
     count = sum(2 if line[0] in ("sin", "cos") else 1 for line in program.lines)
-    known = {("=", value): program.inputs + count + i for i, value in enumerate(constants)}
+    rows_of_constants = {("=", value): program.inputs + count + i for i, value in enumerate(constants)}
     for i, (operation, *arguments) in enumerate(program.lines, program.inputs):
-        a, b = (known[v] if isinstance(v, tuple) else place[v] for v in (arguments[0], arguments[-1]))
-        here = program.inputs + len(table)
-        place[i] = here
+        a, b = (rows_of_constants[v] if isinstance(v, tuple) else rows[v] for v in (arguments[0], arguments[-1]))
+        row = program.inputs + len(table)
+        rows[i] = row
         if operation in ("sin", "cos"):
-            table += [(SIN if operation == "sin" else COS, a, here + 1), (COS if operation == "sin" else SIN, a, here)]
+            table += [(SIN if operation == "sin" else COS, a, row + 1), (COS if operation == "sin" else SIN, a, row)]
         elif operation == "mul" and not {a, b} <= moving:
             table.append((SCALE, a, b) if a in moving else (SCALE, b, a))
         else:
             table.append((CODES[operation], a, b))
         if moving & {a, b}:
-            moving |= {here, here + 1} if operation in ("sin", "cos") else {here}
-    rates = [known[o] if isinstance(o, tuple) else place[o] for o in program.outputs]
+            moving |= {row, row + 1} if operation in ("sin", "cos") else {row}
+    rates = [rows_of_constants[o] if isinstance(o, tuple) else rows[o] for o in program.outputs]
     codes, first, second = (np.array(column, dtype=np.int64) for column in zip(*table or [(ADD, 0, 0)], strict=True))
     size = program.inputs + count + len(constants)
     return Recurrences(codes[:count], first, second, np.array(rates), tuple(constants), size)  # type: ignore[arg-type]
 
 
 @jit
-def coefficient(z, code, a, b, here, k):
+def coefficient(z, code, a, b, c, k):
     """Coefficient c_k of an operation, from the coefficients of its operands a and b and its own earlier ones.
 
     The sums go over j = 1 … k in the first line, and over j = 1 … k − 1 in the second. In the third c is a cosine and s its sine.
@@ -136,7 +136,7 @@ def coefficient(z, code, a, b, here, k):
         return total
     if code == DIV:
         for j in range(1, k + 1):
-            total += z[b + j] * z[here + k - j]
+            total += z[b + j] * z[c + k - j]
         return (z[a + k] - total) / z[b]
     if k == 0:
         v = z[a]
@@ -149,26 +149,26 @@ def coefficient(z, code, a, b, here, k):
         return math.sin(v) if code == SIN else math.cos(v)
     if code == SQRT:
         for j in range(1, k):
-            total += z[here + j] * z[here + k - j]
-        return (z[a + k] - total) / (2.0 * z[here])
+            total += z[c + j] * z[c + k - j]
+        return (z[a + k] - total) / (2.0 * z[c])
     if code == LOG:
         for j in range(1, k):
-            total += j * z[here + j] * z[a + k - j]
+            total += j * z[c + j] * z[a + k - j]
         return (z[a + k] - total / k) / z[a]
-    other = here if code == EXP else b
+    other = c if code == EXP else b
     for j in range(1, k + 1):
         total += j * z[a + j] * z[other + k - j]
     return -total / k if code == COS else total / k
 
 
 @lru_cache(maxsize=64)
-def kernel_of(system: System) -> Callable[..., Any]:
+def kernel_of(system: System) -> Compiled:
     """The Taylor polynomial of one step of any system, in powers of t/h. Constants: start, h, order, parameters, `constants`."""
-    rows, n = recurrences(system), system.size
-    codes, first, second, rates = rows.codes, rows.first * (MAX_ORDER + 1), rows.second * (MAX_ORDER + 1), rows.rates
-    inputs, lines, timed, width = 1 + n + system.parameters, len(rows.codes), system.timed, MAX_ORDER + 1
-    count, scratch, places = rows.rows - lines - 1 - n, rows.rows * (MAX_ORDER + 1), rates * (MAX_ORDER + 1)
-    get = tuple_loader(n)
+    tables, n, width, timed = recurrences(system), system.size, MAX_ORDER + 1, system.timed
+    codes, first, second, places = tables.codes, tables.first * width, tables.second * width, tables.rates * width
+    inputs, lines, scratch = 1 + n + system.parameters, len(codes), tables.rows * width
+    count = tables.rows - lines - 1 - n
+    state_at = tuple_loader(n)
 
     @jit
     def step(s, c, counters):
@@ -183,8 +183,8 @@ def kernel_of(system: System) -> Callable[..., Any]:
             z[width * row] = c[3 + i]
         for k in range(order):
             for i in range(lines):
-                here = width * (inputs + i)
-                z[here + k] = coefficient(z, codes[i], first[i], second[i], here, k)
+                place = width * (inputs + i)
+                z[place + k] = coefficient(z, codes[i], first[i], second[i], place, k)
             for i in range(n):
                 z[width * (1 + i) + k + 1] = h * z[places[i] + k] / (k + 1)
         for k in range(order, 0, -1):  # small terms first
@@ -192,7 +192,7 @@ def kernel_of(system: System) -> Callable[..., Any]:
                 total[i] += z[width * (1 + i) + k]
         for i in range(n):
             total[i] += s[i]
-        return get(total, 0)
+        return state_at(total, 0)
 
     return step
 
@@ -209,10 +209,10 @@ def prepare(top: LagrangeTop, y0: Array, h: float, *, order: int = 20) -> FixedS
     return FixedStepper("taylor_fixed", h, Kernel(step, rhs_per_step=order), c)
 
 
-def prepare_in_field(top: Any, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
-    """As `prepare`, for any problem: the recurrences are read from tables."""
-    system = top.system
-    c = np.array((top.start, h, check_order(order), *top.numbers, *recurrences(system).constants))
+def prepare_in_field(problem: Problem, y0: Array, h: float, *, order: int = 20) -> FixedStepper:
+    """The Taylor polynomial of degree `order`, at most 60, for any problem: the recurrences are read from tables."""
+    system = problem.system
+    c = np.array((problem.start, h, check_order(order), *problem.numbers, *recurrences(system).constants))
     size, timed = system.size, system.timed
     return FixedStepper("taylor_fixed", h, Kernel(kernel_of(system), rhs_per_step=order, timed=timed), c, size=size)
 

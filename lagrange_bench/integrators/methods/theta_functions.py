@@ -21,8 +21,8 @@ double-doubles, computed with + − × ÷ √ alone. Whole periods are subtracte
 doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
 This is a formula and no stepping kernel, so it may call sin, cos and exp. A step is one evaluation, at t = n h from the start of
-the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`, doubles points of a
-curve. It shares nothing with this file.
+the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`,
+doubles points of a curve. It shares nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """
@@ -49,19 +49,16 @@ from lagrange_bench.integrators.torus.time_step import TWO_PI, largest_root, per
 # places of the constants
 KIND, H, TIME_0, PERIOD, PERIOD_LO, TURN, TURN_LO, CLOCK, BARRIER, NOME, SIGN = range(11)
 RATE_J, RATE_X, SIZE_J, SIZE_X, SIZE_A2, SIZE_B2, PSI_RE, PSI_IM, J3 = range(11, 20)
-START = 20  # the initial state
-TERMS = 4
-EVEN_J, ODD_J, EVEN_A, ODD_A, EVEN_B, ODD_B, BELOW, SIZE = range(
-    26, 27 + 7 * TERMS, TERMS
-)  # coefficients of the series
+STATE = 20  # the initial state
+TERMS = 4  # of each series
+# coefficients of the series, TERMS of each kind
+EVEN_J, ODD_J, EVEN_A, ODD_A, EVEN_B, ODD_B, DIVISOR, SIZE = (26 + TERMS * i for i in range(8))
 
 NAME = "theta_functions"
 REST, DIRECT, TRANSFORMED = range(3)
 TOO_LATE = 1
 LATEST = 1e15  # in units of 1/(|J| + √(|alpha||x|)); doubles of later times say nothing about the phase
-FAILURES = {
-    TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double",
-}
+FAILURES = {TOO_LATE: f"n |h| is over {LATEST:g} times the time scale of the top: its phase is beyond double"}
 WEIGHTLESS = 2.0**-100  # a smaller alpha, in units of the orbit, changes no double at any admissible time
 UPRIGHT = 1e-40  # least J+ or x+, in units of the orbit: the fourth powers of smaller ones underflow
 FOREVER = 1e300  # the period on the separatrix; products with it do not overflow
@@ -69,7 +66,7 @@ state_of = tuple_loader(6)
 
 
 @jit
-def reduced(t, c):
+def reduce_time(t, c):
     """The number n of whole periods since t0, and the rest r in [−T/2, T/2]; n T is subtracted in double-double."""
     n = np.rint((t + c[TIME_0]) / c[PERIOD])
     p, e = two_prod(n, c[PERIOD])
@@ -77,7 +74,7 @@ def reduced(t, c):
 
 
 @jit
-def turned(n, turn, turn_lo):
+def angle_of_periods(n, turn, turn_lo):
     """The angle of n whole periods, in (−π, π]. turn, turn_lo : turns in one period."""
     p, e = two_prod(n, turn)
     return TWO_PI[0] * ((p - np.rint(p)) + (e + n * turn_lo))
@@ -89,55 +86,55 @@ def unit(angle):
 
 
 @jit
-def direct(v, c):
+def direct_factors(v, c):
     """θ2(v − iσβ)/θ4(v) for J+ and A, θ1(v − iσβ)/θ4(v) for B, each up to a constant."""
     z = unit(v)
     zz, even = z * z, complex(1.0, 0.0)
     J = A = B = complex(0.0, 0.0)
-    below = 0.0
+    divisor = 0.0
     for n in range(TERMS):
         J += complex(c[EVEN_J + n] * z.real, c[ODD_J + n] * z.imag)
         A += complex(c[EVEN_A + n] * z.real, c[ODD_A + n] * z.imag)
         B += complex(c[EVEN_B + n] * z.imag, c[ODD_B + n] * z.real)
-        below += c[BELOW + n] * even.real
+        divisor += c[DIVISOR + n] * even.real
         even *= zz
         z *= zz
-    return J / below, A / below, B / below
+    return J / divisor, A / divisor, B / divisor
 
 
 @jit
-def transformed(v, c):
+def transformed_factors(v, c):
     """θ4(σb + iV)/θ2(iV) for J+ and A, −i θ1(σb + iV)/θ2(iV) for B; all sums times e^−|V|."""
     V = abs(v)
     decay, u = math.exp(-V), math.exp(2.0 * (V - c[BARRIER]))  # u = q e^2V
     d = decay * decay
     J = A = B = complex(0.0, 0.0)
-    below, rise, fall = 0.0, 1.0, 1.0
+    divisor, rise, fall = 0.0, 1.0, 1.0
     for n in range(TERMS):
         even, odd = decay * (rise + fall), decay * (rise - fall)  # 2 qⁿ cosh 2nV, 2 qⁿ sinh 2nV
         J += complex(c[EVEN_J + n] * even, c[ODD_J + n] * odd)
         A += complex(c[EVEN_A + n] * even, c[ODD_A + n] * odd)
         even, odd = rise + d * fall, rise - d * fall  # 2 qⁿ cosh (2n + 1)V, 2 qⁿ sinh (2n + 1)V
         B += complex(c[EVEN_B + n] * odd, c[ODD_B + n] * even)
-        below += c[BELOW + n] * even
+        divisor += c[DIVISOR + n] * even
         rise *= u
         fall *= c[NOME] * d
     if v < 0.0:
         J, A, B = J.conjugate(), A.conjugate(), -B.conjugate()
-    return J / below, A / below, B / below
+    return J / divisor, A / divisor, B / divisor
 
 
 @jit
 def factors(r, c):
     """F_J, F_A and F_B without e^{iλr}, each up to a constant."""
-    return direct(c[CLOCK] * r, c) if c[KIND] == DIRECT else transformed(c[CLOCK] * r, c)
+    return direct_factors(c[CLOCK] * r, c) if c[KIND] == DIRECT else transformed_factors(c[CLOCK] * r, c)
 
 
 @jit
 def model(n, r, c):
     """J+, x+ and x3 for ψ = 0."""
     J, A, B = factors(r, c)
-    turn = turned(n, c[TURN], c[TURN_LO])
+    turn = angle_of_periods(n, c[TURN], c[TURN_LO])
     x3 = 0.5 * (c[SIZE_B2] * (B.real * B.real + B.imag * B.imag) - c[SIZE_A2] * (A.real * A.real + A.imag * A.imag))
     AB = A * B
     x = complex(-AB.imag, AB.real) * unit(turn + c[RATE_X] * r) * c[SIZE_X]
@@ -147,10 +144,10 @@ def model(n, r, c):
 @jit
 def position(t, rest, c):
     """The state at time t + `rest`, which is below an ulp of t."""
-    s = state_of(c, START)
-    if c[KIND] == REST or t == 0.0:
+    s = state_of(c, STATE)
+    if c[KIND] == REST:
         return s
-    n, r = reduced(t, c)
+    n, r = reduce_time(t, c)
     r += rest
     J, x, x3 = model(n, r, c)
     psi = complex(c[PSI_RE], c[PSI_IM])
@@ -191,8 +188,8 @@ def pair(product, total):
 
 
 @jit
-def roots(alpha, y):
-    """1: ζ1, ζ2, ζ3, ζ_J, ζ_A, ζ_B and alpha D_J, alpha D_A, alpha D_B, double-doubles; alpha > 0."""
+def levels_of(alpha, y):
+    """Stage 1: ζ1, ζ2, ζ3, ζ_J, ζ_A, ζ_B and alpha D_J, alpha D_A, alpha D_B, double-doubles; alpha > 0."""
     J1, J2, m, x1, x2, x3 = y
     a, m_ = dd(alpha), dd(m)
     jj = add(two_prod(J1, J1), two_prod(J2, J2))
@@ -232,7 +229,7 @@ def roots(alpha, y):
 
 
 @jit
-def above(z1, z2, z3, z, d):
+def split_gap(z1, z2, z3, z, d):
     """z − ζ2, ζ1 − z and σ for ζ2 ≤ z ≤ ζ1, where 2 (ζ1 − z)(z − ζ2)(z − ζ3) = 4 d². The smaller one comes from this product.
 
     If d = 0, σ is 0 for a factor with a real zero (z = ζ2), and 1 for one without (z = ζ1).
@@ -250,14 +247,14 @@ def above(z1, z2, z3, z, d):
 
 
 @jit
-def clock(found, m):
-    """2: the period and the turn in it, in double-double. From here on doubles do.
+def clock(levels, m):
+    """Stage 2: the period and the turn in it, in double-double. From here on doubles are enough.
 
     Then ζ1 − ζ2, ζ1 − ζ3, ζ2 − ζ3, and for J, A and B the distances of ζ_F from ζ1, ζ2, ζ3, and σ.
     """
-    z1, z2, z3, zJ, zA, zB, dJ, dA, dB = found
-    J_low, J_high, sigma_J = above(z1, z2, z3, zJ, dJ)
-    A_low, A_high, sigma_A = above(z1, z2, z3, zA, dA)
+    z1, z2, z3, zJ, zA, zB, dJ, dA, dB = levels
+    J_low, J_high, sigma_J = split_gap(z1, z2, z3, zJ, dJ)
+    A_low, A_high, sigma_A = split_gap(z1, z2, z3, zA, dA)
     T, turn = period_and_turn(z1, z2, z3, sub(zJ, z3), J_low, J_high, dJ, dd(m))
     of_J = max(J_high[0], 0.0), max(J_low[0], 0.0), sub(zJ, z3)[0], sigma_J
     of_A = max(A_high[0], 0.0), max(A_low[0], 0.0), sub(zA, z3)[0], sigma_A
@@ -266,34 +263,34 @@ def clock(found, m):
     return T, turn, np.array((sub(z1, z2)[0], sub(z1, z3)[0], sub(z2, z3)[0])), (of_J, of_A, of_B)
 
 
-def start(found, y, gaps):
-    """3: κ, K, K', and the time since x3 was smallest."""
-    (z12, z13, z23), (z1, z2, z3) = gaps, (root[0] for root in found[:3])
+def start(levels, y, gaps):
+    """Stage 3: κ, K, K', and the time since x3 was smallest."""
+    (z12, z13, z23), (z1, z2, z3) = gaps, (root[0] for root in levels[:3])
     kappa, w = np.sqrt(0.5 * z13), 0.0
     if z3 < 0.0:
         w = np.sqrt(-z3) * elliprf(max(z2, 0.0), z1 * z23 / z13, z23)
     return kappa, ellipkm1(z12 / z13), ellipkm1(z23 / z13), np.copysign(w, y[0] * y[4] - y[1] * y[3]) / kappa
 
 
-def shifts(gaps, places, K_):
-    """4: η and K' − η, and σ, of J, A and B."""
-    (z12, z13, z23), found = gaps, []
-    for to_1, to_2, to_3, sigma in places[:2]:
+def shifts_of(gaps, distances, K_):
+    """Stage 4: η and K' − η, and σ, of J, A and B."""
+    (z12, z13, z23), shifts = gaps, []
+    for to_1, to_2, to_3, sigma in distances[:2]:
         eta = np.sqrt(to_2 * z13) * elliprf(to_1 * z23, z23 * z12, to_3 * z12)
         rest = np.sqrt(to_1) * elliprf(to_2, to_3 * z12 / z13, z12)
-        found.append((eta, rest, sigma))
-    to_1, to_2, to_3, sigma = places[2]
+        shifts.append((eta, rest, sigma))
+    to_1, to_2, to_3, sigma = distances[2]
     eta = np.sqrt(to_3) * elliprf(z23, z23 * to_1 / z13, to_2)
     rest = np.sqrt(z13) * elliprf(to_3, to_2, to_1)
-    found.append((eta, rest, sigma))
-    return tuple((eta, rest, sigma) if sigma else (0.0, K_, sigma) for eta, rest, sigma in found)
+    shifts.append((eta, rest, sigma))
+    return tuple((eta, rest, sigma) if sigma else (0.0, K_, sigma) for eta, rest, sigma in shifts)
 
 
 @jit
-def put_direct(found, K, c):
-    """5: the coefficients for k² ≤ 1/2, those of J, A and B over e^β. Returns d arg/dv where |F| is largest."""
+def put_direct(shifts, K, c):
+    """Stage 5: put the coefficients for k² ≤ 1/2, those of J, A and B over e^β, into c. Returns d arg/dv where |F| is largest."""
     q, slopes = c[NOME], np.empty(3)
-    for i, (eta, rest, sigma) in enumerate(found):
+    for i, (eta, rest, sigma) in enumerate(shifts):
         grow, fall = math.exp(-math.pi * rest / K), math.exp(-math.pi * eta / K)  # q e^2β, e^−2β
         top = bottom = 0.0
         for n in range(TERMS):
@@ -307,15 +304,15 @@ def put_direct(found, K, c):
         sign = (-1.0) ** n
         c[EVEN_B + n] *= sign
         c[ODD_B + n] *= -sign
-        c[BELOW + n] = sign * q ** (n * n) * (2.0 if n > 0 else 1.0)
+        c[DIVISOR + n] = sign * q ** (n * n) * (2.0 if n > 0 else 1.0)
     return slopes
 
 
 @jit
-def put_transformed(found, K_, c):
-    """5: the same for k² > 1/2, over qⁿ. Returns d arg/dV."""
+def put_transformed(shifts, K_, c):
+    """Stage 5 for k² > 1/2: the coefficients over qⁿ. Returns d arg/dV."""
     q, slopes, b = c[NOME], np.empty(3), 0.0
-    for i, (eta, _, sigma) in enumerate(found):
+    for i, (eta, _, sigma) in enumerate(shifts):
         b = sigma * 0.5 * math.pi * eta / K_
         top = bottom = 0.0
         for n in range(TERMS):
@@ -327,14 +324,14 @@ def put_transformed(found, K_, c):
         slopes[i] = top / bottom
     for n in range(TERMS):  # B has θ1
         weight, angle = (-1.0) ** n * q ** (n * n), (2 * n + 1) * b
-        c[EVEN_B + n], c[ODD_B + n], c[BELOW + n] = weight * math.cos(angle), -weight * math.sin(angle), abs(weight)
+        c[EVEN_B + n], c[ODD_B + n], c[DIVISOR + n] = weight * math.cos(angle), -weight * math.sin(angle), abs(weight)
     return slopes
 
 
-def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
-    """5: the rates λ, the constant factors, and the phase ψ at the start."""
+def put_scales(levels, J3_, A3, B2, slopes, alpha, y, c):
+    """Stage 5: put the rates λ, the constant factors, and the phase ψ at the start into c."""
     J1, J2, m, x1, x2, x3 = y
-    dJ, dA, dB = found[6:]
+    dJ, dA, dB = levels[6:]
     c[RATE_J] = 0.5 * m + (dJ[0] / J3_ - c[CLOCK] * slopes[0])
     c[RATE_X] = (dA[0] / A3 - c[CLOCK] * slopes[1]) + (dB[0] / B2 - c[CLOCK] * slopes[2])
     # factors of J+ and A where x3 is smallest, of B where it is largest
@@ -343,7 +340,7 @@ def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
     c[SIZE_J] = math.sqrt(2.0 * J3_) / abs(J)
     c[SIZE_A2], c[SIZE_B2] = A3 / alpha / abs(A) ** 2, B2 / alpha / abs(B) ** 2
     c[SIZE_X] = math.sqrt(c[SIZE_A2] * c[SIZE_B2])
-    J, x, _ = model(*reduced(0.0, c), c)
+    J, x, _ = model(*reduce_time(0.0, c), c)
     length = x1 * x1 + x2 * x2 + x3 * x3
     weight = J1 * J1 + J2 * J2 + m * m + alpha * math.sqrt(length)
     psi = J.conjugate() * complex(J1, J2) * length + x.conjugate() * complex(x1, x2) * weight
@@ -352,9 +349,9 @@ def put_scales(found, J3_, A3, B2, slopes, alpha, y, c):
 
 @np.errstate(all="ignore")
 def constants(units: Units, y0: Array, span: float, h: float | None = None) -> Array:
-    """Everything `position` needs for the motion through y0 at t = 0. h : for messages."""
+    """The constants of `position` for the motion through y0 at t = 0. h : for messages."""
     c, alpha, state = np.zeros(SIZE), units.alpha, units.enter(y0)
-    c[H], c[J3], c[SIGN], c[START : START + 6] = span, state[2], math.copysign(1.0, alpha), state
+    c[H], c[J3], c[SIGN], c[STATE : STATE + 6] = span, state[2], math.copysign(1.0, alpha), state
     off = np.max(np.abs(state[[0, 1, 3, 4]]))
     if off == 0.0 or (alpha == 0.0 and not np.any(state[:3])):
         c[KIND] = REST
@@ -364,19 +361,19 @@ def constants(units: Units, y0: Array, span: float, h: float | None = None) -> A
         raise StepError(NAME, reason, h=h)
     state *= np.repeat((1.0, c[SIGN]), 3)  # for alpha < 0 the mirror image
     alpha, y = max(abs(alpha), WEIGHTLESS), tuple(state.tolist())
-    found = roots(alpha, y)
-    T, turn, gaps, places = clock(found, y[2])
-    kappa, K, K_, c[TIME_0] = start(found, y, gaps)
+    levels = levels_of(alpha, y)
+    T, turn, gaps, distances = clock(levels, y[2])
+    kappa, K, K_, c[TIME_0] = start(levels, y, gaps)
     c[PERIOD], c[PERIOD_LO] = T if T[0] < FOREVER else (FOREVER, 0.0)
     c[TURN], c[TURN_LO] = turn
-    shifted = shifts(gaps, places, K_)
+    shifts = shifts_of(gaps, distances, K_)
     c[KIND], put_series = DIRECT, put_direct
     if gaps[2] > gaps[0]:
         c[KIND], put_series, K, K_ = TRANSFORMED, put_transformed, K_, K
     c[CLOCK], c[BARRIER] = 0.5 * np.pi * kappa / K, 0.5 * np.pi * K_ / K
     c[NOME] = np.exp(-2.0 * c[BARRIER])
-    slopes = put_series(shifted, K, c)
-    put_scales(found, places[0][2], places[1][2], places[2][1], slopes, alpha, y, c)
+    slopes = put_series(shifts, K, c)
+    put_scales(levels, distances[0][2], distances[1][2], distances[2][1], slopes, alpha, y, c)
     if np.any(np.isnan(c)):
         raise StepError(NAME, "the constants of the closed form are beyond the range of doubles", h=h)
     return c
@@ -386,23 +383,24 @@ class ThetaStepper(FixedStepper):
     """Evaluates the closed form at every multiple of h since the state with which the run began."""
 
     from_start = True
+    units: Units
 
     def __init__(self, top: LagrangeTop, y0: Array, h: float):
-        self.top_units = units = Units(top, y0, h)
-        self.span = units.span(NAME, h)
-        super().__init__(NAME, h, Kernel(step, failures=FAILURES), constants(units, y0, self.span, h), units)
+        units = Units(top, y0, h)
+        c = constants(units, y0, units.span(NAME, h), h)
+        super().__init__(NAME, h, Kernel(step, failures=FAILURES), c, units)
 
     def record(self, y: Array, n: int, every: int) -> Array:
         y = as_state(y)
-        self.constants = constants(self.top_units, y, self.span, self.h)
+        self.constants = constants(self.units, y, self.constants[H], self.h)
         return super().record(y, n, every)
 
 
-def evaluate(top: LagrangeTop, y0: Array, times: Array) -> tuple[Array, Work]:
+def evaluate(problem: LagrangeTop | RigidBody, y0: Array, times: Array) -> tuple[Array, Work]:
     """The states at any times, with one evaluation for each."""
-    if kinds.rigid_body(top):
-        return closed_form(top, y0, times), Work(steps=len(times))  # type: ignore[arg-type]
-    units = Units(top, y0, 1.0)
+    if isinstance(problem, RigidBody):
+        return closed_form(problem, y0, times), Work(steps=len(times))
+    units = Units(problem, y0, 1.0)
     states = units.leave(positions(units.spans(NAME, times), constants(units, y0, 0.0)))
     states[times == 0.0] = y0  # with the digits that the formulas lose beside |x|
     return states, Work(steps=len(times))

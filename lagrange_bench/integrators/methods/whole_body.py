@@ -24,13 +24,11 @@ Methods Eng. 31 (1991) 19 (not seen: the formulas are ours); Brüls, Cardona & A
 """
 
 import math
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 
-from lagrange_bench.integrators.compiling.compiled import jit
+from lagrange_bench.integrators.compiling.compiled import Compiled, jit
 from lagrange_bench.integrators.compiling.expression import tuple_loader
 from lagrange_bench.integrators.compiling.intrinsics import store_tuple
 from lagrange_bench.integrators.compiling.loops import FAILURE, ITERATIONS, MEMORY, RESIDUAL, FixedStepper, Kernel
@@ -51,12 +49,12 @@ vector, turn_from_right = tuple_loader(3), lie_group.turn_body(True)
 
 
 @jit
-def scaled(a, b):
+def multiply(a, b):
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
 @jit
-def over(a, b):
+def divide(a, b):
     return a[0] / b[0], a[1] / b[1], a[2] / b[2]
 
 
@@ -74,7 +72,7 @@ def torque(s, c):
 
 
 @jit
-def turned_by(s, f0, f):
+def compose(s, f0, f):
     """The quaternion q f, with the length of q. f is a unit quaternion but for round-off."""
     q0, q = s[0], s[1:4]
     n0, n = q0 * f0 - dot(q, f), add(add(times(f0, q), q0, f), 1.0, cross(q, f))
@@ -82,7 +80,7 @@ def turned_by(s, f0, f):
 
 
 @jit
-def rotated(s, a, counters):
+def rotate(s, a, counters):
     """The state with its body turned by exp(â)."""
     return turn_from_right(times(-1.0, a) + ZERO, s, counters)
 
@@ -98,7 +96,7 @@ def rows(I, scale, f, m):
 
 
 @cache
-def newton(residual: Callable[..., Any]) -> Any:
+def newton(residual: Compiled) -> Compiled:
     """(x, a, c, counters) → the root of `residual` near x, to round-off. `residual` returns a vector and the rows of a matrix."""
 
     @jit
@@ -124,7 +122,7 @@ def newton(residual: Callable[..., Any]) -> Any:
 def free_residual(f, a, c, counters):
     """2 (f0 I f + f × I f) − a with a = h L½, and its derivative."""
     I = vector(c, INERTIA)
-    m, f0 = scaled(I, f), math.sqrt(max(1.0 - dot(f, f), 1e-30))
+    m, f0 = multiply(I, f), math.sqrt(max(1.0 - dot(f, f), 1e-30))
     g = add(times(2.0, add(times(f0, m), 1.0, cross(f, m))), -1.0, a)
     r0, r1, r2 = rows(I, f0, f, m)
     w = -1.0 / f0
@@ -136,15 +134,15 @@ def free_residual(f, a, c, counters):
 def rattle(s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
     L = add(s[4:], 0.5 * h, torque(s, c))
-    guess = over(times(0.5 * h, L), I)
+    guess = divide(times(0.5 * h, L), I)
     guess = times(1.0 / math.sqrt(1.0 + dot(guess, guess)), guess)
     f = free(guess, times(h, L), c, counters)
     square = dot(f, f)
     if not square < 1.0:
         counters[FAILURE] = NOT_CONVERGED
         return s
-    q = turned_by(s, math.sqrt(1.0 - square), f)
-    L = add(L, -4.0 / h, cross(f, scaled(I, f)))
+    q = compose(s, math.sqrt(1.0 - square), f)
+    L = add(L, -4.0 / h, cross(f, multiply(I, f)))
     L = add(L, 0.5 * h, torque(q, c))
     return q[:4] + L
 
@@ -168,7 +166,7 @@ def mean_push(turn, up, w):
 def cayley_residual(turn, a, c, counters):
     """For a = (L, Γ): (1 + Θ̂/2) (2 I Θ − h (L + L̃)), and its matrix."""
     h, I = c[STEP], vector(c, INERTIA)
-    m, push = scaled(I, turn), mean_push(turn, a[3:], vector(c, WEIGHT))
+    m, push = multiply(I, turn), mean_push(turn, a[3:], vector(c, WEIGHT))
     g = add(add(times(2.0, m), 1.0, cross(turn, m)), -2.0 * h, a[:3])
     return add(g, -h * h, push), rows(I, 2.0, turn, m)
 
@@ -177,19 +175,19 @@ def cayley_residual(turn, a, c, counters):
 def simo_wong(s, c, counters):
     h, I, L = c[STEP], vector(c, INERTIA), s[4:]
     up = vertical(s, c)
-    turn = cayley(over(times(h, L), I), L + up, c, counters)
+    turn = cayley(divide(times(h, L), I), L + up, c, counters)
     v = times(0.5, turn)
     f0 = 1.0 / math.sqrt(1.0 + dot(v, v))
-    q = turned_by(s, f0, times(f0, v))
-    L = add(L, -1.0 / h, cross(turn, scaled(I, turn)))
+    q = compose(s, f0, times(f0, v))
+    L = add(L, -1.0 / h, cross(turn, multiply(I, turn)))
     L = add(L, h, mean_push(turn, up, vector(c, WEIGHT)))
     return q[:4] + L
 
 
 @jit
-def carried(turn, s, c, counters):
+def next_momentum(turn, s, c, counters):
     """L̃ of lie_midpoint."""
-    push, back = torque(rotated(s, times(0.5, turn), counters), c), times(-0.5, turn)
+    push, back = torque(rotate(s, times(0.5, turn), counters), c), times(-0.5, turn)
     L = add(lie_group.turn_one(back, s[4:], counters), c[STEP], push)
     return lie_group.turn_one(back, L, counters)
 
@@ -197,16 +195,16 @@ def carried(turn, s, c, counters):
 @jit
 def midpoint_residual(turn, s, c, counters):
     h, I = c[STEP], vector(c, INERTIA)
-    L = carried(turn, s, c, counters)
-    g = add(add(scaled(I, turn), -0.5 * h, s[4:]), -0.5 * h, L)
+    L = next_momentum(turn, s, c, counters)
+    g = add(add(multiply(I, turn), -0.5 * h, s[4:]), -0.5 * h, L)
     return g, rows(I, 1.0, ZERO, times(0.5 * h, L))
 
 
 @jit
 def lie_midpoint(s, c, counters):
     h, I, L = c[STEP], vector(c, INERTIA), s[4:]
-    turn = midpoint(over(times(h, L), I), s, c, counters)
-    L, q = carried(turn, s, c, counters), rotated(s, turn, counters)
+    turn = midpoint(divide(times(h, L), I), s, c, counters)
+    L, q = next_momentum(turn, s, c, counters), rotate(s, turn, counters)
     return q[:4] + L
 
 
@@ -214,7 +212,7 @@ def lie_midpoint(s, c, counters):
 def rate(v, s, c):
     """v' = I⁻¹ (I v × v + τ)."""
     I = vector(c, INERTIA)
-    return over(add(torque(s, c), 1.0, cross(scaled(I, v), v)), I)
+    return divide(add(torque(s, c), 1.0, cross(multiply(I, v), v)), I)
 
 
 RHO = 0.9  # the spectral radius at infinite frequency: 0 damps most, 1 does not damp
@@ -229,46 +227,44 @@ def newmark(b, a, c):
 
     (1 − α_m) ã = (1 − α_f) b + α_f v' − α_m a,    ṽ = v + h ((1 − γ) a + γ ã),    Θ = h v + h² ((1/2 − β) a + β ã)
     """
-    h, v, old = c[STEP], a[4:7], a[10:]
-    new = times(1.0 / (1.0 - ALPHA_M), add(add(times(1.0 - ALPHA_F, b), ALPHA_F, a[7:10]), -ALPHA_M, old))
-    speed = add(add(v, (1.0 - GAMMA) * h, old), GAMMA * h, new)
-    turn = add(add(times(h, v), (0.5 - BETA) * h * h, old), BETA * h * h, new)
-    return new, speed, turn
+    h, v, a0 = c[STEP], a[4:7], a[10:]
+    a1 = times(1.0 / (1.0 - ALPHA_M), add(add(times(1.0 - ALPHA_F, b), ALPHA_F, a[7:10]), -ALPHA_M, a0))
+    v1 = add(add(v, (1.0 - GAMMA) * h, a0), GAMMA * h, a1)
+    turn = add(add(times(h, v), (0.5 - BETA) * h * h, a0), BETA * h * h, a1)
+    return a1, v1, turn
 
 
 @jit
 def alpha_residual(b, a, c, counters):
     I = vector(c, INERTIA)
     _, v, turn = newmark(b, a, c)
-    g = scaled(I, add(b, -1.0, rate(v, rotated(a[:4] + ZERO, turn, counters), c)))
+    g = multiply(I, add(b, -1.0, rate(v, rotate(a[:4] + ZERO, turn, counters), c)))
     k = GAMMA * c[STEP] * (1.0 - ALPHA_F) / (1.0 - ALPHA_M)
-    return g, rows(I, 1.0, times(k, v), times(k, scaled(I, v)))
+    return g, rows(I, 1.0, times(k, v), times(k, multiply(I, v)))
 
 
 @jit
 def generalized_alpha(s, c, counters):
     I = vector(c, INERTIA)
-    v = over(s[4:], I)
+    v = divide(s[4:], I)
     if counters[MEMORY] == 0.0:  # the first step: both accelerations are v' of the motion
         counters[MEMORY] = 1.0
         b = rate(v, s, c)
         store_tuple(counters, MEMORY + 1, b + b)
     b, a = vector(counters, MEMORY + 1), vector(counters, MEMORY + 4)
-    known = s[:4] + v + b + a
-    b = damped(b, known, c, counters)
-    a, v, turn = newmark(b, known, c)
+    current = s[:4] + v + b + a
+    b = alpha(b, current, c, counters)
+    a, v, turn = newmark(b, current, c)
     store_tuple(counters, MEMORY + 1, b + a)
-    q, L = rotated(s, turn, counters), scaled(I, v)
+    q, L = rotate(s, turn, counters), multiply(I, v)
     return q[:4] + L
 
 
-free, cayley, midpoint, damped = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
+free, cayley, midpoint, alpha = map(newton, (free_residual, cayley_residual, midpoint_residual, alpha_residual))
 
 
-def method(
-    name: str, label: str, step: Callable[..., Any], claims: Claims, source: str, carries: bool = False
-) -> Method:
-    """The record of a step. carries : whether numbers go from step to step, so that a run depends on where it starts.
+def method(name: str, label: str, step: Compiled, claims: Claims, source: str, has_memory: bool = False) -> Method:
+    """The record of a step. has_memory : whether numbers go from step to step, so that a run depends on where it starts.
 
     The names of the invariants are explained in `problem.rigid_body`.
     """
@@ -276,7 +272,7 @@ def method(
     def prepare(body: RigidBody, y0: Array, h: float) -> FixedStepper:
         c = np.array((h, *body.inertia, *body.weight, *body.up), dtype=float)
         stepper = FixedStepper(name, h, Kernel(step, failures=FAILURES), c, size=7)
-        stepper.from_start = carries
+        stepper.from_start = has_memory
         return stepper
 
     return Method(name, label, "whole-body", 2, source, prepare, claims, needs="body")
@@ -309,5 +305,5 @@ GENERALIZED_ALPHA = method(
     generalized_alpha,
     Claims(conserves={"C1", "C2"}),
     "Brüls, Cardona and Arnold, Mech. Mach. Theory 48 (2012) 121",
-    carries=True,
+    has_memory=True,
 )
