@@ -153,7 +153,7 @@ def start(torus, h):
 
 @unrolled
 def double_time(torus, p, dp, f, df, turn):
-    """The same at 2h, from their values at h: t = h in the formulas of the module's docstring."""
+    """The values of `functions` at 2h, from those at h: t = h in the formulas of the module's docstring."""
     H_, m, C1_, C2_, c1, c0, G1, G0 = torus
     quarter = scale(mul(m, m), 0.25)
     Hp, pp = mul(H_, p), mul(p, p)

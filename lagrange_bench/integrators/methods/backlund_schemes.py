@@ -106,11 +106,11 @@ def _ends(scheme: Scheme, has_corrector: bool, sign: float) -> tuple[Array, ...]
     """The result of `ends_of` for |h| = 1."""
     corrector = _corrector(scheme, corrector_kicks(scheme), SPACING) if has_corrector else ()
     exit_groups = [(scheme.a[0] * sign, 0.0), *corrector]
-    entry_groups, pending = [], 0.0
+    entry_groups, flow = [], 0.0
     for time, kick in reversed(exit_groups):
-        entry_groups.append((pending, -kick))
-        pending = -time
-    ends = [np.pad(groups, ((0, 0), (0, 3))) for groups in ([*entry_groups, (pending, 0.0)], exit_groups)]
+        entry_groups.append((flow, -kick))
+        flow = -time
+    ends = [np.pad(groups, ((0, 0), (0, 3))) for groups in ([*entry_groups, (flow, 0.0)], exit_groups)]
     for groups, start in zip(ends, (0.0, -scheme.a[0] * sign), strict=True):
         groups[:, 4] = start + groups[:, 0].cumsum()
     return tuple(ends)

@@ -6,11 +6,10 @@ away from 0. `run` counts its work in `work`, leaves `y` alone, and raises `Step
 
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from lagrange_bench.integrators.checks import as_state, check_count, check_grid, check_real
 from lagrange_bench.integrators.interface import Array, StepError, Stepper, Work
@@ -21,12 +20,10 @@ Run = Callable[[Array, Array, Work], Array]
 
 
 class DenseStepper(Stepper):
-    """A `Stepper` whose h only makes the output grid. `runner(top, **options)` makes its `run`."""
+    """A `Stepper` whose h only makes the output grid."""
 
-    def __init__(
-        self, name: str, top: Problem, y0: Array, h: float, runner: Callable[..., Run], options: Mapping[str, Any]
-    ):
-        self.name, self.h, self.run, self.farthest = name, h, runner(top, **options), farthest(top, y0)
+    def __init__(self, name: str, top: Problem, y0: Array, h: float, run: Run):
+        self.name, self.h, self.run, self.farthest = name, h, run, farthest(top, y0)
         self.work, self.size, self.from_start = Work(), len(y0), top.system.timed
 
     def advance(self, y: Array, n: int) -> Array:
@@ -64,7 +61,7 @@ def dense(
     """`prepare` and `evaluate` of a method with the options of `runner`, where `runner(top, *, …)` makes its `run`."""
 
     def prepare(top: Problem, y0: Array, h: float, **options: Any) -> DenseStepper:
-        return DenseStepper(name, top, y0, h, runner, options)
+        return DenseStepper(name, top, y0, h, runner(top, **options))
 
     def evaluate(top: Problem, y0: Array, times: Array, **options: Any) -> tuple[Array, Work]:
         return at_times(name, top, runner(top, **options), y0, times)
@@ -101,22 +98,16 @@ def too_far(t: float, limit: float) -> str:
 
 def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tuple[Array, Work]:
     """States at any times, in any order and on both sides of 0."""
-    work, limit, last = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
-    if last > limit:
-        raise StepError(name, too_far(last, limit))
+    work, limit, longest = Work(), farthest(top, y0), np.max(np.abs(times), initial=0.0)
+    if longest > limit:
+        raise StepError(name, too_far(longest, limit))
     out = np.empty((len(times), len(y0)))
     out[times == 0.0] = y0
-    for side, grid, places in sides(times):
-        out[side] = finite(name, run(y0, grid, work))[places]
-    return out, work
-
-
-def sides(times: Array) -> Iterator[tuple[NDArray[np.bool_], Array, NDArray[np.intp]]]:
-    """For the times after 0, then for those before 0: their mask, their grid away from 0, and their places on the grid."""
-    for side in (times > 0.0, times < 0.0):
+    for side, sign in ((times > 0.0, 1.0), (times < 0.0, -1.0)):
         if np.any(side):
-            grid, places = np.unique(np.abs(times[side]), return_inverse=True)
-            yield side, grid * np.sign(times[side][0]), places
+            grid, places = np.unique(sign * times[side], return_inverse=True)  # away from 0, each time once
+            out[side] = finite(name, run(y0, sign * grid, work))[places]
+    return out, work
 
 
 def finite(name: str, states: Array) -> Array:

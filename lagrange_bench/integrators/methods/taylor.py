@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 
 from lagrange_bench.integrators.checks import check_flag
+from lagrange_bench.integrators.compiling.loops import INTERRUPTIBLE
 from lagrange_bench.integrators.interface import Array, Claims, Method, StepError, Work
 from lagrange_bench.integrators.methods.dense import Run, check_tolerance, dense
 from lagrange_bench.integrators.problem import kinds
@@ -35,7 +36,6 @@ from lagrange_bench.integrators.problem.units import Units, ldexp, units_of
 
 EPS = float(np.finfo(float).eps)
 FAR = 10  # powers of two: the tolerance is relative to the largest number of a state
-INTERRUPTIBLE = 1 << 20  # most steps in one call of heyoka, which does not see Ctrl-C
 
 
 def equations(system: System | None = None, has_units: bool = False) -> list[Any]:

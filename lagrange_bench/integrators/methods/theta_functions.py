@@ -21,8 +21,8 @@ double-doubles, computed with + − × ÷ √ alone. Whole periods are subtracte
 doubles: errors stay at round-off for any t, up to the conditioning of the orbit itself.
 
 This is a formula and no stepping kernel, so it may call sin, cos and exp. A step is one evaluation, at t = n h from the start of
-the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`,
-doubles points of a curve. It shares nothing with this file.
+the run; `evaluate` takes any times. The truth by which methods are judged, `truth.exact`, doubles points of a curve, and shares
+nothing with this file.
 
 Sources: Whittaker, Analytical Dynamics, sections 71-72; Jacobi, Werke 2 (1882) 477; DLMF 19.8.7-8, 19.25, 20.7.30-33, 22.2.
 """

@@ -252,9 +252,9 @@ def generalized_alpha(s, c, counters):
         b = rate(v, s, c)
         store_tuple(counters, MEMORY + 1, b + b)
     b, a = vector(counters, MEMORY + 1), vector(counters, MEMORY + 4)
-    current = s[:4] + v + b + a
-    b = alpha(b, current, c, counters)
-    a, v, turn = newmark(b, current, c)
+    motion = s[:4] + v + b + a
+    b = alpha(b, motion, c, counters)
+    a, v, turn = newmark(b, motion, c)
     store_tuple(counters, MEMORY + 1, b + a)
     q, L = rotate(s, turn, counters), multiply(I, v)
     return q[:4] + L
