@@ -27,7 +27,7 @@ class DenseStepper(Stepper):
         self.work, self.size, self.from_start = Work(), len(y0), top.system.timed
 
     def advance(self, y: Array, n: int) -> Array:
-        # not by `record`, which takes 2 µs more; a library takes 1 µs per unit of time
+        # not by `record`: its arrays cost as much as a short run
         y = as_state(y, self.size)
         if check_count(n, "n") == 0:
             return y.copy()
@@ -111,7 +111,7 @@ def at_times(name: str, top: Problem, run: Run, y0: Array, times: Array) -> tupl
 
 
 def finite(name: str, states: Array) -> Array:
-    # NumPy takes 2 µs for six numbers
+    # for a few numbers NumPy takes longer than Python
     is_finite = all(map(math.isfinite, states[0].tolist())) if len(states) == 1 else np.isfinite(states).all()
     if not is_finite:
         raise StepError(name, "the state left the range of floating-point numbers")

@@ -71,9 +71,9 @@ def compile_integrator(tol: float, high_accuracy: bool, system: System | None = 
 
 
 def integrator_of_thread(*key: Any) -> Any:
-    """The integrator of this thread: a copy takes 0.7 ms, in which heyoka follows 700 units of time.
+    """The integrator of this thread, copied once, because a copy costs more than a short run.
 
-    Steppers share it, because each run sets its whole state anew.
+    Steppers share it: each run sets its whole state anew.
     """
     compiled: dict[Any, Any] = _of_thread.__dict__.setdefault("integrators", {})
     if key not in compiled:
