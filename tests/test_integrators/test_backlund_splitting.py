@@ -169,7 +169,7 @@ def test_runs_agree_by_two_halvings(values, runs, difference):
             raise StepError(NAME, "too long")
         return np.outer(np.atleast_1d(value), np.eye(6)[0])
 
-    rows, halved, found = step_halving.agreeing(NAME, run, 1e-4, (1.0, 1.0))
+    rows, halved, found = step_halving.agreeing_run(NAME, run, 1e-4, (1.0, 1.0))
     assert halved == runs - 1
     assert np.array_equal(rows[:, 0], np.atleast_1d(values[halved]))
     assert found == pytest.approx(difference, abs=1e-12)

@@ -251,10 +251,10 @@ def constants(alpha, y, h):
         c[HALF_N + k] = number[0]
     for k, (re, im) in enumerate(complexes):
         c[G + 2 * k], c[G + 2 * k + 1] = re[0], im[0]
-    least = 1.0
+    least_denominator = 1.0
     if abs(r[0]) > UNSTABLE:
-        least -= c[HALF_P] * (alpha * y[5] + ts.nutation_roots(alpha, y)[1][0])
-    return c, least
+        least_denominator -= c[HALF_P] * (alpha * y[5] + ts.nutation_roots(alpha, y)[1][0])
+    return c, least_denominator
 
 
 class AdditionStepper(real_map.TorusStepper):
@@ -273,8 +273,8 @@ def prepare(top: LagrangeTop, y0: Array, h: float) -> FixedStepper:
     name = "addition_theorem"
     units = Units(top, y0, h)
     state, span = units.enter(y0), units.span(name, h)
-    c, least = constants(units.alpha, tuple(state.tolist()), span)
-    if not (least >= LEAST and np.all(np.isfinite(c))):
+    c, least_denominator = constants(units.alpha, tuple(state.tolist()), span)
+    if not (least_denominator >= LEAST and np.all(np.isfinite(c))):
         raise StepError(name, "h is too long so near the separatrix: the denominator of the map nearly vanishes", h=h)
     kernel = Kernel(step, real_map.restore_invariants, 8 if abs(span) < LONG else 1)
     return AdditionStepper(name, h, kernel, c, units)

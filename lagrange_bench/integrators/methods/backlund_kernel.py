@@ -61,7 +61,7 @@ def on_curve(torus, j3, alpha, lam):
 def kernel(V: System, gradients: int, degree: int) -> Compiled:
     """The flows and kicks of a composition. degree : of the tables, 0 for none. gradients : whether kicks have W, and Z."""
     conserves_J3, timed = 2 in V.constant, V.timed
-    torque, look, parameters = torques(V, gradients), look_up(degree or 1, conserves_J3), tuple_loader(V.parameters)
+    torque, table_at, parameters = torques(V, gradients), look_up(degree or 1, conserves_J3), tuple_loader(V.parameters)
     first, stride = NUMBERS + 1 + V.parameters, GROUP + table_size(degree, conserves_J3)
 
     @jit(inline=True)
@@ -72,7 +72,7 @@ def kernel(V: System, gradients: int, degree: int) -> Compiled:
             torus = invariants(s, alpha)
             u, v = (torus[2] - c[CENTRE_H]) * c[SCALE_H], (s[2] - c[CENTRE_J]) * c[SCALE_J]
             if degree > 0 and abs(u) <= 1.0 and abs(v) <= 1.0:
-                s = move(s, alpha, on_curve(torus, s[2], alpha, look(c, place + GROUP, u, v)))
+                s = move(s, alpha, on_curve(torus, s[2], alpha, table_at(c, place + GROUP, u, v)))
             else:
                 counters[loops.ITERATIONS] += 1.0 if degree > 0 else 0.0
                 s, is_found = exact_flow(s, alpha, c[place + TIME])

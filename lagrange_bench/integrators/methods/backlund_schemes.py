@@ -65,14 +65,14 @@ def corrector_kicks(scheme: Scheme) -> tuple[float, ...]:
     times = [math.fsum(scheme.a[: i + 1]) - 0.5 for i in range(len(scheme.b))]
     with workdps(40):
         points = [WIDEST * (k + mpmath.mpf(1) / 2) / 400 for k in range(400)]
-        A, right = mpmath.matrix(len(points), NODES), mpmath.matrix(len(points), 1)
+        A, rhs = mpmath.matrix(len(points), NODES), mpmath.matrix(len(points), 1)
         for i, w in enumerate(points):
             weight = mpmath.exp(-3 * w) / w
             kicks = mpmath.fsum(b * mpmath.cos(w * t) for b, t in zip(scheme.b, times, strict=True))
-            right[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
+            rhs[i] = weight * (kicks / (2 * mpmath.sin(w / 2)) - 1 / w)
             for j in range(NODES):
                 A[i, j] = weight * 2 * mpmath.sin(mpmath.mpf(SPACING) * (j + 1) * w)
-        return tuple(map(float, mpmath.lu_solve(A.T * A, A.T * right)))
+        return tuple(map(float, mpmath.lu_solve(A.T * A, A.T * rhs)))
 
 
 def _corrector(scheme: Scheme, b: Sequence[float], spacing: float) -> list[tuple[float, float]]:
@@ -89,15 +89,15 @@ def _corrector(scheme: Scheme, b: Sequence[float], spacing: float) -> list[tuple
         for u, v in ((a, math.copysign(a, scheme.second)), (-a, -math.copysign(a, scheme.second))):
             kicks += [(0.0, u), (reach, v), (-reach, v), (0.0, -u), (-reach, -v), (reach, -v)]
     groups: list[tuple[float, float]] = []
-    now = 0.0
+    t = 0.0
     for time, kick in (*kicks, (0.0, 0.0)):
-        flows = math.ceil(abs(time - now) / LEAP)  # a long flow takes the slow route to its λ
+        flows = math.ceil(abs(time - t) / LEAP)  # a long flow takes the slow route to its λ
         if flows == 0 and groups:
             groups[-1] = (groups[-1][0], groups[-1][1] + kick)
         else:
-            flow = (time - now) / max(flows, 1)
+            flow = (time - t) / max(flows, 1)
             groups += [*[(flow, 0.0)] * (flows - 1), (flow, kick)]
-        now = time
+        t = time
     return groups
 
 

@@ -89,9 +89,9 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             groups[g] = time, scheme.b[g] * h, kick_W, kick_Z, kick_time
         with np.errstate(over="ignore"):  # of a size whose square is no double: refused below
             head = np.array((alpha, x @ x, x @ J, n, h, 0.0, 1.0, 0.0, 1.0, start, *problem.numbers))
-        plain = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
+        plain_kernel = loops.Kernel(kernels.kernel(V, 0, 0), failures=kernels.FAILURES, timed=timed)
         self.degree = 0  # of the tables, 0 for none
-        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain.step, h):
+        if kernels.set_box(head, top_without_V(problem).scales(y0), y0, plain_kernel.step, h):
             torus, box = head[kernels.ALPHA : kernels.C2 + 1], head[kernels.CENTRE_H : kernels.NUMBERS]
             flow_times = tuple(dict.fromkeys(times))  # each once
             self.degree, flow_tables = tables(torus, box, flow_times, conserves_J3)
@@ -114,7 +114,7 @@ class ExactSplittingStepper(loops.ConjugateStepper):
             h,
             kernel,
             c,
-            conversion=plain.step,
+            conversion=plain_kernel.step,
             preprocess=kernels.constants(head, h, preprocess),
             postprocess=kernels.constants(head, h, postprocess),
         )
@@ -185,7 +185,7 @@ def evaluate(problem: Problem, y0: Array, times: Array, *, tol: float = TOLERANC
         frequency = highest_frequency(problem, y, np.linspace(0.0, last, step_halving.PLACES))
         longest = 2.0 * min(longest_step(nutation_period(problem, y), frequency), unit)
         track = partial(_track, problem, y, grid, parts, longest, work)
-        rows, halvings, difference = step_halving.agreeing(NAME, track, tol, (rate, size))
+        rows, halvings, difference = step_halving.agreeing_run(NAME, track, tol, (rate, size))
         largest = longest / 2**halvings
         notes.append(
             f"strang, h ≤ {largest:.3g} to t = {last:g}; twice the step makes a difference of {difference:.1e}"

@@ -58,7 +58,7 @@ def extra_coefficients() -> tuple[Weights, Weights, tuple[Weights, ...], tuple[W
 
 
 @unrolled
-def nested(f, theta):
+def evaluate_nested(f, theta):
     total = f[7]
     for power, coefficients in enumerate(f[6::-1]):
         factor = 1.0 - theta if power % 2 else theta
@@ -172,7 +172,7 @@ def kernels(system: System) -> tuple[Compiled, ...]:
             h = math.copysign(min(100.0 * abs(h), best, abs(end)), end)
         return h if h != 0.0 else 1e-6 * end  # the control finds its step from anywhere
 
-    return trial, interpolant, nested, first_step
+    return trial, interpolant, evaluate_nested, first_step
 
 
 @cache
@@ -243,13 +243,13 @@ def runner(top: Problem, *, rtol: float = 1e-9, atol: float = 1e-12) -> Run:
                 )
                 raise StepError("dop853", reason, step=int(walk[ACCEPTED]))
             loop(state, grid, INTERRUPTIBLE, c, walk, out)
-        accepted, rejected, interpolated = map(int, walk[[ACCEPTED, REJECTED, INTERPOLATED]])
-        work.steps += accepted
-        work.rejected += rejected
-        work.rhs_evals += 2 + 12 * (accepted + rejected) + 4 * interpolated
+        steps, rejections, interpolations = map(int, walk[[ACCEPTED, REJECTED, INTERPOLATED]])
+        work.steps += steps
+        work.rejected += rejections
+        work.rhs_evals += 2 + 12 * (steps + rejections) + 4 * interpolations
         if walk[STUCK]:
             reason = f"the step fell below the spacing of doubles (t = {walk[TIME]:g})"
-            raise StepError("dop853", reason, step=accepted)
+            raise StepError("dop853", reason, step=steps)
         return out
 
     return run

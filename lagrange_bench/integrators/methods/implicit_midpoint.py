@@ -72,7 +72,7 @@ def solve(s, c, counters, is_newton, v1, v2):
     kick = half * c[ALPHA]
     v3 = half * J3
     # a change that has stopped falling is round-off only if it is this small
-    small = 2.0**-45 * (abs(v1) + abs(v2) + abs(half * kick) * (abs(x1) + abs(x2) + abs(x3)))
+    threshold = 2.0**-45 * (abs(v1) + abs(v2) + abs(half * kick) * (abs(x1) + abs(x2) + abs(x3)))
     norm = last = math.inf
     for i in range(LIMIT):
         u, d, q = cayley((x1, x2, x3), (v1, v2, v3))
@@ -80,7 +80,7 @@ def solve(s, c, counters, is_newton, v1, v2):
         r1 = half * (J1 - kick * (x2 + d2)) - v1
         r2 = half * (J2 + kick * (x1 + d1)) - v2
         norm = abs(r1) + abs(r2)
-        if norm == 0.0 or (norm >= last and norm <= small):
+        if norm == 0.0 or (norm >= last and norm <= threshold):
             counters[ITERATIONS] += i + 1
             counters[RHS_EVALS] += i + 1
             break

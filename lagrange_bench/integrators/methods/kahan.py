@@ -64,11 +64,11 @@ def step(s, c, counters):
     v1, v2 = k * J1, k * J2
     w1, w2 = k * W1, k * W2
     # With d3 = h (W×x)3 + w1 d2 − w2 d1 the others are a d1 + b d2 = h g1, −f d1 + g d2 = h g2.
-    near = 1.0 - k * (kick * x3)
-    a, b = near + v2 * w2, k * (J3 - v2 * W1)
-    f, g = k * (J3 + v1 * W2), near + v1 * w1
+    margin = 1.0 - k * (kick * x3)
+    a, b = margin + v2 * w2, k * (J3 - v2 * W1)
+    f, g = k * (J3 + v1 * W2), margin + v1 * w1
     det = a * g + b * f
-    if not (near > 0.0 and det > 0.0):
+    if not (margin > 0.0 and det > 0.0):
         counters[FAILURE] = BEYOND
         return s
     u3 = W1 * x2 - W2 * x1
@@ -139,9 +139,9 @@ def e(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
 
 def r0(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:
     """r0 = x·J/(1 − eps x3) of states (N, 6), and the size of its terms."""
-    near = 1 - h * h / 4 * top.alpha * y[:, 5]
+    margin = 1 - h * h / 4 * top.alpha * y[:, 5]
     rate, length, _ = top.scales(y[0])
-    return np.sum(y[:, :3] * y[:, 3:], axis=1) / near, length * rate / abs(near[0])
+    return np.sum(y[:, :3] * y[:, 3:], axis=1) / margin, length * rate / abs(margin[0])
 
 
 def kappa(top: LagrangeTop, h: float, y: Array) -> tuple[Array, float]:

@@ -151,8 +151,8 @@ def turn_body(from_right: bool) -> Compiled:
         q0, q = s[0], s[1:4]
         square = q0 * q0 + dot(q, q)
         for _ in range(parts):
-            across = cross(q, v) if from_right else cross(v, q)
-            q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, across)
+            product = cross(q, v) if from_right else cross(v, q)
+            q0, q = c * q0 - dot(v, q), add(add(times(c, q), q0, v), 1.0, product)
         return of_length(square, q0, q) + add(s[4:], 1.0, k[3:])
 
     return act

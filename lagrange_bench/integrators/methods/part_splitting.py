@@ -38,21 +38,21 @@ def stages_of(scheme: Scheme, parts: Sequence[Part]) -> list[Stage]:
     pairs = zip_longest(scheme.a, scheme.b) if scheme.first == "A" else zip_longest(scheme.b, scheme.a)
     letters = [letter for pair in pairs for letter in pair if letter is not None]
     stages: list[Stage] = []
-    now = 0.0
+    t = 0.0
 
     def flow(part: int, length: float) -> None:
         last = stages[-1] if stages else None
-        if last and last.part == part and (last.time == now or not parts[part].timed):
+        if last and last.part == part and (last.time == t or not parts[part].timed):
             stages[-1] = last._replace(length=last.length + length)
         else:
-            stages.append(Stage(part, length, now))
+            stages.append(Stage(part, length, t))
 
     for i, weight in enumerate(accumulate(letters[:-1], lambda weight, letter: letter - weight)):
         is_forward = (i % 2 == 0) == (scheme.first == "A")
-        now += weight if is_forward else 0.0
+        t += weight if is_forward else 0.0
         for part in range(len(parts)) if is_forward else reversed(range(len(parts))):
             flow(part, weight)
-        now += 0.0 if is_forward else weight
+        t += 0.0 if is_forward else weight
     return stages
 
 
@@ -67,13 +67,13 @@ def kernel_of_parts(parts: tuple[Part, ...]) -> Compiled:
 
     def flow_of(number: int) -> Compiled:
         program, numbers = machine_code(parts[number].flow), tuple_loader(parts[number].parameters)
-        others = flow_of(number + 1) if number + 1 < len(parts) else None
+        flow_of_others = flow_of(number + 1) if number + 1 < len(parts) else None
 
         @jit(inline=True)
         def flow(part, s, t, span, c, first):
-            if others is None or part == number:
+            if flow_of_others is None or part == number:
                 return program((t, *s, span), numbers(c, first))
-            return others(part, s, t, span, c, first)
+            return flow_of_others(part, s, t, span, c, first)
 
         return flow
 

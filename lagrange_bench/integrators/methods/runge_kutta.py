@@ -210,7 +210,7 @@ def projected_kernel(system: System) -> Compiled:
     return step_and_project
 
 
-def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
+def fixed_step_method(name: str, label: str, tableau: Tableau, source: str) -> Method:
     def prepare(problem: Problem, y0: Array, h: float) -> FixedStepper:
         return stepper(name, problem, h, increment_of(tableau, problem.system), tableau.stages)
 
@@ -228,17 +228,17 @@ def fixed(name: str, label: str, tableau: Tableau, source: str) -> Method:
 
 VERNER = "Verner, Numer. Algorithms 53 (2010) 383, most efficient 9(8)"
 
-CLASSICAL = fixed("rk4", "RK4", RK4, "Kutta, Z. Math. Phys. 46 (1901) 435")
-FIFTH = fixed(
+CLASSICAL = fixed_step_method("rk4", "RK4", RK4, "Kutta, Z. Math. Phys. 46 (1901) 435")
+FIFTH = fixed_step_method(
     "rk45_fixed", "RK45, fixed step", DORMAND_PRINCE, "Dormand and Prince, J. Comput. Appl. Math. 6 (1980) 19"
 )
-EIGHTH = fixed(
+EIGHTH = fixed_step_method(
     "dop853_fixed",
     "DOP853, fixed step",
     DOP853,
     "Hairer, Nørsett and Wanner, Solving Ordinary Differential Equations I (1993), II.5",
 )
-NINTH = fixed("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
+NINTH = fixed_step_method("verner9_fixed", "Verner 9, fixed step", VERNER9, VERNER)
 
 
 def prepare_projected(problem: Problem, y0: Array, h: float) -> FixedStepper:

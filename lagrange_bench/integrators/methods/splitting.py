@@ -181,9 +181,9 @@ def prepare(name: str, problem: Problem, y0: Array, h: float) -> FixedStepper:
     gradients = bool(scheme.c) + bool(scheme.d)
     scales = np.array((0.5 * h, h, -h * (h * h), h * min(h * h, LARGE) ** 2))
     steps, first = groups(scheme)
-    ends = (steps, scales), (first, scales), (first, -scales)
-    constants, begin, end = (scale_groups(coefficients, factors, numbers) for coefficients, factors in ends)
-    if not (finite(constants) and finite(begin)):
+    parts = (steps, scales), (first, scales), (first, -scales)
+    constants, preprocess, postprocess = (scale_groups(*part, numbers) for part in parts)
+    if not (finite(constants) and finite(preprocess)):
         raise StepError(name, "the coefficients of the step are beyond the range of doubles", h=h)
     step = kernel(system, gradients)
     return ConjugateStepper(
@@ -192,8 +192,8 @@ def prepare(name: str, problem: Problem, y0: Array, h: float) -> FixedStepper:
         Kernel(step, failures=FAILURES, rhs_per_step=len(steps)),
         constants,
         conversion=step,
-        preprocess=begin,
-        postprocess=end,
+        preprocess=preprocess,
+        postprocess=postprocess,
     )
 
 

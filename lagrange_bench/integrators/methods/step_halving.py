@@ -28,7 +28,7 @@ STALLS = 3  # halvings that do not help: there are no more
 NO_ROWS = np.full((1, 6), np.nan)  # of a run that fails
 
 
-def agreeing(
+def agreeing_run(
     name: str, run: Callable[[int], Array], tol: float, scales: tuple[float, float]
 ) -> tuple[Array, int, float]:
     """The states (N, 6) of a run that agrees with the one before, the number of halvings of its step, and the last difference.

@@ -75,10 +75,10 @@ def integrator_of_thread(*key: Any) -> Any:
 
     Steppers share it: each run sets its whole state anew.
     """
-    compiled: dict[Any, Any] = _of_thread.__dict__.setdefault("integrators", {})
-    if key not in compiled:
-        compiled[key] = copy.deepcopy(compile_integrator(*key))
-    return compiled[key]
+    integrators: dict[Any, Any] = _of_thread.__dict__.setdefault("integrators", {})
+    if key not in integrators:
+        integrators[key] = copy.deepcopy(compile_integrator(*key))
+    return integrators[key]
 
 
 _of_thread = threading.local()
@@ -103,12 +103,12 @@ def runner(top: Problem, *, tol: float = EPS, high_accuracy: bool = False) -> Ru
         units = far_units(top, y, float(grid[-1]))
         if units is None:
             return follow(y, grid, work, key, numbers)
-        scaled = np.array([units.time(t) for t in grid.tolist()])
+        scaled_grid = np.array([units.time(t) for t in grid.tolist()])
         in_units: tuple[Any, Any] = key, (units.alpha,)
         if not kinds.uniform(top):
             in_units = (*key, True), (ldexp(1.0, units.rate), ldexp(1.0, units.length), *numbers)
         try:
-            return units.leave(follow(units.enter(y), scaled, work, *in_units))
+            return units.leave(follow(units.enter(y), scaled_grid, work, *in_units))
         except StepError as error:
             raise StepError("taylor", f"{error.reason}, in units of 2^{-units.rate}", step=error.step) from None
 

@@ -213,11 +213,11 @@ def levels_of(alpha, y):
     c2 = add(h0, sub(mul(m_, m_), scale(mul(a, s), 4.0)))
     c1 = scale(add(mul(mul(a, s), h0), scale(mul(m_, dA), 2.0)), -2.0)
     c0 = scale(mul(dA, dA), 4.0)
-    far = largest_root(c0, c1, c2)
-    product = neg(div(scale(c0, 0.5), far))
-    x2_, x1_ = pair(product, div(sub(scale(c1, 0.5), product), far))
-    z1, z2, z3 = sub(zA, x1_), sub(zA, x2_), sub(zA, far)
-    if x2_[0] - x1_[0] >= far[0] - x2_[0]:
+    xi3 = largest_root(c0, c1, c2)
+    product = neg(div(scale(c0, 0.5), xi3))
+    xi2, xi1 = pair(product, div(sub(scale(c1, 0.5), product), xi3))
+    z1, z2, z3 = sub(zA, xi1), sub(zA, xi2), sub(zA, xi3)
+    if xi2[0] - xi1[0] >= xi3[0] - xi2[0]:
         # The cubic of ζ: the same holds for ζ2 and ζ3.
         c2 = sub(scale(two_prod(alpha, x3), 4.0), add(jj, mul(m_, m_)))
         c1 = scale(mul(a, sub(sub(mul(m_, xj), mul(dd(x3), jj)), mul(a, xx))), 2.0)
@@ -352,11 +352,11 @@ def constants(units: Units, y0: Array, span: float, h: float | None = None) -> A
     """The constants of `position` for the motion through y0 at t = 0. h : for messages."""
     c, alpha, state = np.zeros(SIZE), units.alpha, units.enter(y0)
     c[H], c[J3], c[SIGN], c[STATE : STATE + 6] = span, state[2], math.copysign(1.0, alpha), state
-    off = np.max(np.abs(state[[0, 1, 3, 4]]))
-    if off == 0.0 or (alpha == 0.0 and not np.any(state[:3])):
+    offset = np.max(np.abs(state[[0, 1, 3, 4]]))
+    if offset == 0.0 or (alpha == 0.0 and not np.any(state[:3])):
         c[KIND] = REST
         return c
-    if off < UPRIGHT:
+    if offset < UPRIGHT:
         reason = f"J and x are off the vertical, but by less than {UPRIGHT:g} of their size: the closed form underflows"
         raise StepError(NAME, reason, h=h)
     state *= np.repeat((1.0, c[SIGN]), 3)  # for alpha < 0 the mirror image

@@ -62,8 +62,8 @@ def divide(a, b):
 def vertical(s, c):
     """Γ, the vertical in the body."""
     q, up = s[1:4], vector(c, UP)
-    across = cross(up, q)  # R^T u = u + 2 q0 u × q + 2 (u × q) × q
-    return add(add(up, 2.0 * s[0], across), 2.0, cross(across, q))
+    product = cross(up, q)  # R^T u = u + 2 q0 u × q + 2 (u × q) × q
+    return add(add(up, 2.0 * s[0], product), 2.0, cross(product, q))
 
 
 @jit
