@@ -180,11 +180,13 @@ def positions(instants, c):
 
 
 @jit
-def pair(product, total):
-    """The two numbers with this product, which is not above zero, and this sum. Neither loses a digit."""
-    half = scale(total, 0.5)
-    root = sqrt(sub(mul(half, half), product))
-    return add(half, root), sub(half, root)
+def cubic_roots(c0, c1, c2):
+    """The roots of 2z³ + c2 z² + c1 z + c0, the largest first. Zero lies between the other two: product and sum give both."""
+    largest = largest_root(c0, c1, c2)
+    product = neg(div(scale(c0, 0.5), largest))
+    half_sum = scale(div(sub(scale(c1, 0.5), product), largest), 0.5)
+    root = sqrt(sub(mul(half_sum, half_sum), product))
+    return largest, add(half_sum, root), sub(half_sum, root)
 
 
 @jit
@@ -213,18 +215,14 @@ def levels_of(alpha, y):
     c2 = add(h0, sub(mul(m_, m_), scale(mul(a, s), 4.0)))
     c1 = scale(add(mul(mul(a, s), h0), scale(mul(m_, dA), 2.0)), -2.0)
     c0 = scale(mul(dA, dA), 4.0)
-    xi3 = largest_root(c0, c1, c2)
-    product = neg(div(scale(c0, 0.5), xi3))
-    xi2, xi1 = pair(product, div(sub(scale(c1, 0.5), product), xi3))
+    xi3, xi2, xi1 = cubic_roots(c0, c1, c2)
     z1, z2, z3 = sub(zA, xi1), sub(zA, xi2), sub(zA, xi3)
     if xi2[0] - xi1[0] >= xi3[0] - xi2[0]:
         # The cubic of ζ: the same holds for ζ2 and ζ3.
         c2 = sub(scale(two_prod(alpha, x3), 4.0), add(jj, mul(m_, m_)))
         c1 = scale(mul(a, sub(sub(mul(m_, xj), mul(dd(x3), jj)), mul(a, xx))), 2.0)
         c0 = mul(mul(a, slope), mul(a, slope))
-        z1 = largest_root(c0, c1, c2)
-        product = neg(div(scale(c0, 0.5), z1))
-        z2, z3 = pair(product, div(sub(scale(c1, 0.5), product), z1))
+        z1, z2, z3 = cubic_roots(c0, c1, c2)
     return z1, z2, z3, zJ, zA, zB, dJ, dA, dB
 
 
