@@ -25,7 +25,6 @@ exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file
 """
 
 import argparse
-import math
 import sys
 from dataclasses import asdict
 from typing import Any
@@ -70,10 +69,7 @@ def _problem(options: argparse.Namespace) -> Any:
     if options.problem is None:
         refuse(options, ("state",), "belongs to --problem")
         return None
-    problem, state = own_problem(options.problem, options.state)
-    if not math.isfinite(problem.scales(state)[2]):
-        raise ValueError(f"--state: {options.problem} has no time scale there, so nothing can be measured")
-    return problem
+    return own_problem(options.problem, options.state)[0]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

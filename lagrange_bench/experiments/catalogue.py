@@ -23,8 +23,8 @@ class UnknownExperiment(ValueError):
 def installed() -> dict[str, EntryPoint]:
     """The experiments of other packages, by name. Names of the bench and dotted names are not allowed."""
     entries = sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, entry.value), reverse=True)
-    own = (entry for entry in entries if entry.name not in EXPERIMENTS and "." not in entry.name)
-    return {entry.name: entry for entry in own}
+    accepted = (entry for entry in entries if entry.name not in EXPERIMENTS and "." not in entry.name)
+    return {entry.name: entry for entry in accepted}
 
 
 def load(name: str) -> ModuleType:
@@ -59,18 +59,18 @@ def load(name: str) -> ModuleType:
             raise UnknownExperiment(f"unknown experiment {name!r}: {error}") from None
         why = f"{type(error).__name__}: {error}"
         raise UnknownExperiment(f"experiment {name!r} cannot be loaded: {why}") from error
-    here = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
+    label = f"experiment {name!r} ({getattr(module, '__file__', path)})"  # a folder without __init__.py has no file
     if absent := [part for part in ("VERSION", "cells", "measure", "draw", "tables") if not hasattr(module, part)]:
-        raise UnknownExperiment(f"{here} lacks {', '.join(absent)}")
+        raise UnknownExperiment(f"{label} lacks {', '.join(absent)}")
     if type(module.VERSION) not in (int, float):
-        raise UnknownExperiment(f"{here}: VERSION must be a number; got {module.VERSION!r}")
+        raise UnknownExperiment(f"{label}: VERSION must be a number; got {module.VERSION!r}")
     return module
 
 
 def missing_package(name: str, cell: Mapping[str, Any]) -> str | None:
     """The package that the experiment needs for a cell and that is not installed here, or None. The method is not asked."""
-    asked = getattr(load(name), "missing_package", None)
-    return asked(cell) if asked else None
+    missing_for = getattr(load(name), "missing_package", None)
+    return missing_for(cell) if missing_for else None
 
 
 def load_stored(name: str) -> ModuleType:

@@ -48,16 +48,16 @@ CALL = {"step": 20_000, "tolerance": 1000, "interpreted": 100}
 
 
 def cells(profile: str) -> list[dict]:
-    listed: list[dict] = []
+    all_cells: list[dict] = []
     for round_ in range(ROUNDS[profile]):
         for name, method in methods_on().items():
             step = {"part": "step", "method": name, "round": round_, "repeats": REPEATS}
-            listed += [
+            all_cells += [
                 {**step, **setting} for setting in accuracy_settings(method, STEPS[profile], TOLERANCES[profile])
             ]
-    listed += [{"part": "periods", "method": "backlund", "periods": p, "repeats": REPEATS} for p in PERIODS[profile]]
-    listed += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
-    return [{"timing": True, **cell} for cell in listed]
+    all_cells += [{"part": "periods", "method": "backlund", "periods": p, "repeats": REPEATS} for p in PERIODS[profile]]
+    all_cells += [{"part": "headline", "method": "taylor", **race} for race in HEADLINES[profile]]
+    return [{"timing": True, **cell} for cell in all_cells]
 
 
 def measure(cell: dict) -> list[dict]:

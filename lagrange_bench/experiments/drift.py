@@ -54,23 +54,23 @@ LONGEST = {"quick": 10**6, "full": 10**9}  # steps of the longest run
 
 def cells(profile: str) -> list[dict]:
     methods, full = states.methods_on(), profile == "full"
-    listed = []
+    all_cells = []
     # state by state, so that two workers do not compile the same method at the same time
     for state in (*states.RANDOM, *TOPS):
         for name in ON_NAMED_TOPS if state in TOPS else methods:
             steps = states.affordable(methods[name], STEPS[full], full)
-            listed.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
+            all_cells.append({"part": "time", "method": name, "state": state, "h": STEP, "steps": steps})
     for state in H_STATES[profile]:
         for name in (name for name, method in methods.items() if method.control == "step"):
             for h in SIZES[profile]:
-                listed.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
+                all_cells.append({"part": "h", "method": name, "state": state, "span": SPAN, "h": h})
     # pins hide what long steps do
     for state in states.WIDE[: LONG_TOPS[profile]]:
-        listed.append({"part": "long", "method": "backlund_unpinned", "state": state, "steps": LONG_STEPS[profile]})
+        all_cells.append({"part": "long", "method": "backlund_unpinned", "state": state, "steps": LONG_STEPS[profile]})
     for state in states.RANDOM:
-        listed.append({"part": "phase", "method": "backlund", "state": state, "h": STEP, "steps": STEPS[full]})
+        all_cells.append({"part": "phase", "method": "backlund", "state": state, "h": STEP, "steps": STEPS[full]})
     longest = {"part": "longest", "timing": True, "state": "generic", "h": STEP, "steps": LONGEST[profile]}
-    return [*listed, longest]
+    return [*all_cells, longest]
 
 
 def measure(cell: dict) -> list[dict]:
@@ -108,9 +108,9 @@ def _followed(cell: dict, top, y0: Array, h: float, counts: list[int]) -> dict[s
     columns = {"t": times * top.scales(y0)[0], **_of_invariants(top, times, y)}
     # these hold in a uniform field
     own_quantities = METHODS[cell["method"]].claims.conserves_own if kinds.uniform(top) else {}
-    for own, quantity in own_quantities.items():
+    for name, quantity in own_quantities.items():
         values, size = quantity(top, h, y)
-        columns[OWN + own] = (values[1:] - values[0]) / size
+        columns[OWN + name] = (values[1:] - values[0]) / size
     return columns
 
 
@@ -195,12 +195,12 @@ def _growth(runs: pd.DataFrame, columns: list[str]) -> Iterator[tuple[str, float
 def verdicts(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each method and quantity."""
     rows = indexed(rows[rows.state.isin(states.RANDOM)])
-    own = [name for name in rows.columns if name.startswith(OWN)]
+    own_columns = [name for name in rows.columns if name.startswith(OWN)]
     table = []
     for method, group in rows.groupby("method", sort=False):
         record = METHODS.get(method)
         has = {OWN + quantity for quantity in record.claims.conserves_own} if record else set()
-        columns = [*INVARIANTS, *(column for column in own if column in has or group[column].notna().any())]
+        columns = [*INVARIANTS, *(column for column in own_columns if column in has or group[column].notna().any())]
         for name, most, growth in _growth(group, columns):
             # of a method that is not loaded nobody knows what it claims
             claimed = np.nan if record is None else name.startswith(OWN) or name in LagrangeTop().conserved_by(record)
@@ -263,16 +263,16 @@ def _draw_time(rows: pd.DataFrame, style):
 def _draw_h(rows: pd.DataFrame, style):
     """Draw all methods thin and the best of each family bold."""
     state = rows.state.iloc[0]
-    here = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
+    of_state = rows[rows.state == state].assign(worst=worst(rows, INVARIANTS))
     fig, ax = style.figure("page", 3.6)
-    near = here[(here.status == "done") & (here.h == 1 / 8)].set_index("method")
-    style.draw_methods(ax, here, "h", "worst", [*KNOWN, *style.best_of_families(near.worst)])
+    near = of_state[(of_state.status == "done") & (of_state.h == 1 / 8)].set_index("method")
+    style.draw_methods(ax, of_state, "h", "worst", [*KNOWN, *style.best_of_families(near.worst)])
     style.legend_below(fig)
     style.ulp_line(ax)
     ax.set(xlabel=style.STEP, ylabel="largest error of H, J3, C1, C2", ylim=(1e-17, 1e2))
     fig.caption = (
-        f"The worst of the four invariants over t = {here.span.max():g} on “{states.label(state)}”, against the step. "
-        f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at a step of 1/8')}. Crosses, in its "
+        f"The worst of the four invariants over t = {of_state.span.max():g} on “{states.label(state)}”, against the step. "
+        f"{style.naming(of_state.method, 'named: RK4, Strang, and of the families the best at a step of 1/8')}. Crosses, in its "
         "colour: a method declined the step or failed. Errors above 100 are cut off."
     )
     return fig

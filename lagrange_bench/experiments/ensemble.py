@@ -41,12 +41,12 @@ TRIED: dict[str, dict[str, tuple[float, ...]]] = {
 
 
 def cells(profile: str) -> list[dict]:
-    listed: list[dict] = []
+    all_cells: list[dict] = []
     for method, values in TRIED[profile].items():
         tops = RIVALS[METHODS[method].engine]
         run = {"part": "rival", "method": method, "tops": tops, "span": SPAN}
-        listed += [{"timing": True, **run, METHODS[method].accuracy_option: value} for value in values]
-    return listed
+        all_cells += [{"timing": True, **run, METHODS[method].accuracy_option: value} for value in values]
+    return all_cells
 
 
 def alphas_and_states(n: int) -> tuple[Array, Array]:

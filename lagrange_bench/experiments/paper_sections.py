@@ -203,8 +203,8 @@ def check_two_point(top: LagrangeTop, y: Array) -> Residuals:
     residuals["(5.5.1) one-point maps"] = (miss([composed], [image], [middle**2]), 1e-11)
     forms_of_x = two_point.expressions_x(top, start, image, first, second)
     forms_of_X = two_point.expressions_X(top, start, image, first, second)
-    found = [*(form - x for form in forms_of_x), *(form - X for form in forms_of_X)]
-    residuals["(5.5.5), (5.5.6) x and X"] = (size(found) / scale, 1e-11)
+    differences = [*(form - x for form in forms_of_x), *(form - X for form in forms_of_X)]
+    residuals["(5.5.5), (5.5.6) x and X"] = (size(differences) / scale, 1e-11)
     residuals["the inverse"] = (size(two_point.inverse(top, image, first, second) - start) / scale, 1e-11)
     changes = np.array(invariants(top, image)) - np.array(invariants(top, start))
     residuals["H, J3, C1, C2"] = (size(changes) / scale, 1e-11)

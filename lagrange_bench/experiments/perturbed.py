@@ -68,30 +68,30 @@ ULP, NEAR = 2.0**-52, 2.0**-32  # a neighbour at the distance NEAR shows how an 
 
 
 def cells(profile: str) -> list[dict]:
-    listed: list[dict] = []
+    all_cells: list[dict] = []
     full = profile == "full"
     per_octave, decades = GRID[profile]
     for state in (name for name in PERTURBED_TOPS if full or name == QUICK):
         methods = {n: method for n, method in states.methods_on(states.find(state)[0]).items() if full or n not in SLOW}
         for name, method in methods.items():
             steps = states.affordable(method, DRIFT_STEPS[profile], full)
-            listed.append({"part": "drift", "method": name, "state": state, "h": DRIFT_STEP, "steps": steps})
+            all_cells.append({"part": "drift", "method": name, "state": state, "h": DRIFT_STEP, "steps": steps})
         for span, longest in LONGEST_RUNS[profile].items() if state in RACES else ():
             sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
             for name, method in methods.items():
                 if states.interpreted(method):  # a thousand times as slow
                     continue
                 race = {"timing": True, "part": "work", "method": name, "state": state, **sweep}
-                listed += [{**race, **options} for options in VARIANTS.get(name, ({},)) if full or len(options) < 2]
+                all_cells += [{**race, **options} for options in VARIANTS.get(name, ({},)) if full or len(options) < 2]
     tolerance = {"part": "tolerance", "method": OURS, "tops": DRAWS[profile]}
-    listed += [
+    all_cells += [
         {**tolerance, "field": field, "span": span, "tol": tol}
         for field in FIELDS
         for span in LENGTHS[profile]
         for tol in ASKED
         if full or (field, tol) == QUICK_TOLERANCE
     ]
-    return listed
+    return all_cells
 
 
 def random_top(field: str, number: int) -> tuple[PerturbedTop, np.ndarray]:
@@ -166,10 +166,10 @@ def winners(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each top, length of run and target error."""
     table = []
     for fields, race in races(useful(rows), APART, TARGETS, "total"):
-        own, others = race[race.method == OURS].total, race[race.method != OURS]
+        ours, others = race[race.method == OURS].total, race[race.method != OURS]
         line = {**fields, "cheapest": race.method.iloc[0], "seconds": race.total.iloc[0]}
         line["best of the others"] = others.method.iloc[0] if len(others) else ""
-        ratio = others.total.min() / own.min() if len(own) and len(others) else np.nan
+        ratio = others.total.min() / ours.min() if len(ours) and len(others) else np.nan
         table.append({**line, "times as long as the exact step inside": ratio})
     return pd.DataFrame(table)
 

@@ -60,19 +60,19 @@ def cells(profile: str) -> list[dict]:
     methods = states.methods_on()
     stepping = {name: method.order for name, method in methods.items() if method.control == "step"}
     on = [{"method": name, "state": state} for state in STATES for name in stepping]
-    listed: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
-    listed += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
+    all_cells: list[dict] = [{"part": "h", **each, "h": h} for each in on for h in STEPS[profile]]
+    all_cells += [{"part": "order", "method": name} for name, order in stepping.items() if order is not None]
     h, steps = LONG[profile]
     for name, method in methods.items():
         n = states.affordable(method, steps, profile == "full")
-        listed.append({"part": "time", "method": name, "state": LONG_STATE, "h": h, "steps": n})
+        all_cells.append({"part": "time", "method": name, "state": LONG_STATE, "h": h, "steps": n})
     for state, (name, order) in product(THEORY_STATES[profile], stepping.items()):
-        listed += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
+        all_cells += [{"part": "theory", "method": name, "state": state, "h": h} for h in theory_steps(order)]
     count = PROMISE_RANDOM[profile]
     any_kind = (*states.WIDE[:count], *states.RELEASED[:count], *states.SPINNING[:count])
     tops = (*TOPS, *(f"random{i:03d}" for i in range(count)), *states.CLOSE[: count // 2], *any_kind)
     promised = (*product(("backlund",), tops), *product(("backlund_unpinned",), any_kind))
-    return listed + [{"part": "promise", "method": method, "state": state} for method, state in promised]
+    return all_cells + [{"part": "promise", "method": method, "state": state} for method, state in promised]
 
 
 def measure(cell: dict) -> list[dict]:
@@ -235,14 +235,14 @@ def _draw_h(rows: pd.DataFrame, style):
 
 @of_part("time", failed=True)
 def _draw_time(rows: pd.DataFrame, style):
-    here = rows[rows.state == rows.state.iloc[0]]
-    done = here[here.status == "done"]
+    of_state = rows[rows.state == rows.state.iloc[0]]
+    done = of_state[of_state.status == "done"]
     runs = done.groupby("method")
     far = runs.time.agg(largest)
-    so_far = here.time.abs().groupby(here.method).cummax()
+    so_far = of_state.time.abs().groupby(of_state.method).cummax()
     fig, ax = style.figure("page", 3.8)
     named = ["rk4", "strang", *style.best_of_families(runs.time.last().abs())]
-    style.draw_methods(ax, here.assign(time=so_far.where(so_far > 0)), "t", "time", named)
+    style.draw_methods(ax, of_state.assign(time=so_far.where(so_far > 0)), "t", "time", named)
     ax.set(xlabel=style.TIME, ylabel="|nutation phase error|", ylim=(1e-17, 1e4))
     style.legend_below(fig)
     if ((runs.off.max() < ON_TORUS) & (far > SMALL)).any():
@@ -250,9 +250,9 @@ def _draw_time(rows: pd.DataFrame, style):
     fig.caption = (
         "Phase error against time at step 1/4, or the default tolerance: the time by which the nutation is early or late, "
         "in units of 1/(|J| + √(|α||x|)), the largest so far. "
-        f"{style.naming(here.method, 'named: RK4, Strang, and of the families the best at the end')}. A straight line of "
+        f"{style.naming(of_state.method, 'named: RK4, Strang, and of the families the best at the end')}. A straight line of "
         "slope 1 is a constant shift of frequency, slope 2 one that drifts; of the order of one, the phase is lost. The top is "
-        f"“{states.label(here.state.iloc[0])}”."
+        f"“{states.label(of_state.state.iloc[0])}”."
     )
     return fig
 

@@ -51,14 +51,14 @@ SAMPLE = 0.005  # s, the least length of a timing sample; shorter runs are repea
 
 
 def cells(profile: str) -> list[dict]:
-    listed = []
+    all_cells = []
     for span, (tops, per_octave, decades, longest) in SPANS[profile].items():
         sweep = {"span": span, "per_octave": per_octave, "decades": decades, "longest": longest}
         for state in tops:
             for name, method in states.methods_on().items():
                 exact = {"state_every": STATE_EVERY} if method.order is None and method.control == "step" else {}
-                listed.append({"timing": True, "method": name, "state": state, **sweep, **exact})
-    return listed
+                all_cells.append({"timing": True, "method": name, "state": state, **sweep, **exact})
+    return all_cells
 
 
 def measure(cell: dict) -> list[dict]:

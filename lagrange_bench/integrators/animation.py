@@ -42,7 +42,7 @@ def animate(run: Any, path: Path, frames: int, seconds: float) -> Path:
         raise ValueError(f"the run has {len(run.t)} states, fewer than {frames} frames: record more of them (every=1)")
     across = np.array([-np.sin(AZIMUTH), np.cos(AZIMUTH), 0.0])
     ahead = np.array([np.cos(AZIMUTH) * np.cos(ELEVATION), np.sin(AZIMUTH) * np.cos(ELEVATION), np.sin(ELEVATION)])
-    seen = directions(run) @ np.stack([across, np.cross(ahead, across)], axis=1)
+    projected = directions(run) @ np.stack([across, np.cross(ahead, across)], axis=1)
     around = np.linspace(0.0, 2 * np.pi, 181)
     figure, axes = plt.subplots(figsize=(3, 3), dpi=DPI, layout="constrained")
     axes.set(aspect="equal", xlim=(-1.05, 1.05), ylim=(-1.05, 1.05))
@@ -50,21 +50,21 @@ def animate(run: Any, path: Path, frames: int, seconds: float) -> Path:
     axes.plot(np.cos(around), np.sin(around), color="0.8", linewidth=0.8)
     axes.plot(np.cos(around), np.sin(ELEVATION) * np.sin(around), color="0.85", linewidth=0.6)
     moving = []
-    for k in range(seen.shape[1]):
+    for k in range(projected.shape[1]):
         color = f"C{k}"
-        if seen.shape[1] == 1:
-            axes.plot(*seen[:, k].T, color=color, linewidth=0.4, alpha=0.3)
+        if projected.shape[1] == 1:
+            axes.plot(*projected[:, k].T, color=color, linewidth=0.4, alpha=0.3)
         (trail,) = axes.plot([], [], color=color, linewidth=1.4)
         (arm,) = axes.plot([], [], color=color, linewidth=2.5, marker="o", markevery=[1])
         moving.append((trail, arm))
     clock = axes.text(-1.05, -1.05, "", fontsize=8)
     rows = np.linspace(0, len(run.t) - 1, frames).astype(int)
-    length = int(TRAIL[seen.shape[1]] * len(run.t))
+    length = int(TRAIL[projected.shape[1]] * len(run.t))
 
     def show(row: int) -> list[Any]:
         for k, (trail, arm) in enumerate(moving):
-            trail.set_data(*seen[max(row - length, 0) : row + 1, k].T)
-            arm.set_data(*np.stack([np.zeros(2), seen[row, k]], axis=1))
+            trail.set_data(*projected[max(row - length, 0) : row + 1, k].T)
+            arm.set_data(*np.stack([np.zeros(2), projected[row, k]], axis=1))
         clock.set_text(f"t = {run.t[row]:.3g}")
         return [part for pair in moving for part in pair]
 

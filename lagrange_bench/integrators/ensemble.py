@@ -99,8 +99,10 @@ def integrate_ensemble(
     work.do(threads)
     if work.failures and on_failure == "raise":
         place, error = min(work.failures, key=lambda failure: failure[0])
-        more = f"; {len(work.failures)} of {n} tops fail" if len(work.failures) > 1 else ""
-        raise StepError(record.name, f"top {place}: {error.reason}{more}", h=grid.get("h"), step=error.step) from error
+        reason = f"top {place}: {error.reason}"
+        if len(work.failures) > 1:
+            reason += f"; {len(work.failures)} of {n} tops fail"
+        raise StepError(record.name, reason, h=grid.get("h"), step=error.step) from error
     start = RunInputs(states, record, grid.get("h") if record.control == "step" else None, options)
     return EnsembleTrajectory(top, record.name, times, work.out, Work(), start)
 

@@ -23,15 +23,15 @@ def import_own(module: str) -> ModuleType:
     The folder is first in sys.path during the import, and last from then on. So a file that is being edited is found before its
     installed copy, and a folder called `results` or `report` hides nothing of the bench later.
     """
-    here = str(Path.cwd())
-    if "" not in sys.path and here not in sys.path:
-        sys.path.append(here)
-    sys.path.insert(0, here)
+    folder = str(Path.cwd())
+    if "" not in sys.path and folder not in sys.path:
+        sys.path.append(folder)
+    sys.path.insert(0, folder)
     try:
         with no_exit():
             return importlib.import_module(module)
     finally:
-        sys.path.remove(here)
+        sys.path.remove(folder)
 
 
 @contextmanager

@@ -79,8 +79,8 @@ def _plot_axis(run: Any, ax: Any, look: dict[str, Any]) -> Axes:
     ax.set_proj_type("ortho")
     elevation, azimuth = np.radians((ax.elev, ax.azim))
     towards = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    seen = np.where((x @ towards > 0)[:, None], x, np.nan)
-    ax.plot(*seen.T, **{"label": run.method, **_look(run, look)})
+    near_side = np.where((x @ towards > 0)[:, None], x, np.nan)
+    ax.plot(*near_side.T, **{"label": run.method, **_look(run, look)})
     ax.plot(*x[:1].T, "o", color="black", ms=4, label="start")
     ends = [-radius, 0.0, radius]
     ax.set(

@@ -320,6 +320,11 @@ def test_a_fault_is_told_once_with_its_line(mine, tmp_path, old, new, message):
     assert wanted in verdict.how
 
 
+def test_a_state_without_a_time_scale_is_refused():
+    with pytest.raises(ValueError, match="no time scale there"):
+        check.check("rk4", problem=LagrangeTop(0.0), y0=[0, 0, 0, 0, 0, 1.0])
+
+
 def test_an_index_beyond_the_constants_is_found(mine, tmp_path):
     told = first_step.problem(find_method(mine("c[MIDDLE]", "c[7]")), "my_first:METHOD")
     assert told == f"IndexError: index 7 is out of bounds for axis 0 with size 3 ({tmp_path / 'my_first.py'}:48)"

@@ -86,11 +86,11 @@ def followed(
         raise
     except Exception as error:
         raise StepError(who, re.split(r"\n|\. ", str(error).strip())[0]) from error
-    found = np.array([start, *others], dtype=float)
-    bad = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    states = np.array([start, *others], dtype=float)
+    bad = np.flatnonzero(~np.isfinite(states).all(axis=1))
     if len(bad):
         raise StepError(who, f"its numbers are not finite after {bad[0] * every * h:.3g} s")
-    return seconds, found
+    return seconds, states
 
 
 if __name__ == "__main__":

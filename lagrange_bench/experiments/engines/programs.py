@@ -55,10 +55,10 @@ class Engine:
             path = WEB / "node_modules" / self.package / "package.json"
             return json.loads(path.read_text("utf-8"))["version"] if path.is_file() else None
         try:
-            found = metadata.version(self.package)
+            version = metadata.version(self.package)
         except metadata.PackageNotFoundError:
             return None
-        return found if found.startswith(self.release) else None
+        return version if version.startswith(self.release) else None
 
     @property
     def needs(self) -> str:

@@ -59,5 +59,5 @@ def write(hashes: Hashes) -> None:
 
 
 if __name__ == "__main__":  # give the names of methods whose bits are new, or were changed on purpose
-    found = measured()
-    write({name: found[name] for name in sys.argv[1:]})
+    digests = measured()
+    write({name: digests[name] for name in sys.argv[1:]})

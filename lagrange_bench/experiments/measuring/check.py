@@ -126,8 +126,8 @@ def check(method: str | Method, quick: bool = False, problem: Any = None, y0: Ar
                 warnings.simplefilter("ignore", StepWarning)
                 verdicts += function(record, quick)
         except (Exception, SystemExit) as error:  # a plug-in may raise anything
-            how = f"ended in {first_step.describe(error, record, word)}"
-            verdicts.append(Verdict(function.__name__.replace("_", " "), False, how))
+            evidence = f"ended in {first_step.describe(error, record, word)}"
+            verdicts.append(Verdict(function.__name__.replace("_", " "), False, evidence))
     return verdicts
 
 
@@ -149,37 +149,38 @@ def order(method: Method, quick: bool, names: Starts = ORDER_STATES) -> Iterator
         return
     tolerance = orders.TOLERANCE if kinds.uniform(placed(names[0]).top) else FIELD_TOLERANCE
     if len(points.spans) < FEWEST:
-        how = f"fewer than {FEWEST} steps have an error between {orders.FLOOR:g} and {orders.CEILING:g} on all states"
-        yield Verdict(claim, None if claimed > HIGH_ORDER else False, how)
+        evidence = f"fewer than {FEWEST} steps have an error of {orders.FLOOR:g} to {orders.CEILING:g} on all states"
+        yield Verdict(claim, None if claimed > HIGH_ORDER else False, evidence)
         return
     p = float(np.polyfit(np.log(points.spans), np.log(points.errors), 1)[0]) - 1
-    what = f"runs of t = {orders.RUN:g}, for a step depends on those before," if points.runs else "one step"
-    how = f"{what} against the {_truth(names)}, h from {points.spans[-1]:.2g} to {points.spans[0]:.2g}, ± h, {len(names)} states"
+    runs = f"runs of t = {orders.RUN:g}, for a step depends on those before," if points.runs else "one step"
+    steps = f"h from {points.spans[-1]:.2g} to {points.spans[0]:.2g}, ± h"
+    evidence = f"{runs} against the {_truth(names)}, {steps}, {len(names)} states"
     hidden = orders.hides_leading_term(points.spans[-1], p - claimed, tolerance)
-    yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, how, p, f"{claimed} ± {tolerance}")
+    yield Verdict(claim, None if hidden else abs(p - claimed) <= tolerance, evidence, p, f"{claimed} ± {tolerance}")
 
 
 def solution(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
     """The accuracy of methods that are exact in time or control their error, and the accuracy of any method for h < 0."""
-    there, back = Worst(), Worst()
+    forwards, backwards = Worst(), Worst()
     span, n = 0.25, 80
     for start in map(placed, names):
         top, y0, h = start.top, start.state, span * start.unit
         end = truths.after_steps(top, y0, h, [n])[0]
         y = prepared(method, top, y0, h).advance(y0, n)
-        there = there.worse_of(float(metrics.scaled_error(top, y0, y, end)), start, span)
+        forwards = forwards.worse_of(float(metrics.scaled_error(top, y0, y, end)), start, span)
         y = prepared(method, starting_later(top, n * h), end, -h).advance(end, n)
-        back = back.worse_of(float(metrics.scaled_error(top, y0, y, y0)), start, -span)
+        backwards = backwards.worse_of(float(metrics.scaled_error(top, y0, y, y0)), start, -span)
     if method.control == "step" and method.order is None:
-        how = f"{n} steps against the {_truth(names)}, h_scaled = {span}, {len(names)} states"
-        yield there.verdict("exact in time", EXACT, how)
+        evidence = f"{n} steps against the {_truth(names)}, h_scaled = {span}, {len(names)} states"
+        yield forwards.verdict("exact in time", EXACT, evidence)
     elif method.control == "tolerance":
-        how = f"default tolerance, t = {n * span:g}, {len(names)} states"
-        yield there.verdict(f"follows the {_truth(names)}", FOLLOWS, how)
+        evidence = f"default tolerance, t = {n * span:g}, {len(names)} states"
+        yield forwards.verdict(f"follows the {_truth(names)}", FOLLOWS, evidence)
     # the two errors differ by a factor of order one, unless they are round-off or the way there is lost
-    how = f"largest error of the way back from t = {n * span:g}, against {there.size:.1e} of the way there"
-    verdict = back.verdict("negative h is as accurate", 10 * there.size + EXACT, how)
-    yield replace(verdict, passed=None) if there.size > LOST else verdict
+    evidence = f"largest error of the way back from t = {n * span:g}, against {forwards.size:.1e} of the way there"
+    verdict = backwards.verdict("negative h is as accurate", 10 * forwards.size + EXACT, evidence)
+    yield replace(verdict, passed=None) if forwards.size > LOST else verdict
 
 
 def starting_later(problem: Any, t: float) -> Any:
@@ -234,8 +235,8 @@ def poisson(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Ver
             result = metrics.poisson_defect(lambda y: prepared(method, top, y, h).advance(y, 1), top, y0)  # noqa: B023
             if span < 1 or result.error <= POISSON:  # or the map bends too much for differences
                 worst = worst.worse_of(result.defect, start, span)
-    how = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}"
-    yield worst.verdict("Poisson map", POISSON, how)
+    evidence = f"‖D P(y) Dᵀ − P(ỹ)‖, D by central differences of order 6, {AT.format(len(names))}"
+    yield worst.verdict("Poisson map", POISSON, evidence)
 
 
 def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | None = None) -> Iterator[Verdict]:
@@ -253,7 +254,7 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
     stopped: dict[float, str] = {}  # step in time scales → why
     starts = [placed(name) for name in names]
     for start in starts:
-        for quantity in (*start.top.conserved_by(method), *_own(method, start.top)):
+        for quantity in (*start.top.conserved_by(method), *_own_quantities(method, start.top)):
             claimed[quantity].add(start.name)
     for start, top, y0, span, h in steps_on(names):
         try:
@@ -262,17 +263,17 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
             if span < 1:
                 stopped.setdefault(span, f"{error.reason} ({start.name})")
             continue
-        own = {name: value(top, h, y) for name, value in _own(method, top).items()}
-        for quantity, size in _drifts(top, y0, h * (n // 10), y, own).items():
+        own_quantities = {name: value(top, h, y) for name, value in _own_quantities(method, top).items()}
+        for quantity, size in _drifts(top, y0, h * (n // 10), y, own_quantities).items():
             # where a quantity is not claimed, it says nothing about the claim elsewhere
             if start.name in claimed[quantity] or not claimed[quantity]:
                 drifts[quantity] = drifts[quantity].worse_of(size, start, span)
     tops = [start.top for start in starts]
     conserved = dict.fromkeys(word for top in tops for word in top.names if word in top.conserved)
-    there = set(conserved)
-    if any(name.startswith("C") for name in there):  # C1 and C2 stand for all Casimirs
-        there |= {"C1", "C2"}
-    for word in sorted(method.claims.conserves - there):
+    invariants = set(conserved)
+    if any(name.startswith("C") for name in invariants):  # C1 and C2 stand for all Casimirs
+        invariants |= {"C1", "C2"}
+    for word in sorted(method.claims.conserves - invariants):
         why = f"{tops[0].description} does not have; its invariants are {', '.join(conserved)}"
         yield Verdict(f"conserves {word}", None, f"claims {word}, which {why}. Name a problem that has it by --problem")
     bound = EPS * min(BIAS * n, WALK * n**0.5)
@@ -280,27 +281,27 @@ def conserves(method: Method, quick: bool, names: Starts = STATES, steps: int | 
         if quantity not in drifts:
             yield Verdict(f"conserves {quantity}", None, f"no run gets through {n} steps")
             continue
-        how = f"largest error over {n} steps, {AT.format(len(claimed[quantity] or names))}"
-        verdict = drifts[quantity].verdict(f"conserves {quantity}", bound, how)
+        evidence = f"largest error over {n} steps, {AT.format(len(claimed[quantity] or names))}"
+        verdict = drifts[quantity].verdict(f"conserves {quantity}", bound, evidence)
         not_claimed = replace(verdict, passed=None, bound="", how=f"{NOT_CLAIMED}; {verdict.how}")
         yield verdict if claimed[quantity] else not_claimed
     if stopped:  # a fault only at the smallest step: an explicit method may be unstable at others
-        how = "; ".join(f"fails at h_scaled = {span:g}: {why}" for span, why in stopped.items())
-        yield Verdict(f"takes {n} steps", None if min(stopped) > SPANS[0] else False, how)
+        evidence = "; ".join(f"fails at h_scaled = {span:g}: {why}" for span, why in stopped.items())
+        yield Verdict(f"takes {n} steps", None if min(stopped) > SPANS[0] else False, evidence)
 
 
-def _own(method: Method, top: Any) -> Mapping[str, Any]:
+def _own_quantities(method: Method, top: Any) -> Mapping[str, Any]:
     """The quantities that a method says it conserves of its own: in a uniform field only."""
     return method.claims.conserves_own if kinds.uniform(top) else {}
 
 
-def _drifts(top: Any, y0: Array, interval: float, y: Array, own: dict[str, tuple[Array, float]]) -> dict[str, float]:
-    """The largest drift of each conserved invariant, and of each quantity of `own`, over states (N, n) at equal intervals."""
+def _drifts(top: Any, y0: Array, dt: float, y: Array, quantities: dict[str, tuple[Array, float]]) -> dict[str, float]:
+    """The largest drift of each conserved invariant, and of each of `quantities`, over states (N, n) at equal intervals."""
     with np.errstate(over="ignore", invalid="ignore"):  # a run may go astray
-        values = top.invariants(y, interval * np.arange(len(y)))
+        values = top.invariants(y, dt * np.arange(len(y)))
         drift = np.max(np.abs(metrics.relative_drift(values, top.invariant_scales(y0))), axis=0)
     drifts = {word: size for word, size in zip(top.names, drift, strict=True) if word in top.conserved}
-    return drifts | {name: np.max(np.abs(values - values[0]) / unit) for name, (values, unit) in own.items()}
+    return drifts | {name: np.max(np.abs(values - values[0]) / unit) for name, (values, unit) in quantities.items()}
 
 
 def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[Verdict]:
@@ -315,8 +316,8 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
             size = np.max([drifts[word] for word in top.conserved_by(method)], initial=0.0)
             worst = worst.worse_of(size / (A_UNIT * EPS * span), start, span)
     if worst.at:
-        how = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it"
-        yield worst.verdict("conserves in long steps", 1.0, how)
+        evidence = f"steps of h_scaled = 10, 30, 100, 1e4 that are not refused, over {A_UNIT} ulps for each unit of it"
+        yield worst.verdict("conserves in long steps", 1.0, evidence)
 
 
 # ---------------------------------------------------------------- in other fields, on bodies, on a problem of the user's own
@@ -325,10 +326,10 @@ def long_steps(method: Method, quick: bool, names: Starts = STATES) -> Iterator[
 def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
     """The same claims on tops in a potential and on a vibrating pivot, where the method takes them."""
     for where, fields in FIELDS.items():
-        taken = [field for field in fields if method.takes(placed("generic" + field).top) is None]
-        if taken:
-            names = tuple(name + field for name in ("generic", "random001") for field in taken)
-            ordered = tuple(name + field for name in orders.STATES for field in taken)
+        accepted_fields = [field for field in fields if method.takes(placed("generic" + field).top) is None]
+        if accepted_fields:
+            names = tuple(name + field for name in ("generic", "random001") for field in accepted_fields)
+            ordered = tuple(name + field for name in orders.STATES for field in accepted_fields)
             yield from _claims(method, quick, where, ordered, names, names)
         else:
             yield Verdict(where, None, str(method.takes(placed("generic" + fields[0]).top)))
@@ -336,10 +337,10 @@ def in_field(method: Method, quick: bool) -> Iterator[Verdict]:
 
 def of_its_kind(method: Method, quick: bool) -> Iterator[Verdict]:
     """The same claims on a heavy and on a free body of any shape, for methods that take only bodies."""
-    taken = {name: body for name, body in BODIES.items() if method.takes(body) is None}
-    for name, body in taken.items():
+    accepted_bodies = {name: body for name, body in BODIES.items() if method.takes(body) is None}
+    for name, body in accepted_bodies.items():
         yield from _on(body, BODY_START, method, name)(method, quick)
-    if not taken:
+    if not accepted_bodies:
         yield Verdict("claims", None, f"{method.takes(BODIES['free body'])}. Name a problem that it takes by --problem")
 
 
@@ -367,6 +368,8 @@ def _on(problem: Any, y0: ArrayLike | None, method: Method, where: str) -> Check
         raise ValueError(f"problem: {reason}")
     if y0 is None:
         raise ValueError("y0: give a state of the problem")
+    if not np.isfinite(problem.scales(problem.check_state(y0))[2]):
+        raise ValueError(f"y0: {where} has no time scale there, so nothing can be measured")
     name = getattr(problem, "name", where)
     starts = [Start(problem, y, given_name=f"{name} from {np.round(y, 3).tolist()}") for y in _states_near(problem, y0)]
 

@@ -24,8 +24,8 @@ def purity(method: Method, quick: bool, names: Starts = ("generic", "figure1")) 
     yield Verdict("input is not modified", same(y, y0), "bits of y after prepare, advance and record")
     y.flags.writeable = False
     again = (stepper.advance(y, 50), prepared(method, top, y, h).advance(y, 50))
-    how = "advance twice, and with a second stepper"
-    yield Verdict("same input, same bits", all(same(a, last) for a in again), how)
+    evidence = "advance twice, and with a second stepper"
+    yield Verdict("same input, same bits", all(same(a, last) for a in again), evidence)
     alone = prepared(method, other, z0, k).advance(z0, 50)
     first, second = prepared(method, top, y0, h), prepared(method, other, z0, k)
     turns = [(first.advance(y0, 50), second.advance(z0, 50)) for _ in range(2)]
@@ -62,16 +62,16 @@ def extremes(method: Method, quick: bool, names: Starts = ("random001" + NEGATIV
             raised.append(error)
         except Exception as error:
             bad.setdefault(first_step.describe(error, method, None), []).append(case)
-    where = {what: on[0] if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …)" for what, on in bad.items()}
-    how = "; ".join(f"{on}: {what}" for what, on in where.items())
-    how = how or f"{len(raised)} StepErrors, the other runs finite"
-    yield Verdict("finite, or a StepError", not bad, how, float(sum(map(len, bad.values()))), "0")
+    where = {fault: on[0] if len(on) == 1 else f"{len(on)} of {runs} runs ({on[0]}, …)" for fault, on in bad.items()}
+    evidence = "; ".join(f"{on}: {fault}" for fault, on in where.items())
+    evidence = evidence or f"{len(raised)} StepErrors, the other runs finite"
+    yield Verdict("finite, or a StepError", not bad, evidence, float(sum(map(len, bad.values()))), "0")
     if raised:
-        how = f"{len(raised)} of them"
+        evidence = f"{len(raised)} of them"
         if others := dict.fromkeys(repr(error.method) for error in raised if error.method != method.name):
-            how = f"StepErrors say {', '.join(others)}, the record says {method.name!r}: "
-            how += "give FixedStepper, or StepError, the record's name"
-        yield Verdict("StepErrors name the method", not others, how)
+            evidence = f"StepErrors say {', '.join(others)}, the record says {method.name!r}: "
+            evidence += "give FixedStepper, or StepError, the record's name"
+        yield Verdict("StepErrors name the method", not others, evidence)
         yield Verdict("StepErrors have a reason", all(error.reason for error in raised), f"{len(raised)} of them")
 
 

@@ -27,12 +27,12 @@ class Measured:
 @cache
 def measure(points: int = POINTS, seed: int = SEED) -> tuple[Measured, ...]:
     """Every erratum in the order of the paper, at `points` random points from the seeds seed, seed + 1, …"""
-    listed = []
+    residuals = []
     for e in errata.errata():
         printed = min(e.residual(Random(seed + k), True) for k in range(points))
         corrected = max(e.residual(Random(seed + k), False) for k in range(points))
-        listed.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
-    return tuple(listed)
+        residuals.append(Measured(e.equation, e.section, e.printed_text, e.corrected_text, e.prose, printed, corrected))
+    return tuple(residuals)
 
 
 def count(measured: Iterable[Measured]) -> str:

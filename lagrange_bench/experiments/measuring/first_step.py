@@ -66,8 +66,8 @@ def describe(error: BaseException, method: Method, word: str | None) -> str:
         known = {**frames[-1][0].f_globals, **frames[-1][0].f_locals}
         text += suggestion(error.name, known).rstrip(".")
     record, prepare = word and METHODS.module(word), getattr(method.prepare, "__module__", None)
-    own = {module.partition(".")[0] for module in (record, prepare) if module}
-    places = [(f, line) for f, line in frames if f.f_globals.get("__name__", "").partition(".")[0] in own]
+    own_packages = {module.partition(".")[0] for module in (record, prepare) if module}
+    places = [(f, line) for f, line in frames if f.f_globals.get("__name__", "").partition(".")[0] in own_packages]
     if places:
         frame, line = places[-1]
         return f"{text} ({frame.f_code.co_filename}:{line})"

@@ -32,8 +32,8 @@ def with_failures(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> 
     heads["failure"] = "NotANumber: " + cells[heads.index].map(why)
     heads["status"] = "failed"
     for part, names in measured.items():
-        here = in_part(heads, part)
-        heads = heads.assign(**{name: heads[name].mask(here) for name in names if name in heads})
+        in_this_part = in_part(heads, part)
+        heads = heads.assign(**{name: heads[name].mask(in_this_part) for name in names if name in heads})
     return pd.concat([rows[~failed], heads]).sort_index()
 
 
@@ -44,10 +44,10 @@ def missing_value(rows: pd.DataFrame, measured: Mapping[str, Sequence[str]]) -> 
     done = known["status"].eq("done") & known[[*EXCUSES]].isna().all(axis=1)
     poor = known["error"].astype(float) > USEFUL
     for part, names in measured.items():
-        here = done & in_part(rows, part)
+        in_this_part = done & in_part(rows, part)
         for name in names:
             if name in rows:
-                missing[here & rows[name].isna() & ~(poor & (name in TIMED)) & missing.eq("")] = name
+                missing[in_this_part & rows[name].isna() & ~(poor & (name in TIMED)) & missing.eq("")] = name
     return missing
 
 

@@ -91,11 +91,11 @@ def placed(start: str | Start) -> Start:
     place = next(
         (place for place in (NEGATIVE, TIDE, CHARGE, PIVOT) if isinstance(start, str) and start.endswith(place)), ""
     )
-    there = Start.of(start.removesuffix(place) if isinstance(start, str) else start)
-    top, y0 = there.top, there.state.copy()
+    start_of_top = Start.of(start.removesuffix(place) if isinstance(start, str) else start)
+    top, y0 = start_of_top.top, start_of_top.state.copy()
     if place:
         top = _elsewhere(top.alpha, float(np.linalg.norm(y0[3:])), float(top.scales(y0)[0]), place)
-    return Start(top, y0, given_name=start if isinstance(start, str) else there.name)
+    return Start(top, y0, given_name=start if isinstance(start, str) else start_of_top.name)
 
 
 @cache

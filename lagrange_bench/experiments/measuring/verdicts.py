@@ -44,7 +44,7 @@ class Worst(NamedTuple):
         size = float("inf") if np.isnan(size) else float(size)
         return self if self.at and size <= self.size else Worst(size, f"{start.name}, h_scaled = {span:g}")
 
-    def verdict(self, claim: str, bound: float, how: str) -> Verdict:
+    def verdict(self, claim: str, bound: float, evidence: str) -> Verdict:
         """Whether it is at most the bound."""
         where = f"; largest on {self.at}" if self.at else ""
-        return Verdict(claim, self.size <= bound, how + where, self.size, f"≤ {bound:.2g}", self.at)
+        return Verdict(claim, self.size <= bound, evidence + where, self.size, f"≤ {bound:.2g}", self.at)

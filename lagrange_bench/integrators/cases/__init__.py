@@ -211,13 +211,13 @@ def _case(name: str, content: Mapping[str, Any], where: str) -> Case:
     if unknown := sorted(set(content) - {*NUMBERS, *TEXTS, *OTHERS}):
         raise ValueError(f"{where}: {unknown[0]} is not known; a case has {', '.join((*NUMBERS, *OTHERS, *TEXTS))}")
     words = {word: " ".join(str(content.get(word, "")).split()) for word in TEXTS}
-    given = {word: value for word, value in content.items() if word in NUMBERS}
-    for word, value in given.items():
+    numbers = {word: value for word, value in content.items() if word in NUMBERS}
+    for word, value in numbers.items():
         _check_numbers(word, value, where)
     for one, other in (("inertia", "inertia_com"), ("angles", "quaternion")):
-        if one in given and other in given:
+        if one in numbers and other in numbers:
             raise ValueError(f"{where}: give {one} or {other}, not both")
-    facts: dict[str, Any] = {**DEFAULTS, **given}
+    facts: dict[str, Any] = {**DEFAULTS, **numbers}
     fixed = content.get("fixed", True)
     if "inertia" in facts and "mass" in facts:
         lever = [Fraction(v) for v in (facts["com"] if fixed else (0, 0, 0))]

@@ -183,14 +183,14 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
         with workprec(BITS):
             if exact.steady:
                 period, drifts = fmpq(1), exact.drifts()
-                up, own = (sum(rates, arb(0)) for rates in ([v.left for v in drifts], [v.right for v in drifts]))
-                up, own = up / (2 * arb.pi()), own / (2 * arb.pi())
+                up, spin = (sum(rates, arb(0)) for rates in ([v.left for v in drifts], [v.right for v in drifts]))
+                up, spin = up / (2 * arb.pi()), spin / (2 * arb.pi())
             else:
                 period = exact_period(exact)
-                up, own = map(arb, turns_in(exact, period))
-                own += exact.spin * period / (2 * arb.pi())
+                up, spin = map(arb, turns_in(exact, period))
+                spin += exact.spin * period / (2 * arb.pi())
             side = int(np.sign(body.axis @ body.axes[body.symmetry]))
-            whole = {**parts("period", arb(period)), **parts("up", up), **parts("spin", side * own)}
+            whole = {**parts("period", arb(period)), **parts("up", up), **parts("spin", side * spin)}
     unit = 1.0 / (float(np.linalg.norm(J)) + math.sqrt(alpha))
     # Q(λ) = 1 + 2 C2 λ + 2 H λ² + 2 alpha J3 λ³ + alpha² λ⁴
     Q = (
@@ -203,7 +203,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
     last = np.max(np.abs(rows[TERMS:]), axis=1)  # the first two terms left out: some series lack every other term
     reach = 1.0 / np.max((last / LEFT_OUT) ** (0.5 / np.array((TERMS, TERMS + 1))))  # longest step, in units
     scales = np.array((unit * reach**2, unit * reach, 1.0, reach, reach)) * reach ** (2.0 * np.arange(TERMS)[:, None])
-    own = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)
+    relative_spin = float(body.angular_velocity(y) @ body.axis) * (1.0 - body.inertia[body.symmetry] / body.across)
     return {
         **{
             "kind": "steady" if exact.steady else "heavy",
@@ -211,7 +211,7 @@ def heavy_constants(body: Any, y: Any) -> dict[str, Any]:
             "J": J,
             "x0": x,
             "axis": body.axis,
-            "own": own,
+            "own": relative_spin,
         },
         **{"left": world.inv().as_quat(scalar_first=True), "longest": unit * reach, "rows": rows[:TERMS] * scales},
         **{"right": (world * body.rotations(y)).as_quat(scalar_first=True), **whole},

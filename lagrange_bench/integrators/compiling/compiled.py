@@ -58,7 +58,7 @@ def jit(function: Callable[..., Any] | None = None, *, inline: bool = False) -> 
     return kernel
 
 
-def compiled(function: Callable[..., Any], **more: Any) -> Any:
+def compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Compile a kernel of your own method with Numba, without fastmath. Every process compiles it again.
 
     Numba raises its errors at the first call.
@@ -67,7 +67,7 @@ def compiled(function: Callable[..., Any], **more: Any) -> Any:
     ----------
     function : callable
         A function that Numba can compile.
-    **more : dict
+    **options : dict
         Options of `numba.njit`.
 
     Returns
@@ -75,7 +75,7 @@ def compiled(function: Callable[..., Any], **more: Any) -> Any:
     callable
         The compiled function.
     """
-    return CompiledFunction(function, targetoptions={**OPTIONS, **more}) if COMPILED else function
+    return CompiledFunction(function, targetoptions={**OPTIONS, **options}) if COMPILED else function
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
@@ -92,7 +92,7 @@ def _renamed(function: Any, name: str) -> FunctionType:
     return copy
 
 
-def digest_of(value: Any, *more: Any) -> str | None:
+def digest_of(value: Any, *settings: Any) -> str | None:
     """A text that identifies a function, or a value that it closes over, in all processes with the same `integrators`.
 
     None if there is none. Numba tells functions of one name apart by counting them, and two processes count otherwise.
@@ -104,7 +104,7 @@ def digest_of(value: Any, *more: Any) -> str | None:
         return (
             None
             if None in cells
-            else _hash(value.__module__, value.__qualname__, value.__code__.co_code, *cells, *more)
+            else _hash(value.__module__, value.__qualname__, value.__code__.co_code, *cells, *settings)
         )
     if isinstance(value, tuple):
         parts = list(map(digest_of, value))
@@ -138,6 +138,6 @@ def useful_lines(error: Any) -> str:
         if line.strip() and not line.startswith("Failed in"):
             words.append(line.strip())
     places = re.findall(r'^(?:During: .* at|File) "?(.+?)"?,? (?:\(|line )(\d+)[):]$', str(error), re.MULTILINE)
-    here = os.path.dirname(__file__)
-    where = [f" ({file}:{line})" for file, line in places if os.path.dirname(os.path.abspath(file)) != here]
+    this_folder = os.path.dirname(__file__)
+    where = [f" ({file}:{line})" for file, line in places if os.path.dirname(os.path.abspath(file)) != this_folder]
     return f"{' '.join(words)[:300]}{''.join(where[:1])}"

@@ -200,7 +200,7 @@ def tuple_loader(count: int) -> Any:
     """(c, first) → the tuple of `count` doubles that begins at c[first], for compiled kernels."""
 
     @jit(inline=True)
-    def some(c, first):
+    def load(c, first):
         return load_tuple(c, first, count)
 
-    return some
+    return load

@@ -303,6 +303,6 @@ class ConjugateStepper(FixedStepper):
         counters[CLOCK] = every
         self._run_map(rows, every, constants, counters)
         if counters[FAILURE] or not finite(rows.ravel()):
-            left = "the state left the range of floating-point numbers"
-            raise StepError(self.name, self.kernel.failures.get(int(counters[FAILURE]), left), h=self.h)
+            off_range = "the state left the range of floating-point numbers"
+            raise StepError(self.name, self.kernel.failures.get(int(counters[FAILURE]), off_range), h=self.h)
         return rows

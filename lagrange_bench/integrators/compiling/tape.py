@@ -175,7 +175,7 @@ class Tape:
         operation, *arguments = self.lines[place]
         if operation in ("input", "constant"):
             return
-        a, b, here = Term(self, arguments[0]), Term(self, arguments[-1]), Term(self, place)
+        a, b, result = Term(self, arguments[0]), Term(self, arguments[-1]), Term(self, place)
         for i, argument in enumerate(arguments):
             rate = rate_of(argument)
             if rate is None:
@@ -183,15 +183,15 @@ class Tape:
             if operation == "mul":
                 share = rate * (a if i else b)
             elif operation == "div":
-                share = -(rate * here) / b if i else rate / b
+                share = -(rate * result) / b if i else rate / b
             elif operation == "sqrt":
-                share = rate / (2.0 * here)
+                share = rate / (2.0 * result)
             elif operation == "sin":
                 share = rate * a.cos()
             elif operation == "cos":
                 share = -(rate * a.sin())
             elif operation == "exp":
-                share = rate * here
+                share = rate * result
             elif operation == "log":
                 share = rate / a
             else:

@@ -36,9 +36,9 @@ def eigenvalue(magnet: Any, spins: Any, lam: Any, sheet: int = 1, site: int = 0)
 
     Sites are counted from a_site, because they may lie far from 0.
     """
-    ell, here = magnet.vector(spins, lam), magnet.sites[magnet.check_site(site)]
-    near = replace(magnet, sites=tuple(a - here for a in magnet.sites))
-    z, others = complex(lam - here), np.array([complex(b) for b in near.sites if b != 0])
+    ell, origin = magnet.vector(spins, lam), magnet.sites[magnet.check_site(site)]
+    near = replace(magnet, sites=tuple(a - origin for a in magnet.sites))
+    z, others = complex(lam - origin), np.array([complex(b) for b in near.sites if b != 0])
     at_site = np.prod(np.sign(-others.real))  # the sign of Π (u − a_j) there, without u − a_site
     m = at_site * branch(spectral_polynomial(near, spins), z)
     return check_sheet(sheet) * root_near(dot(ell, ell), complex(m / (z * np.prod(z - others))))

@@ -59,8 +59,8 @@ def exact_step(magnet: Any, spins: Numbers, h: float) -> Numbers:
 
 def flow(magnet: Any, spins: Any, h: Any) -> Numbers:
     """The same in the precision of mpmath; neither h nor the spin at the site is 0."""
-    n, here = len(magnet), mp.mpmathify(magnet.sites[magnet.site])
-    sites = tuple(mp.mpmathify(a) - here for a in magnet.sites)  # which may lie far from 0
+    n, origin = len(magnet), mp.mpmathify(magnet.sites[magnet.site])
+    sites = tuple(mp.mpmathify(a) - origin for a in magnet.sites)  # which may lie far from 0
     magnet = replace(magnet, sites=sites, alpha=mp.mpmathify(magnet.alpha))
     spins, h = numbers(spins), mp.mpf(h)
     if n == 1:

@@ -167,8 +167,8 @@ def turned_about(q: Sequence[Any], omega: Sequence[Any], span: Any, body: bool) 
     half = 0.5 * span * speed
     c, s = cos(half), sin(half) * (1.0 / (speed + TINY))
     across = cross(q[1:], omega) if body else cross(omega, q[1:])
-    own = (-dot(omega, q[1:]), *(q[0] * w + v for w, v in zip(omega, across, strict=True)))
-    return [c * a + s * b for a, b in zip(q, own, strict=True)]
+    across_q = (-dot(omega, q[1:]), *(q[0] * w + v for w, v in zip(omega, across, strict=True)))
+    return [c * a + s * b for a, b in zip(q, across_q, strict=True)]
 
 
 # ------------------------------------------------------------------------------------ taking H apart

@@ -36,14 +36,14 @@ def as_rotation(rotation: Any) -> Rotation:
         return rotation
     R = check_array(rotation, "rotation", (3, 3), (4,))
     if R.shape == (4,):
-        what, off = "a unit quaternion, scalar first", abs(float(np.linalg.norm(R)) - 1.0)
+        kind, off = "a unit quaternion, scalar first", abs(float(np.linalg.norm(R)) - 1.0)
     else:
-        what, off = "an orthogonal matrix with determinant 1", float(np.max(np.abs(R.T @ R - np.eye(3))))
+        kind, off = "an orthogonal matrix with determinant 1", float(np.max(np.abs(R.T @ R - np.eye(3))))
         off = off if np.linalg.det(R) > 0 else np.inf
     if not off <= ROUNDED:
-        raise ValueError(f"rotation must be {what}; got {R.tolist()}")
+        raise ValueError(f"rotation must be {kind}; got {R.tolist()}")
     if off > EXACT:
-        warn_caller(f"rotation is {what}, but for {off:.1e}: it is scaled", RuntimeWarning)
+        warn_caller(f"rotation is {kind}, but for {off:.1e}: it is scaled", RuntimeWarning)
     return Rotation.from_quat(R, scalar_first=True) if R.shape == (4,) else Rotation.from_matrix(R)
 
 

@@ -66,8 +66,8 @@ class Space:
         turn : the product of vectors of g and y, if it is not g × y. scale : a factor of all other products of g and y.
         """
         if self.affine:
-            own, other = turn(g[:3], y[:3]), turn(g[3:], y[3:])
-            return *(a + b for a, b in zip(own, other, strict=True)), *turn(g[:3], y[3:])
+            of_first, of_second = turn(g[:3], y[:3]), turn(g[3:], y[3:])
+            return *(a + b for a, b in zip(of_first, of_second, strict=True)), *turn(g[:3], y[3:])
         parts = [turn(g[i : i + 3], y[i : i + 3]) for i in range(0, self.size, 3)]
         return tuple(rate for part in parts for rate in part)
 
@@ -110,9 +110,9 @@ class BodySpace(Space):
         scalar, q = 0.5 * y[0], [0.5 * v for v in y[1:4]]
         (g0, *gq), omega = (scale * v for v in g[:4]), [scale * v for v in g[4:]]
         along = [scalar * w + v for w, v in zip(omega, turn(g[4:], q), strict=True)]
-        own, pull = turn(relative or g[4:], y[4:]), turn(g[1:4], q)  # pull = −q × g/2
+        spin, pull = turn(relative or g[4:], y[4:]), turn(g[1:4], q)  # pull = −q × g/2
         torque = [g0 * v - scalar * w + u for v, w, u in zip(q, gq, pull, strict=True)]
-        return -dot(omega, q), *along, *(a + b for a, b in zip(own, torque, strict=True))
+        return -dot(omega, q), *along, *(a + b for a, b in zip(spin, torque, strict=True))
 
     def casimirs(self, y: Sequence[Any]) -> dict[str, Any]:
         return {"C1": dot(y[1:4], y[1:4]) + y[0] * y[0]}
@@ -190,8 +190,8 @@ class System:
             plain = map(tape.constant, product(a, b))
             return [tape.constant(0.0 if tape.known(v) == 0.0 else w) for v, w in zip(plain, scaled, strict=True)]
 
-        more = {"relative": tape.run(self.relative_omega, t, *y, *p)} if self.relative_omega else {}
-        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h, **more))
+        options = {"relative": tape.run(self.relative_omega, t, *y, *p)} if self.relative_omega else {}
+        rates = map(tape.constant, self.space.flow(self.slopes(tape, t, y, p), y, turn, h, **options))
         return tuple(tape.constant(0.0) if i in self.constant else rate for i, rate in enumerate(rates))
 
     def record(self, formula: Callable[..., Iterable[Any]]) -> Program:

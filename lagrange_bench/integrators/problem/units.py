@@ -30,8 +30,8 @@ def exponents(alpha: float, y: Any, h: float) -> tuple[int, int]:
         return -math.frexp(h)[1], length
     if J == 0.0 or (root > 0.0 and weight > rate):
         J, root, rate, weight = root, J, weight, rate
-    size, more = math.frexp(J + math.ldexp(root, weight - rate))
-    return rate + more, length
+    size, power = math.frexp(J + math.ldexp(root, weight - rate))
+    return rate + power, length
 
 
 @jit
@@ -49,8 +49,8 @@ def scaled_norm(a: float, b: float, c: float) -> tuple[float, int]:
     """|(a, b, c)| as a number from 1/2 to 1 and the exponent of a power of two; (0, 0) if it vanishes."""
     power = math.frexp(max(abs(a), abs(b), abs(c)))[1]
     a, b, c = math.ldexp(a, -power), math.ldexp(b, -power), math.ldexp(c, -power)
-    norm, more = math.frexp(math.sqrt(a * a + b * b + c * c))
-    return norm, power + more
+    norm, exponent = math.frexp(math.sqrt(a * a + b * b + c * c))
+    return norm, power + exponent
 
 
 @jit

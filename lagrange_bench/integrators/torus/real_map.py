@@ -142,13 +142,13 @@ def turn_rows(rows, cos, sin, every):
 
 
 @jit
-def leave_many(out, taken, turns, every, units):
+def leave_many(out, are_plain, turns, every, units):
     """`turn_rows` for the tops in out (rows, n, 6), then back to the users' units. turns : (n, 4), cos and sin as double-doubles.
 
-    Only `taken` tops, see `many_constants`.
+    Only tops that `are_plain`, see `many_constants`.
     """
-    for top in range(len(taken)):
-        if taken[top]:
+    for top in range(len(are_plain)):
+        if are_plain[top]:
             turn = (turns[top, 0], turns[top, 1]), (turns[top, 2], turns[top, 3])
             if turn != NO_TURN:
                 turn_rows(out[:, top], turn[0], turn[1], every)
@@ -314,13 +314,13 @@ def form(c):
 
 
 @jit
-def many_constants(alphas, Y, h, states, c, units, taken, turns):
+def many_constants(alphas, Y, h, states, c, units, are_plain, turns):
     """Fill arrays for each top: its state and constants in its own units, these units, and its turn, 4 numbers.
 
-    taken : whether its kernel is `step`, and nothing of extreme size. Others, a few in a thousand, are left alone.
+    are_plain : whether its kernel is `step`, and nothing of extreme size. Others, a few in a thousand, are left alone.
     """
     for i in range(len(Y)):
-        taken[i] = False
+        are_plain[i] = False
         y = load_tuple(Y[i], 0, 6)
         rate, length, alpha, span = own_units(alphas[i], y, h)
         if span == math.inf:
@@ -334,7 +334,7 @@ def many_constants(alphas, Y, h, states, c, units, taken, turns):
         (turns[i, 0], turns[i, 1]), (turns[i, 2], turns[i, 3]) = turn
         for k in range(CONSTANTS):
             c[i, k] = constants[k]
-        taken[i] = finite(constants) and form(constants) == 0
+        are_plain[i] = finite(constants) and form(constants) == 0
 
 
 # ---------------------------------------------------------------- the stepper around a kernel

@@ -202,8 +202,8 @@ def _refusal(wanted: str, top: Any) -> ValueError:
 # ---------------------------------------------------------------- states
 
 
-def in_doubles(motion: Top, times: Array, more: Array) -> Array:
-    """States (N, n) at `times` + `more` (N,), with `more` below an ulp."""
+def in_doubles(motion: Top, times: Array, remainders: Array) -> Array:
+    """States (N, n) at `times` + `remainders` (N,), with `remainders` below an ulp."""
     extremes = [abs(rational(t)) for t in (times.min(), times.max())] if len(times) else [fmpq(0)]
     if motion.node is not None:
         by_table = len(times) > FEW or float(max(extremes)) * motion.node.speed > LATE
@@ -212,9 +212,9 @@ def in_doubles(motion: Top, times: Array, more: Array) -> Array:
             raise ValueError(TOO_LATE)
         by_table = len(times) > FEW and has_table(motion)
     if by_table:
-        states = table(motion)(times, more)
+        states = table(motion)(times, remainders)
     else:
-        whens = [rational(t) + rational(rest) for t, rest in zip(times.tolist(), more.tolist(), strict=True)]
+        whens = [rational(t) + rational(rest) for t, rest in zip(times.tolist(), remainders.tolist(), strict=True)]
         rows = [[float(v) for v in proven(motion, t, PROVEN)] for t in whens]
         states = np.array(rows).reshape(len(times), len(motion.radii(PROVEN)))
     if not np.all(np.isfinite(states)):
@@ -257,15 +257,15 @@ def check_digits(digits: int) -> int:
 def exact_times(t: Any) -> NDArray[Any]:
     """`t`, a time or a sequence of times, as an array of finite mpf without rounding; else ValueError."""
     try:
-        given = np.asarray(t, dtype=object)
+        objects = np.asarray(t, dtype=object)
         times = np.array(
-            [v if isinstance(v, mpf) else mpf(v) for v in given.ravel()], dtype=object
+            [v if isinstance(v, mpf) else mpf(v) for v in objects.ravel()], dtype=object
         )  # mpf(v) would round v
     except (TypeError, ValueError) as error:
         raise ValueError(f"t must be a time or a sequence of times, real numbers: {error}") from None
-    if given.ndim > 1 or not all(map(mp.isfinite, times)):
+    if objects.ndim > 1 or not all(map(mp.isfinite, times)):
         raise ValueError(f"t must be a time or a sequence of finite times; got {t!r}")
-    return times.reshape(given.shape)
+    return times.reshape(objects.shape)
 
 
 # ---------------------------------------------------------------- what kind of motion it is

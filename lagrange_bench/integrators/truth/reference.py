@@ -110,10 +110,10 @@ class Orbit:
             powers = [round(math.log2(v)) if 0.0 < v < math.inf else 0 for v in problem.scales(self.y0)[:2]]
             self.clock, self.exponents = powers[0], np.repeat(powers, 3)
 
-    def key(self, kind: str, *more: str) -> bytes:
+    def key(self, kind: str, *settings: str) -> bytes:
         problem = self.problem
         numbers = map(float.hex, (problem.start, *problem.numbers, *self.y0.tolist()))
-        words = (_version(), kind, self.engine, _formulas(problem.system).digest, *numbers, *more)
+        words = (_version(), kind, self.engine, _formulas(problem.system).digest, *numbers, *settings)
         return hashlib.sha256("\n".join(words).encode()).digest()
 
     def runner(self, tolerance: float) -> Any:

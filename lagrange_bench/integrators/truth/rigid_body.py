@@ -63,8 +63,8 @@ def rigid_motion(
     rates = [terms for v in (L, *rows) for terms in _cross(v, [list(zip(row, L, strict=True)) for row in inverse])]
     for g, row in zip(G, rows, strict=True):
         pulls = [[(g * unit**2 * v,)] for v in pull]
-        for terms, more in zip(rates, _cross(row, pulls), strict=False):
-            terms += [(-c, i) for c, i in more]
+        for terms, weights in zip(rates, _cross(row, pulls), strict=False):
+            terms += [(-c, i) for c, i in weights]
     start = spins + [Fraction(v) for row in R for v in row]
     for turned in solve(rates, start, [time / unit for time in moments], bits):
         omega = [sum(a * b for a, b in zip(row, turned[:3], strict=True)) / unit for row in inverse]

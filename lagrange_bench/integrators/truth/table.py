@@ -117,13 +117,13 @@ class Turning(NamedTuple):
     is_left: bool
     side: int  # -1: it turns before the first cell only; 1: after the last cell; 0: always
 
-    def turns(self, t: Array, more: Array, side: Array) -> Array:
-        """Turns at the times t + more, mod 1. side : -1 before the first cell, 1 after the last one, else 0."""
+    def turns(self, t: Array, remainders: Array, side: Array) -> Array:
+        """Turns at the times t + remainders, mod 1. side : -1 before the first cell, 1 after the last one, else 0."""
         if not self.side:
-            return (reduced(self.clock, t)[1] + more) / self.length
+            return (reduced(self.clock, t)[1] + remainders) / self.length
         turns_here = side == self.side
         return (
-            np.where(turns_here, reduced(self.clock, np.where(turns_here, t, self.clock.t0[0]))[1] + more, 0.0)
+            np.where(turns_here, reduced(self.clock, np.where(turns_here, t, self.clock.t0[0]))[1] + remainders, 0.0)
             / self.length
         )
 
@@ -151,14 +151,14 @@ class Table:
         self.tails = self.tails[:, columns]
         self.logs = [self.logs[n] for n in columns]
 
-    def __call__(self, times: Array, more: Array) -> Array:
-        """States at `times` + `more` (N,), with `more` below an ulp."""
+    def __call__(self, times: Array, remainders: Array) -> Array:
+        """States at `times` + `remainders` (N,), with `remainders` below an ulp."""
         blocks = [slice(start, start + BLOCK) for start in range(0, max(1, len(times)), BLOCK)]
         with np.errstate(over="ignore", under="ignore", invalid="ignore"):
-            return np.concatenate([self.block(times[block], more[block]) for block in blocks])
+            return np.concatenate([self.block(times[block], remainders[block]) for block in blocks])
 
-    def block(self, times: Array, more: Array) -> Array:
-        t, more = np.ldexp(times, self.log_rate), np.ldexp(more, self.log_rate)
+    def block(self, times: Array, remainders: Array) -> Array:
+        t, remainders = np.ldexp(times, self.log_rate), np.ldexp(remainders, self.log_rate)
         side, whole = np.zeros_like(t), np.zeros_like(t)
         if not self.periodic:
             side = np.where(t < self.ends[0], -1.0, np.where(t > self.ends[1], 1.0, 0.0))
@@ -166,7 +166,7 @@ class Table:
         if self.periodic:
             whole = np.floor(n / self.count)
             n -= whole * self.count
-        n, r = np.where(side > 0, self.count - 1, n).astype(int), np.where(side == 0, r + more, 0.0)
+        n, r = np.where(side > 0, self.count - 1, n).astype(int), np.where(side == 0, r + remainders, 0.0)
         u, r = np.zeros((len(n), len(self.logs))), r[:, None]
         gathered = np.empty_like(u)
         for row in self.coefficients[:0:-1]:
@@ -176,7 +176,7 @@ class Table:
         u += self.coefficients[0][n]
         left, right = (turned(turns, whole) for turns in self.turns)
         for turning in self.turnings:
-            turns = turning.turns(t, more, side)
+            turns = turning.turns(t, remainders, side)
             left, right = (left + turns, right) if turning.is_left else (left, right + turns)
         return self.motion.in_doubles(np.ldexp(u, self.logs), left, right)
 

@@ -108,20 +108,20 @@ def angle(c: arb, s: arb) -> arb:
 
 def roots_of(f: fmpq_poly) -> list[acb]:
     """The roots of a polynomial; multiple ones several times."""
-    found: Any = f.numer().complex_roots()
-    return [root for root, order in found for _ in range(order)]
+    factors: Any = f.numer().complex_roots()
+    return [root for root, order in factors for _ in range(order)]
 
 
 def at_each_precision(compute: Callable[[Any], Value]) -> Callable[[Any], Value]:
     """A method that computes once at each precision."""
 
-    def kept(self: Any) -> Value:
+    def cached(self: Any) -> Value:
         key = compute.__name__, ctx.prec
         if key not in self.kept:
             self.kept[key] = compute(self)
         return cast(Value, self.kept[key])
 
-    return kept
+    return cached
 
 
 class Top:
