@@ -36,23 +36,23 @@ def differences(reference: dict[str, Any]) -> str:
         case = Case("", body, (1, 0, 0, 0), case["omega_body"])
     else:
         case = CASES[case]
-    exact, found = case.solution(t), []
+    exact, texts = case.solution(t), []
     if "displacement" in reference:
         moved = judge(t, position=case.solution([0.0]).position + reference["displacement"], case=case)
-        found.append(f"{moved.position.max:.1e} m")
+        texts.append(f"{moved.position.max:.1e} m")
     if "quaternion" in reference:
-        found.append(f"{judge(t, rotation=[reference['quaternion']], case=case).rotation.max:.1e} rad")
+        texts.append(f"{judge(t, rotation=[reference['quaternion']], case=case).rotation.max:.1e} rad")
     if "mrp" in reference:
-        found.append(f"{judge(t, rotation=Rotation.from_mrp([reference['mrp']]), case=case).rotation.max:.1e} rad")
+        texts.append(f"{judge(t, rotation=Rotation.from_mrp([reference['mrp']]), case=case).rotation.max:.1e} rad")
     if "omega_body_degrees" in reference:
         off = np.degrees(exact.omega_body[0]) - reference["omega_body_degrees"]
-        found.append(f"{np.linalg.norm(off):.1e} °/s")
+        texts.append(f"{np.linalg.norm(off):.1e} °/s")
     if "omega_y_world" in reference:
-        found.append(f"{abs(exact.rotation.apply(exact.omega_body)[0, 1] - reference['omega_y_world']):.0e} rad/s")
+        texts.append(f"{abs(exact.rotation.apply(exact.omega_body)[0, 1] - reference['omega_y_world']):.0e} rad/s")
     if "energy" in reference:
         energy = case.body.energy_of(exact.rotation, exact.omega_body)[0]
-        found.append(f"{abs(energy - reference['energy']):.1e} J")
-    return ", ".join(found)
+        texts.append(f"{abs(energy - reference['energy']):.1e} J")
+    return ", ".join(texts)
 
 
 def references() -> list[str]:
@@ -84,11 +84,11 @@ def defaults() -> list[str]:
         shown_rows = pd.concat([each.groupby("case").tail(1) for each in chosen])
         cells = []
         for case in ("slow", "bruels"):
-            here = shown_rows[shown_rows.case == case]
-            is_worse = here.position.iloc[1] > here.position.iloc[0]
-            texts = " → ".join(shown(error) for error in here.position)
+            of_case = shown_rows[shown_rows.case == case]
+            is_worse = of_case.position.iloc[1] > of_case.position.iloc[0]
+            texts = " → ".join(shown(error) for error in of_case.position)
             cells.append(f"{texts} ({programs.ENGINES[engine].worse})" if is_worse else texts)
-        lines.append([figures.title(engine, rows.version.iloc[0]), " → ".join(here.integrator), *cells])
+        lines.append([figures.title(engine, rows.version.iloc[0]), " → ".join(of_case.integrator), *cells])
     splitting = errors[errors.integrator == "strang"].set_index("case").position
     lines.append(["this bench", "`strang`", *(shown(splitting[case]) for case in ("slow", "bruels"))])
     return table("program | default → as its documents advise | 10 rad/s (m) | 150 rad/s (m)", lines)

@@ -72,10 +72,10 @@ def agree(printed: str, shown: str) -> bool:
 
     Two numbers at round-off agree. White space does not count: a column is as wide as its numbers.
     """
-    here, there = NUMBER.split(printed), NUMBER.split(shown)
-    if [text.split() for text in here[::2]] != [text.split() for text in there[::2]]:
+    printed_parts, shown_parts = NUMBER.split(printed), NUMBER.split(shown)
+    if [text.split() for text in printed_parts[::2]] != [text.split() for text in shown_parts[::2]]:
         return False
-    return all(map(_same_number, here[1::2], there[1::2]))
+    return all(map(_same_number, printed_parts[1::2], shown_parts[1::2]))
 
 
 def _same_number(printed: str, shown: str) -> bool:

@@ -33,7 +33,7 @@ def script(path: Path):
 outputs = script(DOCS / "outputs.py")
 LONG = ("pose-your-own-problem", "a-top-in-a-field", "a-long-run", "an-ensemble")  # they compile or draw much
 LONG += ("reading-figures", "read-the-paper-with-the-code", "your-own-figures")
-MARKED = [pytest.param(page, marks=[pytest.mark.slow] * (page.stem in LONG)) for page in outputs.PAGES]
+MARKED = [pytest.param(page, marks=[pytest.mark.slow] if page.stem in LONG else []) for page in outputs.PAGES]
 
 
 @pytest.mark.parametrize("page", MARKED, ids=lambda page: page.stem)

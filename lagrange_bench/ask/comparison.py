@@ -132,7 +132,7 @@ class Comparison:
         x, y = x or self.x, y or self.y
         if x == "h_scaled" and _lack(self.frame, x):
             x = "h"  # rows in the tops' own units
-        tops = _listed(tops)
+        tops = _as_list(tops)
         rows = self._rows(x, y, methods, tops)
         named = list(dict.fromkeys(rows["top"]))
         panels = named if tops is None else [top for top in tops if top in named]
@@ -140,12 +140,12 @@ class Comparison:
         limits = {name: ends for name, ends in (("xlim", xlim), ("ylim", ylim)) if ends is not None}
         with METHODS.temporarily_registered(*self.methods):
             for place, panel in enumerate(axes):
-                here = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
-                self._draw(panel, here, x, y, look)
+                of_panel = rows if len(axes) == 1 else rows[rows["top"] == panels[place]]
+                self._draw(panel, of_panel, x, y, look)
                 if names and ax is not None:
                     panel.legend()
-                title = self._title(list(dict.fromkeys(here["top"])))
-                zeros = self._is_error(y) and 0 < (here[y] == 0).sum() < here[y].count()
+                title = self._title(list(dict.fromkeys(of_panel["top"])))
+                zeros = self._is_error(y) and 0 < (of_panel[y] == 0).sum() < of_panel[y].count()
                 ylabel = self._label(y) + (f" (0 is drawn at {show(style.LEAST)})" if zeros else "")
                 panel.set(title=title, xlabel=self._label(x), ylabel=ylabel, **limits)
             if names and ax is None:
@@ -163,7 +163,7 @@ class Comparison:
                 hint = f"{suggestion(str(name), numbers)} There are {', '.join(numbers)}"
                 raise ValueError(f"{word} must be a column of numbers; got {name!r}{hint}")
         rows = rows.assign(top=rows["top"].fillna("") if "top" in rows else "", method=_methods(rows))
-        for column, wanted in (("method", _listed(methods)), ("top", _listed(tops))):
+        for column, wanted in (("method", _as_list(methods)), ("top", _as_list(tops))):
             known = list(dict.fromkeys(rows[column]))
             if unknown := [name for name in wanted or () if name not in known]:
                 close = suggestion(str(unknown[0]), known)
@@ -191,10 +191,10 @@ class Comparison:
         apart = [name for name in (*APART, *spans, *(RUN_OPTIONS if sampled else ())) if name not in (x, y)]
         if race:
             each = (style.lines(mine, apart) for _, mine in rows.groupby("method", sort=False))
-            kept = [line.iloc[metrics.pareto_front(line[x], line[y])] for found in each for _, line in found]
-            rows = pd.concat([*kept, rows[~rows["method"].isin(good["method"])]])
+            fronts = [line.iloc[metrics.pareto_front(line[x], line[y])] for lines in each for _, line in lines]
+            rows = pd.concat([*fronts, rows[~rows["method"].isin(good["method"])]])
         rows = rows.sort_values("t_scaled" if sampled else x, kind="stable")
-        looks = {name: own | look for name, own in self._looks(style.ordered(rows["method"]), good, y).items()}
+        looks = {name: default | look for name, default in self._looks(style.ordered(rows["method"]), good, y).items()}
         style.draw_lines(ax, rows, x, y, apart, looks, log)
 
     def _looks(self, methods: list[str], good: pd.DataFrame, y: str) -> dict[str, dict[str, Any]]:
@@ -231,12 +231,12 @@ def _lack(rows: pd.DataFrame, name: str) -> bool:
     return name not in rows or bool(rows[name].isna().all())
 
 
-def _listed(names: Names) -> list[str] | None:
+def _as_list(names: Names) -> list[str] | None:
     """Names, each once, as a list; None stands for all."""
     if names is None:
         return None
-    listed = [names] if isinstance(names, str | Method) else names
-    return list(dict.fromkeys(name.name if isinstance(name, Method) else name for name in listed))
+    several = [names] if isinstance(names, str | Method) else names
+    return list(dict.fromkeys(name.name if isinstance(name, Method) else name for name in several))
 
 
 def _methods(rows: pd.DataFrame) -> pd.Series:

@@ -73,8 +73,8 @@ def drift(
     request = _Request(methods, tops)
     frame = request.measure(drift_experiment.measure, lambda unit: {"part": "time", "h": step(unit), "steps": steps})
     for top in request.tops:
-        here, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
-        frame.loc[here, "worst"] = worst(frame.reindex(columns=names)[here], names)
+        of_top, names = frame["top"] == top.name, [name for name in top.top.names if name in top.top.conserved]
+        frame.loc[of_top, "worst"] = worst(frame.reindex(columns=names)[of_top], names)
     return request.comparison(frame, "t_scaled", "worst")
 
 
@@ -199,8 +199,8 @@ class _Request:
     def __init__(self, methods: Methods, tops: Tops):
         if not isinstance(methods, str | Method | Iterable):
             raise ValueError(f"methods must be names or Method objects; got {methods!r}")
-        listed = [methods] if isinstance(methods, str | Method) else methods
-        self.methods, self.tops = tuple(find_method(method) for method in listed), Start.each_of(tops)
+        several = [methods] if isinstance(methods, str | Method) else methods
+        self.methods, self.tops = tuple(find_method(method) for method in several), Start.each_of(tops)
         for word, named in (("methods", self.methods), ("tops", self.tops)):
             names = [each.name for each in named]
             if len(set(names)) < max(len(names), 1):
@@ -234,13 +234,13 @@ class _Request:
         return Comparison(frame, x, y, self.methods, labels, invariants)
 
 
-def _step(own: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:
+def _step(unscaled: float | None, scaled: float | None, usual: float, word: str = "h") -> Callable[[float], float]:
     """The time scale of a top → the step, or the length of a run, in this time scale."""
-    if own is not None and scaled is not None:
+    if unscaled is not None and scaled is not None:
         raise ValueError(f"give {word} or {word}_scaled, not both")
-    if own is None:
+    if unscaled is None:
         word = f"{word}_scaled"
-    number = check_real(own if own is not None else usual if scaled is None else scaled, word)
+    number = check_real(unscaled if unscaled is not None else usual if scaled is None else scaled, word)
     if not number > 0:
         raise ValueError(f"{word} must be positive; got {number:g}")
-    return lambda unit: number if own is None else number / unit
+    return lambda unit: number if unscaled is None else number / unit

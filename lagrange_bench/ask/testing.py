@@ -200,8 +200,8 @@ def drifts(
     counts = states.log_counts(n, per_octave=4)
     if h is not None and h_scaled is not None:
         raise ValueError("give h or h_scaled, not both")
-    word, given = ("h_scaled", 0.1 if h_scaled is None else h_scaled) if h is None else ("h", h)
-    sizes = [check_step(size, word) for size in (given if isinstance(given, Iterable) else [given])]
+    word, values = ("h_scaled", 0.1 if h_scaled is None else h_scaled) if h is None else ("h", h)
+    sizes = [check_step(size, word) for size in (values if isinstance(values, Iterable) else [values])]
     name = method.name
     with METHODS.temporarily_registered(method):
         for start in starts:

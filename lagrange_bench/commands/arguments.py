@@ -59,10 +59,10 @@ def pairs(text: str) -> dict[str, str]:
 
 
 def names(text: str) -> tuple[str, ...]:
-    listed = tuple(word.strip() for word in text.split(","))
-    if not all(listed):
+    words = tuple(word.strip() for word in text.split(","))
+    if not all(words):
         raise ValueError(f"must be names separated by commas; got {text!r}")
-    return listed
+    return words
 
 
 def location(text: str) -> Path:
@@ -95,8 +95,8 @@ def loaded(registry: Any) -> tuple[dict[str, Any], list[dict[str, str]]]:
 
 
 def add_choice(command: argparse.ArgumentParser) -> None:
-    for flag, things in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
-        text = f"only the cells of these {things}; cells that belong to none are left out, too (default: all)"
+    for flag, kind in (("--methods", "methods (of mine.py: mine:METHOD)"), ("--tops", "tops")):
+        text = f"only the cells of these {kind}; cells that belong to none are left out, too (default: all)"
         command.add_argument(flag, type=names, metavar="a,b,…", default=(), help=text)
 
 

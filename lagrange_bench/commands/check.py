@@ -27,7 +27,6 @@ exit codes: 0 nothing fails · 1 a claim fails · 2 no such method or file
 import argparse
 import sys
 from dataclasses import asdict
-from typing import Any
 
 from lagrange_bench.commands.arguments import numbers, own_problem, refuse
 from lagrange_bench.support.output import Answer, table
@@ -39,16 +38,19 @@ def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.experiments.measuring import check as checks
     from lagrange_bench.integrators.registry import METHODS, find_method
 
+    if options.problem is None:
+        refuse(options, ("state",), "belongs to --problem")
     method = find_method(options.method)
-    verdicts = checks.check(options.method, quick=options.quick, problem=_problem(options), y0=options.state)
+    problem = None if options.problem is None else own_problem(options.problem, options.state)[0]
+    verdicts = checks.check(options.method, quick=options.quick, problem=problem, y0=options.state)
     rows, reasons = [("verdict", "claim", "measured", "bound", "how" if options.verbose else "largest at")], []
     for verdict in verdicts:
         measured = "" if verdict.measured is None else f"{verdict.measured:.3g}"
-        how = " ".join(verdict.how.split())
-        last = how if options.verbose else (verdict.at if verdict.measured else "")
+        evidence = " ".join(verdict.how.split())
+        last = evidence if options.verbose else (verdict.at if verdict.measured else "")
         rows.append((verdict.word, verdict.claim, measured, verdict.bound, last))
         if verdict.word in ("fail", "not judged"):
-            reasons.append(f"{verdict.word}: {verdict.claim}: {how}")
+            reasons.append(f"{verdict.word}: {verdict.claim}: {evidence}")
     failed = [verdict.claim for verdict in verdicts if verdict.passed is False]
     true = sum(verdict.passed is True for verdict in verdicts)
     module = sys.modules[METHODS.module(options.method)]
@@ -59,17 +61,10 @@ def run(options: argparse.Namespace) -> Answer:
     experiments = "work_precision phase" if method.needs == "uniform" else "work_precision phase perturbed"
     command = f"lagrange-bench run {experiments} --methods {','.join([options.method, *rivals])}"
     after = [] if failed or options.problem else [command]
-    listed = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
-    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": listed, "next": after}
+    records = [{**asdict(verdict), "verdict": verdict.word} for verdict in verdicts]
+    data = {"method": method.name, "file": file, "passed": not failed, "verdicts": records, "next": after}
     lines = [*table(rows), "", *reasons, sum_up, *(f"next: {command}" for command in after)]
     return Answer("\n".join(lines), data, 1 if failed else 0)
-
-
-def _problem(options: argparse.Namespace) -> Any:
-    if options.problem is None:
-        refuse(options, ("state",), "belongs to --problem")
-        return None
-    return own_problem(options.problem, options.state)[0]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

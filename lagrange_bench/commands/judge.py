@@ -65,39 +65,39 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("files", nargs="+", type=location, metavar="FILE", help="a table with a row for each time")
     text = "the body and its start: a name, see lagrange-bench case; a file mine.toml in the form of the named ones; "
     text += "or module:CASE, a Case of your own in ./module.py"
-    what = command.add_mutually_exclusive_group(required=True)
-    what.add_argument("--case", metavar="NAME", help=text)
+    subject = command.add_mutually_exclusive_group(required=True)
+    subject.add_argument("--case", metavar="NAME", help=text)
     text = "a body without a start, a file or as --case: judges what the motion keeps, and whether ω fits the rotations"
-    what.add_argument("--body", metavar="NAME", help=text)
+    subject.add_argument("--body", metavar="NAME", help=text)
     text = "the motion of --case starts as the case says (default), as the first row does, or so that it fits the first rows best"
     command.add_argument("--start", default="case", choices=("case", "first-row", "fit"), help=text)
-    how = command.add_argument_group("how the files are written")
+    form = command.add_argument_group("how the files are written")
     text = "which column is which quantity: a word of the header, or an index from 0"
-    how.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
+    form.add_argument("--columns", type=pairs, default={}, metavar="t=0,x=3,…", help=text)
     text = "units that the file does not say, of t, position, angles, omega: s, ms, ns, mm, ft, deg, deg/s, rpm, …"
-    how.add_argument("--units", type=pairs, default={}, metavar="omega=deg/s,t=ns", help=text)
+    form.add_argument("--units", type=pairs, default={}, metavar="omega=deg/s,t=ns", help=text)
     text = "axes of three angles, as SciPy names them: capitals move with the body (ZXZ), small letters do not (xyz)"
-    how.add_argument("--angles", metavar="AXES", help=text)
+    form.add_argument("--angles", metavar="AXES", help=text)
     text = "only rows with this word in this column, named or by index; or only columns whose names begin with it"
-    how.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
+    form.add_argument("--where", type=pairs, default={}, metavar="body=top", help=text)
     text = "time between two rows, such as 1/60; for files without times"
-    how.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
-    how.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
+    form.add_argument("--step", type=seconds, metavar="SECONDS", help=text)
+    form.add_argument("--t0", type=number, metavar="SECONDS", help="count times so that the first row is at this one")
     text = "only rows from this time on, in the times of the file"
-    how.add_argument("--from", dest="since", type=number, metavar="SECONDS", help=text)
+    form.add_argument("--from", dest="since", type=number, metavar="SECONDS", help=text)
     text = (
         "only rows up to this time; exit with 1 if a file ends before it (default with --bounds: the end of the case)"
     )
-    how.add_argument("--until", type=number, metavar="SECONDS", help=text)
+    form.add_argument("--until", type=number, metavar="SECONDS", help=text)
     text = "order of the quaternions q0 … q3 or e0 … e3 (default: wxyz; of q1 … q4: xyzw); no effect where names have w, x, y, z"
-    how.add_argument("--quat", choices=("wxyz", "xyzw"), help=text)
+    form.add_argument("--quat", choices=("wxyz", "xyzw"), help=text)
     text = "frame of the angular velocity (default: as its name says, else body; of an angular momentum world)"
-    how.add_argument("--omega", choices=("body", "world"), help=text)
+    form.add_argument("--omega", choices=("body", "world"), help=text)
     axes = tuple(sign + name for name in "xyz" for sign in ("", "-"))
-    how.add_argument("--up", choices=axes, help="axis of the world that points up (default: as in the case)")
-    how.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: as in the case)")
+    form.add_argument("--up", choices=axes, help="axis of the world that points up (default: as in the case)")
+    form.add_argument("--axis", choices=axes, help="axis of symmetry in the body (default: as in the case)")
     text = "the steps of the files, for the orders (default: the distances of their rows)"
-    how.add_argument("--steps", type=_steps, metavar="h,h,…", help=text)
+    form.add_argument("--steps", type=_steps, metavar="h,h,…", help=text)
     results = command.add_argument_group("results")
     text = "exit with 1 if the largest error of a quantity is above its bound"
     results.add_argument("--bounds", type=_bounds, metavar="position=1e-6,…", default={}, help=text)

@@ -46,14 +46,14 @@ def run(options: argparse.Namespace) -> Answer:
             claims["takes"] = needed(method.needs)
         data.append(claims)
     shown = [claims for claims in data if options.archive or options.top or not claims["archived"]]
-    taken = [claims for claims in shown if not claims.get("refuses")]
+    usable = [claims for claims in shown if not claims.get("refuses")]
     header = ("name", "label", "order", "symmetric", "Poisson", "conserves")
-    lines = [*table([header, *map(_row, taken)]), *_notes(shown, taken)]
+    lines = [*table([header, *map(_row, usable)]), *_notes(shown, usable)]
     lines += [f"{facts['name']}: cannot be loaded: {facts['error']}" for facts in broken]
     if len(shown) < len(data):
         lines.append(f"{len(data) - len(shown)} more are in the archive: lagrange-bench methods --archive")
     if options.verbose:
-        facts = [(c["name"], c["family"], c["control"], ", ".join(c["options"]) or "none", c["source"]) for c in taken]
+        facts = [(c["name"], c["family"], c["control"], ", ".join(c["options"]) or "none", c["source"]) for c in usable]
         lines += ["", *table([("name", "family", "control", "options", "source"), *facts])]
     return Answer("\n".join(lines), data + broken)
 
@@ -65,13 +65,13 @@ def _row(claims: dict[str, Any]) -> tuple[str, ...]:
     return claims["name"], claims["label"], order, symmetric, poisson, " ".join(claims["conserves"]) or "-"
 
 
-def _notes(shown: list[dict[str, Any]], taken: list[dict[str, Any]]) -> list[str]:
+def _notes(shown: list[dict[str, Any]], usable: list[dict[str, Any]]) -> list[str]:
     """One line for each missing package, for each kind of problem, and for each reason why methods do not take the top."""
     from lagrange_bench.integrators.registry import how_to_get
 
-    missing = _names((claims["requires"], claims["name"]) for claims in taken if not claims["available"])
+    missing = _names((claims["requires"], claims["name"]) for claims in usable if not claims["available"])
     notes = [f"{names}: {how_to_get(package)}" for package, names in missing.items()]
-    others = _names((claims["takes"], claims["name"]) for claims in taken if "takes" in claims)
+    others = _names((claims["takes"], claims["name"]) for claims in usable if "takes" in claims)
     notes += [line for problems, names in others.items() for line in (f"only for {problems}:", f"  {names}")]
     refusing = ((claims["refuses"], claims["name"]) for claims in shown if claims.get("refuses"))
     reasons = _names((reason.removeprefix(name).strip(), name) for reason, name in refusing)

@@ -36,20 +36,20 @@ def run(options: argparse.Namespace) -> Answer:
     known = paper_sections.SECTIONS
     if options.section is None:
         refuse(options, ("top",), f"belongs to a SECTION: {', '.join(known)}")
-        listed = [("section", "in the paper", "what it shows")]
-        listed += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
-        data = [{"name": name, "number": number, "title": title} for name, number, title in listed[1:]]
-        return Answer("\n".join(table(listed)), data)
+        lines = [("section", "in the paper", "what it shows")]
+        lines += [(name, number, paper_sections.title(name)) for name, (number, _) in known.items()]
+        data = [{"name": name, "number": number, "title": title} for name, number, title in lines[1:]]
+        return Answer("\n".join(table(lines)), data)
     top = options.top or "generic"
     for word, names, kind in ((options.section, known, "section"), (top, TOPS, "top")):
         if word not in names:
             raise ValueError(f"unknown {kind} {word!r}{suggestion(word, list(names))} Known: {', '.join(names)}")
     named = TOPS[top]
-    found = known[options.section][1](named.top, named.state)
+    defects = known[options.section][1](named.top, named.state)
     rows: list[Any] = [("formula", "misses by", "allowed", "")]
-    for name, (defect, allowed) in found.items():
+    for name, (defect, allowed) in defects.items():
         rows.append((name, f"{defect:.1e}", f"{allowed:.0e}", "" if defect <= allowed else "too much"))
-    good = all(defect <= allowed for defect, allowed in found.values())
-    residuals = {name: {"found": defect, "allowed": allowed} for name, (defect, allowed) in found.items()}
+    good = all(defect <= allowed for defect, allowed in defects.values())
+    residuals = {name: {"found": defect, "allowed": allowed} for name, (defect, allowed) in defects.items()}
     answer = {"section": options.section, "top": top, "residuals": residuals}
     return Answer("\n".join(table(rows)), answer, 0 if good else 1)

@@ -103,5 +103,5 @@ def run(options: argparse.Namespace) -> Answer:
 def _own_modules(experiments: Iterable[str], cells: Iterable[dict[str, Any]]) -> list[str]:
     """The user's own modules in this run. The command of the report must name them again."""
     named = (str(cell.get(word, "")) for cell in cells for word in ("method", "potential"))
-    own = [*(name for name in experiments if "." in name), *(name.partition(":")[0] for name in named if ":" in name)]
-    return list(dict.fromkeys(own))
+    mine = [*(name for name in experiments if "." in name), *(name.partition(":")[0] for name in named if ":" in name)]
+    return list(dict.fromkeys(mine))

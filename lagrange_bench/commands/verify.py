@@ -47,8 +47,8 @@ def run(options: argparse.Namespace) -> Answer:
 
     if options.times:
         return _times(options.folder)
-    asked = options.sample, options.seed, options.longest, not options.quiet, options.old
-    result = verify.verify(options.folder, *asked)
+    arguments = options.sample, options.seed, options.longest, not options.quiet, options.old
+    result = verify.verify(options.folder, *arguments)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])
@@ -65,8 +65,8 @@ def _times(folder: Path | None) -> Answer:
 
     if folder is not None:
         raise ValueError("--times measures here and now: it takes no folder of results")
-    found = list(ratios())
+    times = list(ratios())
     words = {True: "as claimed", False: "not as claimed"}
-    rows = [(ratio.text, f"{ratio.value:.3g}", ratio.required, words[ratio.passed]) for ratio in found]
+    rows = [(ratio.text, f"{ratio.value:.3g}", ratio.required, words[ratio.passed]) for ratio in times]
     lines = table([("ratio of times", "measured", "bound", "verdict"), *rows])
-    return Answer("\n".join(lines), [ratio._asdict() for ratio in found], 0 if all(r.passed for r in found) else 1)
+    return Answer("\n".join(lines), [ratio._asdict() for ratio in times], 0 if all(r.passed for r in times) else 1)

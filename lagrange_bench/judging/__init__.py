@@ -114,11 +114,11 @@ def judge_file(path: Path, request: Request, options: Options) -> Judgement:
     """The judgement of a file. options : what the user says of it."""
     case = request.case
     try:
-        found = read(path, options, case.points, case.body.com if case.body.fixed else (0, 0, 0))
-        judgement = _judged(request, options, found)
+        track = read(path, options, case.points, case.body.com if case.body.fixed else (0, 0, 0))
+        judgement = _judged(request, options, track)
     except (ValueError, EOFError) as error:
         raise ValueError(f"{path}: {error}") from None
-    return replace(judgement, file=str(path), notes=[*found.notes, *judgement.notes], columns=found.columns)
+    return replace(judgement, file=str(path), notes=[*track.notes, *judgement.notes], columns=track.columns)
 
 
 def request_of(case: str | Case | None, body: str | Case | RigidBody | None, start: str) -> Request:
@@ -174,20 +174,20 @@ def _of_arrays(
     return Trajectory(arrays, times - times[0])
 
 
-def _judged(request: Request, options: Options, found: Trajectory) -> Judgement:
+def _judged(request: Request, options: Options, track: Trajectory) -> Judgement:
     """The judgement of rows. What the user does not say, the names of columns do, or it is as usual."""
-    frame = options.omega_frame or found.frame or ("world" if "momentum" in found.arrays else "body")
-    options = replace(options, quat=found.quat or options.quat or "wxyz", omega_frame=frame)
-    is_case, floor, notes = request.start == "case", found.floor, list[str]()
-    written, case = found.arrays["time"][:, 0], request.case
-    rows = {**found.arrays, "time": (written if is_case else found.elapsed)[:, None]}
+    frame = options.omega_frame or track.frame or ("world" if "momentum" in track.arrays else "body")
+    options = replace(options, quat=track.quat or options.quat or "wxyz", omega_frame=frame)
+    is_case, floor, notes = request.start == "case", track.floor, list[str]()
+    written, case = track.arrays["time"][:, 0], request.case
+    rows = {**track.arrays, "time": (written if is_case else track.elapsed)[:, None]}
     _check_times(rows["time"][:, 0], written)
     with np.errstate(all="ignore"):
         frames = Frames(case.body, options, floor.get("matrix", 0.0), case if is_case else None)
         rows = frames.with_omega(rows)
         if not is_case:
             frames.refer(rows)
-        findings, remark = findings_of(frames, rows, found)
+        findings, remark = findings_of(frames, rows, track)
         if request.start in ("first-row", "fit"):
             case, text = started(request.start, case, frames, rows)
             notes.append(f"The motion starts at t = {written[0]:.9g} s {text}.")
@@ -218,7 +218,7 @@ def _judged(request: Request, options: Options, found: Trajectory) -> Judgement:
         off = {name: float(errors[name][0]) for name in GROUPS if name in errors}
         start = {"t": float(written[0]), **off}
         for word, least in (("right", START), ("single", SINGLE)):
-            start[word] = frames.starts(off, least, floors_of(found.first_floor)) if t[0] == 0 else None
+            start[word] = frames.starts(off, least, floors_of(track.first_floor)) if t[0] == 0 else None
     judged = Judgement(
         case=case.name,
         rows=len(t),

@@ -19,7 +19,7 @@ Array = np.ndarray
 AXES = ("world-axes", "body-axes", "left-handed")
 
 
-def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) -> tuple[list[Finding], str]:
+def findings_of(frames: Frames, rows: Mapping[str, Array], track: Trajectory) -> tuple[list[Finding], str]:
     """What is wrong with rows, by their first ones; and how well they agree with themselves if nothing is found.
 
     found : what the file says of its columns.
@@ -28,17 +28,17 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory) ->
     if "matrix" in head and np.nanmedian(np.linalg.det(head["matrix"].reshape(-1, 3, 3))) < 0:
         return [say("left-handed matrix")], ""
     exact, options = None if frames.case is None else frames.exact, frames.options
-    diagnosis = diagnosis_of(frames, head, found, exact)
+    diagnosis = diagnosis_of(frames, head, track, exact)
     findings = diagnosis.findings()
     if (options.up or options.axis) and any(finding.cause in AXES for finding in findings):
         as_in_case = Frames(frames.rigid_body, replace(options, up=None, axis=None), frames.digit, frames.case)
-        others = diagnosis_of(as_in_case, head, found, exact).findings()
+        others = diagnosis_of(as_in_case, head, track, exact).findings()
         if len(others) < len(findings):  # without the user's axes, fewer things are wrong
             return [other._replace(text=f"{other.text[:-1]}, without --up and --axis.") for other in others], ""
     return findings, "" if findings else diagnosis.agreement()
 
 
-def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, exact: Exact | None) -> Diagnosis:
+def diagnosis_of(frames: Frames, rows: Mapping[str, Array], track: Trajectory, exact: Exact | None) -> Diagnosis:
     """The rows in these frames, and other ways to read them. exact : the motion at any times, None without a start."""
     is_angles = "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
     known = Rows(
@@ -50,7 +50,7 @@ def diagnosis_of(frames: Frames, rows: Mapping[str, Array], found: Trajectory, e
         angles=rows["angles"] if is_angles else None,
     )
     return Diagnosis(
-        known, frames.other_readings(rows, found.other_order), frames.rigid_body, exact, hidden(found.floor)
+        known, frames.other_readings(rows, track.other_order), frames.rigid_body, exact, hidden(track.floor)
     )
 
 

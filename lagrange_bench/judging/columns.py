@@ -83,13 +83,13 @@ def read(
     options = options or Options()
     table = open_table(path, [int(where) for where in options.columns.values() if where.isdecimal()])
     header = table.names or [""] * table.width
-    names, given = _names(header, table, options)
+    names, users = _names(header, table, options)
     rows, within = _where(header, table, options)
     sample = [row for row in table.sample if all(is_same(row[i], value) for i, value in rows.items())]
-    groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in given}, given)
+    groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in users}, users)
     chosen = _points(groups, points) or _choose(groups, header, sample, options, notes)
     counted = next(
-        (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in given), None
+        (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in users), None
     )
     if options.step is None and "time" not in chosen:
         raise ValueError(_no_times(table, counted))
@@ -101,26 +101,26 @@ def read(
         raise ValueError(_nothing(notes, table.names))
     factors: dict[int, float] = {}
     words: list[str] = []
-    found = Trajectory({}, np.empty(0), notes=notes)
+    track = Trajectory({}, np.empty(0), notes=notes)
     for kind, group in chosen.items():
         factors |= _factors(kind, group, names, table, options, notes)
         words.append(f"{kind} {' '.join(map(table.word, group.places))}")
         printed = [[row[i] for i in group.places if i < len(row)] for row in sample]
         digits, factor = [word for row in printed for word in row], max(factors[i] for i in group.places)
-        found.floor[kind], found.first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
+        track.floor[kind], track.first_floor[kind] = (_floor(digits, like) * factor for like in (None, printed[0]))
     if unused := [name for i, name in enumerate(header) if i not in {*factors, *rows} and name]:
         words.append(f"not used: {' '.join(unused)[:200]}")
-    found.columns = "; ".join(words)
+    track.columns = "; ".join(words)
     if quaternion := chosen.get("quaternion"):
         if quaternion.order[0] not in "01":
             w, x, y, z = map(table.word, quaternion.places)
-            found.quat, found.other_order = "wxyz", f"--columns qw={z},qx={w},qy={x},qz={y}"
+            track.quat, track.other_order = "wxyz", f"--columns qw={z},qx={w},qy={x},qz={y}"
         elif quaternion.order == "1 2 3 4" and options.quat is None:
-            found.quat = "xyzw"
+            track.quat = "xyzw"
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     if omega := chosen.get("omega") or chosen.get("momentum"):
-        found.frame = frame_of(omega.stem)
-    labels = _labels(header, table, options, [i for i in range(table.width) if i not in rows and i not in given])
+        track.frame = frame_of(omega.stem)
+    labels = _labels(header, table, options, [i for i in range(table.width) if i not in rows and i not in users])
     clocks = chosen["time"].places if "time" in chosen else []
     stamps = [i for i in clocks if _is_stamp([row[i] for row in sample])]
     counts = [counted] if options.step is not None and counted is not None else []
@@ -133,31 +133,32 @@ def read(
     columns = {i: column[keep] for i, column in columns.items()}
     for kind, group in chosen.items():
         if kind != "time":
-            found.arrays[kind] = np.column_stack([_scaled(columns[i], factors[i]) for i in group.places])
+            track.arrays[kind] = np.column_stack([_scaled(columns[i], factors[i]) for i in group.places])
     if "time" in chosen:
-        t, found.elapsed = _times([(columns[i], factors[i]) for i in clocks], bool(stamps))
+        t, track.elapsed = _times([(columns[i], factors[i]) for i in clocks], bool(stamps))
         i = clocks[0]
-        found.floor["time"] = _time_floor([row[i] for row in sample], factors[i], found.elapsed if stamps else t)
+        track.floor["time"] = _time_floor([row[i] for row in sample], factors[i], track.elapsed if stamps else t)
     else:
         assert options.step is not None
         k = np.arange(len(keep[keep]), dtype=float)
         if counts and len(k) > 1 and np.all((steps := np.diff(columns[counts[0]])) > 0):
             k = np.concatenate(([0.0], np.cumsum(steps / steps.min())))
-        t = found.elapsed = options.step * k
-    found.arrays = {"time": (t if options.t0 is None else found.elapsed + options.t0)[:, None], **found.arrays}
-    _drop_equal(found, labels)
-    _window(found, options)
-    _turned(found)
-    if "points" in found.arrays:
-        _rigid(found, np.asarray(points, dtype=float), np.asarray(com, dtype=float))
-    return found
+        t = track.elapsed = options.step * k
+    track.arrays = {"time": (t if options.t0 is None else track.elapsed + options.t0)[:, None], **track.arrays}
+    _drop_equal(track, labels)
+    _window(track, options)
+    _turned(track)
+    if "points" in track.arrays:
+        _rigid(track, np.asarray(points, dtype=float), np.asarray(com, dtype=float))
+    return track
 
 
 def _no_times(table: Table, counted: int | None) -> str:
     if counted is not None and table.names:
         return f"the column {table.names[counted]} counts steps; say the time between two rows: --step SECONDS"
-    listed = f"its columns are {' '.join(table.names)[:200]}" if table.names else ""
-    columns = listed or f"it has no header of {table.width} names"
+    columns = f"its columns are {' '.join(table.names)[:200]}"
+    if not table.names:
+        columns = f"it has no header of {table.width} names"
     advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
     return f"no column is named t or time; {columns}. {advice}"
 
@@ -180,7 +181,7 @@ def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
 def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
     names = {i: parse(word) for i, word in enumerate(header) if word and any(row[i] for row in table.sample)}
-    given: set[int] = set()
+    users: set[int] = set()
     for name, where in options.columns.items():
         said = parse(name)
         if not said.part or (said.part != "t" and not SHAPES.get(kind_of(said.stem), ())):
@@ -194,8 +195,8 @@ def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int,
             raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
         old = names.get(i)
         names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
-        given.add(i)
-    return names, given
+        users.add(i)
+    return names, users
 
 
 def _where(header: list[str], table: Table, options: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
@@ -236,8 +237,8 @@ def _labels(header: Sequence[str], table: Table, options: Options, places: Itera
         is_count = all(word.isdecimal() for word in values) and (not header[i] or names_bodies or is_cyclic)
         if is_text or is_count:
             name = header[i] or f"{i}"
-            listed = f"the column {name} has {', '.join(values[:10])} in turn"
-            notes.append(f"{listed}; say which rows: --where {name}={values[-1]}")
+            values_seen = f"the column {name} has {', '.join(values[:10])} in turn"
+            notes.append(f"{values_seen}; say which rows: --where {name}={values[-1]}")
             if names_bodies or (options.step is not None and is_cyclic):
                 raise ValueError(notes[-1])
     return notes
@@ -252,19 +253,19 @@ def _choose(
         if group.kind == "quaternion or position":
             if _long_one(sample, group.places) and not _long_one(sample, group.places[1:]):
                 group.kind = "quaternion"
-                notes += _taken(group, words, "quaternion, for it has length 1", "p", words[1:])
+                notes += _assumptions(group, words, "quaternion, for it has length 1", "p", words[1:])
             else:
                 group.kind, group.places, group.order = "position", group.places[1:], "x y z"
         if group.kind == "gyro" and not any(other.kind == "omega" for other in groups):
             group.kind = "omega"
-            notes += _taken(group, words, "gyro", "w", ["…"] * 3)
+            notes += _assumptions(group, words, "gyro", "w", ["…"] * 3)
         if group.kind == "three of a rotation" and options.angles:
             group.kind = "angles"
         if group.kind == "rotation vector or position":
             is_place = _are_places(group, groups, sample)
             group.kind = "position" if is_place else "rotation vector"
             if is_place or words[0] != "rx":  # rx is its name here
-                notes += _taken(group, words, group.kind, "r" if is_place else "p", words)
+                notes += _assumptions(group, words, group.kind, "r" if is_place else "p", words)
     chosen: dict[str, Group] = {}
     for kind in JUDGED:
         same = [group for group in groups if group.kind == kind]
@@ -272,12 +273,12 @@ def _choose(
         if kind == "time" and len(best) > 1:
             best = _clock(best, header) or best
         if len(best) > 1:
-            listed = "; ".join(" ".join(header[i] for i in group.places) for group in best)
+            candidates = "; ".join(" ".join(header[i] for i in group.places) for group in best)
             short = {"position": "x", "quaternion": "qw", "matrix": "r11", "omega": "wx", "time": "t"}.get(kind, "…")
             which = f"Say which: --columns {short}=…, or --where body=…"
             if kind == "position" and len(best) > 2:
                 which += "; or, of points of one body, give their places in it: points = [[…], …] in the TOML file"
-            raise ValueError(f"several columns may be the {kind}: {listed[:300]}. {which}")
+            raise ValueError(f"several columns may be the {kind}: {candidates[:300]}. {which}")
         if best and best[0].twice and kind != "time":
             word = header[best[0].places[0]]
             raise ValueError(f"names occur twice, such as {word!r}; give indices from 0: --columns {word}=1,…")
@@ -288,12 +289,12 @@ def _choose(
     _order_angles(chosen, header, options, notes)
     for group in groups:
         if group.kind == "three of a rotation" and not options.angles and not {"quaternion", "matrix"} & set(chosen):
-            listed = " ".join(header[i] for i in group.places)
+            candidates = " ".join(header[i] for i in group.places)
             either = "if angles, say --angles ZYX; if a rotation vector, --columns rx=…,ry=…,rz=…."
-            notes.append(f"{listed} are no quaternion: {either}")
-    for what, word in options.units.items():
-        if chosen and not {*OF_UNITS.get(what, chosen)} & {*chosen}:
-            raise ValueError(f"--units {what}={word}: the file has no {what}, but {', '.join(chosen)}")
+            notes.append(f"{candidates} are no quaternion: {either}")
+    for label, word in options.units.items():
+        if chosen and not {*OF_UNITS.get(label, chosen)} & {*chosen}:
+            raise ValueError(f"--units {label}={word}: the file has no {label}, but {', '.join(chosen)}")
     return chosen
 
 
@@ -325,7 +326,7 @@ def _clock(clocks: list[Group], header: list[str]) -> list[Group]:
     return next((groups for groups in plain if len(groups) == 1), [])
 
 
-def _taken(group: Group, words: Sequence[str], kind: str, letter: str, names: Sequence[str]) -> list[str]:
+def _assumptions(group: Group, words: Sequence[str], kind: str, letter: str, names: Sequence[str]) -> list[str]:
     """What columns are taken for, and how to name them, or others, as something else; nothing where the user names them."""
     other = ",".join(f"{letter}{axis}={name}" for axis, name in zip("xyz", names, strict=True))
     return [f"{' '.join(words)} is taken for a {kind}; else say --columns {other}."] if group.rank else []
@@ -356,15 +357,15 @@ def _factors(
     kind: str, group: Group, names: Mapping[int, Name], table: Table, options: Options, notes: list[str]
 ) -> dict[int, float]:
     """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
-    for what, word in options.units.items():
-        if what not in OF_UNITS:
-            raise ValueError(f"--units: unknown {what!r}{suggestion(what, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
+    for label, word in options.units.items():
+        if label not in OF_UNITS:
+            raise ValueError(f"--units: unknown {label!r}{suggestion(label, OF_UNITS)} Known: {', '.join(OF_UNITS)}")
         if unit_of(word) is None:
-            raise ValueError(f"--units {what}={word}: unknown unit; such as s, ms, mm, ft, deg, deg/s, rpm")
+            raise ValueError(f"--units {label}={word}: unknown unit; such as s, ms, mm, ft, deg, deg/s, rpm")
     if kind not in EXPECTED:
         return dict.fromkeys(group.places, 1.0)
     expected = EXPECTED[kind]
-    said = next((unit_of(word) for what, word in options.units.items() if kind in OF_UNITS[what]), None)
+    said = next((unit_of(word) for label, word in options.units.items() if kind in OF_UNITS[label]), None)
     degrees = re.search(r"indegrees\s*[=,:]?\s*(yes|true)", table.above, re.IGNORECASE)
     lengths = re.search(r"length units?\W+(\w+)", table.above, re.IGNORECASE)
     general = UNITS["deg"] if degrees and expected == "rad" else None
@@ -377,13 +378,13 @@ def _factors(
         if kind == "axis and angle" and part != "angle":
             unit = UNITS["1"]
         if unit.kind not in (expected, "1"):
-            what = next((what for what in options.units if said and kind in OF_UNITS[what]), "")
+            label = next((label for label in options.units if said and kind in OF_UNITS[label]), "")
             advice = f"it needs one such as {expected}: --units {kind if kind in OF_UNITS else 'angle'}={expected}"
-            named = options.units.get(what, written)
+            named = options.units.get(label, written)
             raise ValueError(f"{table.word(i)} is {kind}, but its unit is {named}; {advice}")
         if name.strange and not said:
-            taken = f"{expected} is taken; else say --units {kind}=…."
-            notes.append(f"{table.word(i)}: {name.strange!r} is no known unit, {taken}")
+            assumption = f"{expected} is taken; else say --units {kind}=…."
+            notes.append(f"{table.word(i)}: {name.strange!r} is no known unit, {assumption}")
         factors[i] = unit.factor
     return factors
 
@@ -449,22 +450,22 @@ def _times(clocks: Sequence[tuple[Array, float]], is_stamp: bool) -> tuple[Array
     return t, elapsed
 
 
-def _drop_equal(found: Trajectory, several: Sequence[str]) -> None:
+def _drop_equal(track: Trajectory, several: Sequence[str]) -> None:
     """Leave out rows that are equal to the one before. ValueError where times go back, and `several` says of which bodies."""
-    late = np.diff(found.elapsed, prepend=-math.inf)
+    late = np.diff(track.elapsed, prepend=-math.inf)
     same = late == 0
-    for values in found.arrays.values():
+    for values in track.arrays.values():
         same[1:] &= ((values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))).all(axis=1)
     if several and np.any(~(late > 0) & ~same):
         raise ValueError(several[0])
     if count := int(np.count_nonzero(same)):
-        _keep(found, ~same)
-        found.notes.append(f"{count} row{'s are' if count > 1 else ' is'} equal to the one before, and left out.")
+        _keep(track, ~same)
+        track.notes.append(f"{count} row{'s are' if count > 1 else ' is'} equal to the one before, and left out.")
 
 
-def _window(found: Trajectory, options: Options) -> None:
+def _window(track: Trajectory, options: Options) -> None:
     """Leave out rows before `since` and after `until`."""
-    t = found.arrays["time"][:, 0]
+    t = track.arrays["time"][:, 0]
     blur = 1e-9 * max(float(np.abs(t).max(initial=0.0)), 1e-300)  # 0.30000000000000004 is 0.3
     inside = (t >= (-math.inf if options.since is None else options.since - blur)) & (
         t <= (math.inf if options.until is None else options.until + blur)
@@ -473,18 +474,18 @@ def _window(found: Trajectory, options: Options) -> None:
         return
     if not inside.any():
         raise ValueError(f"no row is in the window: the times go from {t[0]:.9g} to {t[-1]:.9g} s")
-    _keep(found, inside)
-    found.notes.append(f"{np.count_nonzero(~inside)} rows are outside the window, and left out.")
+    _keep(track, inside)
+    track.notes.append(f"{np.count_nonzero(~inside)} rows are outside the window, and left out.")
 
 
-def _keep(found: Trajectory, rows: Array) -> None:
-    found.arrays = {kind: values[rows] for kind, values in found.arrays.items()}
-    found.elapsed = found.elapsed[rows] - found.elapsed[rows][0]
+def _keep(track: Trajectory, rows: Array) -> None:
+    track.arrays = {kind: values[rows] for kind, values in track.arrays.items()}
+    track.elapsed = track.elapsed[rows] - track.elapsed[rows][0]
 
 
-def _turned(found: Trajectory) -> None:
+def _turned(track: Trajectory) -> None:
     """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
-    groups = found.arrays
+    groups = track.arrays
     for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
         values = groups.pop(kind)
         bad = ~np.isfinite(values).all(axis=1)
@@ -498,33 +499,33 @@ def _turned(found: Trajectory) -> None:
         vectors[bad] = math.nan
         if "rotation vector" in groups:
             raise ValueError(f"{kind} and a rotation vector are there; choose one by --columns")
-        groups["rotation vector"], found.floor["rotation vector"] = vectors, found.floor.get(kind, 0.0)
+        groups["rotation vector"], track.floor["rotation vector"] = vectors, track.floor.get(kind, 0.0)
     if (p := groups.pop("momentum of quaternion", None)) is not None and "quaternion" in groups:
         q = groups["quaternion"]
-        if found.quat == "xyzw":
+        if track.quat == "xyzw":
             p, q = np.roll(p, 1, axis=1), np.roll(q, 1, axis=1)
         # of molecular dynamics: p = 2 q (0, L)
         groups["momentum"] = (q[:, :1] * p[:, 1:] - p[:, :1] * q[:, 1:] - np.cross(q[:, 1:], p[:, 1:])) / 2
-        found.frame = "body"
+        track.frame = "body"
 
 
-def _rigid(found: Trajectory, points: Array, com: Array) -> None:
+def _rigid(track: Trajectory, points: Array, com: Array) -> None:
     """Rotations and positions from points of the body by Kabsch: R maximises Σ (xᵢ − x̄)·R (pᵢ − p̄)."""
-    x = found.arrays.pop("points").reshape(-1, *points.shape)
+    x = track.arrays.pop("points").reshape(-1, *points.shape)
     middle, p = x.mean(axis=1), points - points.mean(axis=0)
     good = np.isfinite(x).all(axis=(1, 2))
     H = np.where(good[:, None, None], np.einsum("nki,kj->nij", x - middle[:, None], p), np.eye(3))
     U, _, V = np.linalg.svd(H)
     U[:, :, 2] *= np.linalg.det(U @ V)[:, None]
     R = np.where(good[:, None, None], U @ V, np.nan)
-    found.arrays |= {"matrix": R.reshape(-1, 9), "position": middle + R @ (com - points.mean(axis=0))}
+    track.arrays |= {"matrix": R.reshape(-1, 9), "position": middle + R @ (com - points.mean(axis=0))}
     pairs = np.triu_indices(len(points), 1)
     now, right = (np.linalg.norm(a[..., pairs[0], :] - a[..., pairs[1], :], axis=-1) for a in (x, points))
     change = np.abs(now / right - 1)
     size = float(np.nanmedian(now / right))
     off = f"their distances are off by up to {np.nanmax(change):.2g} of their size"
-    found.notes.append(f"Rotations are those of {len(points)} points; {off}.")
+    track.notes.append(f"Rotations are those of {len(points)} points; {off}.")
     if abs(size - 1) > 0.1:
         lengths = [name for name, unit in UNITS.items() if unit.kind == "m"]
         unit = min(lengths, key=lambda name: abs(math.log(size * UNITS[name].factor)))
-        found.notes.append(f"The points are {size:.4g} times as far apart as in the body: --units position={unit}?")
+        track.notes.append(f"The points are {size:.4g} times as far apart as in the body: --units position={unit}?")

@@ -326,8 +326,8 @@ class Diagnosis:
         if spin is None or self.rows.R is None:
             return
         noise = noise if spin is rate else self.floor["omega"] / speed + self.floor["rotation"]
-        seen = size(spin) if self.exact is None else max(size(spin), size(self.exact(self.rows.t)[2]))
-        if self.step * seen < widest and fk.rates(self.rows.t, self.rows.R)[1] < BLURRED:
+        fastest = size(spin) if self.exact is None else max(size(spin), size(self.exact(self.rows.t)[2]))
+        if self.step * fastest < widest and fk.rates(self.rows.t, self.rows.R)[1] < BLURRED:
             self.law(self.rows.t[2:-2], self.rows.R[2:-2], spin, noise)
 
     def kinematics(self, omega: Array, rate: Array, floor: float, blur: float) -> Array | None:

@@ -130,7 +130,8 @@ class Windows:
 
 def laws(windows: Windows) -> Iterator[Model]:
     """Models of the law: the claimed body with up to two terms, another one with at most one; the value is a `Law`."""
-    single = [(name,) for name in windows.terms] + [("gravity",)] * windows.is_heavy
+    terms = [*windows.terms, "gravity"] if windows.is_heavy else windows.terms
+    single = [(term,) for term in terms]
     pairs = [(*a, *b) for a, b in itertools.combinations(single, 2)]
     claimed = Law(windows.claimed)
     yield Model(0.0, windows.misfit(), claimed)
@@ -153,8 +154,8 @@ def with_terms(windows: Windows, cost: float, law: Law, sets: list[tuple[str, ..
         price, is_seen = cost, True
         for place, name in enumerate(names):
             one = slice(place, None) if name == "gravity" else place
-            a[one], added, seen = plain(name, a[one], g, span)
-            price, is_seen = price + added, is_seen and seen
+            a[one], added, is_significant = plain(name, a[one], g, span)
+            price, is_seen = price + added, is_seen and is_significant
         if is_seen:
             terms = {name: g + a[n:] if name == "gravity" else a[n] for n, name in enumerate(names)}
             yield Model(price, size(defect - T @ a) / windows.scale, law._replace(terms=terms))

@@ -139,8 +139,8 @@ class Frames:
         except (ValueError, StepError):
             clock = "perhaps the times are no seconds, or start elsewhere: --units t=ns, --t0 0"
             raise ValueError(f"no exact motion is known at t = {np.abs(times).max():.6g} s; {clock}") from None
-        found = np.isfinite(motion.y).all(axis=1)
-        known[known], motion = found, replace(motion, y=motion.y[found], t=motion.t[found])
+        is_finite = np.isfinite(motion.y).all(axis=1)
+        known[known], motion = is_finite, replace(motion, y=motion.y[is_finite], t=motion.t[is_finite])
         R = motion.rotation.as_matrix()
         parts = R @ self.rigid_body.com if self.rigid_body.fixed else motion.position, R, motion.omega_body
         x, R, omega = (np.full((len(times), *part.shape[1:]), np.nan) for part in parts)

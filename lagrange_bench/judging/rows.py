@@ -92,8 +92,8 @@ def number(word: str, comma: bool = False) -> float:
         return float(f"{odd[1]}inf") if odd[2] else math.nan
     if plain.lower().lstrip("+-") in ("inf", "infinity"):
         return float(plain)
-    why = " (decimals need a point)" * bool(re.fullmatch(r"[-+\d]+,\d+", plain))
-    why += "; without times in seconds, say --step SECONDS" * bool(re.match(r"\d{4}-\d\d", plain))
+    why = " (decimals need a point)" if re.fullmatch(r"[-+\d]+,\d+", plain) else ""
+    why += "; without times in seconds, say --step SECONDS" if re.match(r"\d{4}-\d\d", plain) else ""
     raise ValueError(f"{word[:40]!r} is no number{why}")
 
 
@@ -131,9 +131,9 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
 
         frame = pd.read_parquet(path)
         return _of_arrays((frame.reset_index() if any(frame.index.names) else frame).to_dict("series"))
-    for magic, what in OTHERS.items():
+    for magic, kind in OTHERS.items():
         if start.startswith(magic):
-            raise ValueError(f"this is {what}")
+            raise ValueError(f"this is {kind}")
     if start.startswith(b"MATLAB 5.0") or path.suffix.lower() == ".mat":
         from scipy.io import loadmat
 
@@ -324,7 +324,7 @@ class Text:
             lines = [line for line in file if line.strip()]
         frames = [lines[k : k + count + 2] for k in range(0, len(lines), count + 2)]
         time = re.compile(r"\b(?:time|t)\b\W*([-+]?\d*\.?\d+(?:[eE][-+]?\d+)?)", re.IGNORECASE)
-        times = [float(found[1]) for frame in frames if (found := time.search(frame[1]))]
+        times = [float(match[1]) for frame in frames if (match := time.search(frame[1]))]
         try:
             places = np.array([[line.split()[1:4] for line in frame[2:]] for frame in frames], dtype=float)
         except ValueError:

@@ -76,7 +76,7 @@ def _of_problem(name: str, place: Place, rows: pd.DataFrame | None) -> Iterator[
     good = good.sort_values("span", kind="stable")
     for fields, best in races(good, ["span"], TARGETS, "price"):
         length, target = fields.values()
-        when = tables.show(length) + " s" * body
+        when = f"{tables.show(length)} s" if body else tables.show(length)
         for demand, names in _demands(problem).items():
             candidates = best[[names <= conserved.get(method, frozenset()) for method in best.method]]
             if len(candidates):
@@ -127,10 +127,10 @@ def _answer(best: pd.DataFrame) -> tuple[Any, ...]:
     first = (preferred if len(preferred) else best).iloc[0]
     cost = f"{tables.show(float(f'{1e3 * first.price:.2g}'))} ms"
     others = best[best.method.map(style.family) != style.family(first.method)]
-    what = "best of another family"
+    relation = "best of another family"
     if _is_exact(first.method):
-        others, what = others[~others.method.map(_is_exact)], "best that is not exact"
-    rivals = [f"{what}: {_times(run, first)}" for _, run in others[:1].iterrows()]
+        others, relation = others[~others.method.map(_is_exact)], "best that is not exact"
+    rivals = [f"{relation}: {_times(run, first)}" for _, run in others[:1].iterrows()]
     rivals += [_times(run, first) for _, run in others[1:].iterrows() if run.method in FAMOUS]
     return first, tables.label(first.method), first.method, cost, "; ".join(rivals)
 

@@ -72,17 +72,17 @@ class Bound:
 
         A field that no run of the part has is not looked at: cells of a profile lack what is measured.
         """
-        here = rows
+        selected = rows
         where = {name: wanted for name, wanted in self.where.items() if name in rows}
         for name, wanted in where.items():
-            if here[name].notna().any():
-                here = select(here, **{name: wanted})
+            if selected[name].notna().any():
+                selected = select(selected, **{name: wanted})
         for name, wanted in where.items():
-            present = set(here[name].dropna())
+            present = set(selected[name].dropna())
             absent = [value for value in _all(wanted) if value not in present]
-            if absent and (present or here.empty):
+            if absent and (present or selected.empty):
                 return f"a run with {name} = {show(absent[0])} is missing"
-        if self.steps and not ("steps" in here and (here["steps"] >= self.steps).any()):
+        if self.steps and not ("steps" in selected and (selected["steps"] >= self.steps).any()):
             return f"no run of {show(self.steps)} steps is stored"
         return ""
 
@@ -167,7 +167,7 @@ class ShortAnswer(NamedTuple):
             if finding.values is None:
                 continue
             ends = zip(finding.values, (ROUND_FLOOR, ROUND_CEILING), strict=True)
-            least, most = (show(float(Context(2, way).create_decimal(end))) for end, way in ends)
+            least, most = (show(float(Context(2, rounding).create_decimal(end))) for end, rounding in ends)
             worst = most if finding.bound.sign in "≤<" else least
             numbers[finding.bound.what or "claim"] = Range(worst, least, most)
         names = {name.partition(".")[0] for _, name, _, _ in Formatter().parse(self.text) if name}

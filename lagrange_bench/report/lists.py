@@ -26,14 +26,14 @@ def methods() -> pd.DataFrame:
 
 def _method(name: str, record: Method) -> dict[str, str | int]:
     claims = record.claims
-    kept = [name for name in INVARIANTS if name in claims.conserves | claims.conserves_if_quadratic]
+    invariants = [name for name in INVARIANTS if name in claims.conserves | claims.conserves_if_quadratic]
     return {
         "in figures": record.label,
         "in tables": name,
         "family": record.family,
         "shown": "in the archive" if name in ARCHIVE else "yes",
         "order": record.order or "exact",
-        "keeps to round-off": ", ".join([*kept, *claims.conserves_own]) or "nothing",
+        "keeps to round-off": ", ".join([*invariants, *claims.conserves_own]) or "nothing",
         "symmetric": "yes" if claims.symmetric else "no",
     }
 
@@ -47,7 +47,7 @@ def tops() -> pd.DataFrame:
             (top.label, name, f"{top.alpha:g}", top.top.potential.name, top.note)
             for name, top in PERTURBED_TOPS.items()
         ),
-        *(("", f"{names[0]} …", "", "", what) for names, what in DRAWN.items()),
+        *(("", f"{names[0]} …", "", "", note) for names, note in DRAWN.items()),
     ]
     return pd.DataFrame(rows, columns=columns)
 

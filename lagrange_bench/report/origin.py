@@ -50,8 +50,8 @@ def find(folder: Path, choice: Choice = ALL) -> Origin:
         return replace(PUBLISHED, choice=choice)
     place = Path(os.path.abspath(folder))
     bases = (base for base in (Path.cwd(), provenance.checkout()) if base is not None and place.is_relative_to(base))
-    seen = next((place.relative_to(base).as_posix() for base in bases), place.name)
-    return Origin(name or seen, name, choice)
+    shown_path = next((place.relative_to(base).as_posix() for base in bases), place.name)
+    return Origin(name or shown_path, name, choice)
 
 
 def described(origin: Origin) -> str:

@@ -35,10 +35,10 @@ SETS = {  # of tops, as `where` names them
 
 def table(rows: pd.DataFrame, experiment: str, name: str) -> pd.DataFrame:
     """The named table an experiment makes of its rows. NoData: it makes none of that name."""
-    made = tables_of(experiment, rows)
-    if name not in made or made[name].empty:
+    tables = tables_of(experiment, rows)
+    if name not in tables or tables[name].empty:
         raise NoData(f"no table {name!r}")
-    return flat(made[name])
+    return flat(tables[name])
 
 
 @cache
@@ -50,8 +50,8 @@ def published() -> frozenset[str]:
 
 def all_methods(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows, if every published method that can run here is among them. Others are judged where they have rows."""
-    asked = [name for name in methods_on() if name in published() and available(METHODS[name])]
-    if missing := sorted(set(asked) - set(rows.method)):
+    expected = [name for name in methods_on() if name in published() and available(METHODS[name])]
+    if missing := sorted(set(expected) - set(rows.method)):
         raise NoData(f"not measured: {', '.join(missing)}")
     return rows
 
@@ -71,17 +71,17 @@ def taken_by_theory(rows: pd.DataFrame) -> Reading:
     """The share of a measured error that theory takes away, of each run whose error says something."""
     from lagrange_bench.integrators.backward_error.prediction import PREDICTED
 
-    asked = {name for name, m in methods_on().items() if m.control == "step" and m.order is not None}
-    asked &= published() & PREDICTED
-    if missing := sorted(asked - set(rows[rows.part == "theory"].method)):
+    expected = {name for name, m in methods_on().items() if m.control == "step" and m.order is not None}
+    expected &= published() & PREDICTED
+    if missing := sorted(expected - set(rows[rows.part == "theory"].method)):
         raise NoData(f"not held against theory: {', '.join(missing)}")
     theory = table(rows, "phase", "theory")
-    theory = theory[theory.method.isin(asked)]
+    theory = theory[theory.method.isin(expected)]
     judged = theory[theory["in range"].eq(True)]
-    if unseen := sorted(asked - set(judged.method)):
+    if unseen := sorted(expected - set(judged.method)):
         raise Refuted(f"no prediction, or no error in range, of {', '.join(unseen)}")
     worst = judged.loc[_worst(judged["share left"])]
-    note = f"{len(judged)} runs of {len(asked)} methods with a fixed step; "
+    note = f"{len(judged)} runs of {len(expected)} methods with a fixed step; "
     note += f"worst: {worst.method}, {worst.state}, h_scaled = {show(worst.h)}"
     if without := int(theory["in range"].isna().sum()):
         note += f"; no prediction for {without} more, where the series does not converge"
@@ -91,28 +91,28 @@ def taken_by_theory(rows: pd.DataFrame) -> Reading:
 def kept_as_claimed(rows: pd.DataFrame) -> Reading:
     """Growth exponents of what methods claim to conserve."""
     verdicts = all_methods(table(rows, "drift", "verdicts"))
-    asked = verdicts[verdicts.claimed.eq(True)]
-    if (asked.verdict == "failed").any():
-        bad = asked[asked.verdict == "failed"].iloc[0]
+    claimed = verdicts[verdicts.claimed.eq(True)]
+    if (claimed.verdict == "failed").any():
+        bad = claimed[claimed.verdict == "failed"].iloc[0]
         raise Refuted(f"{bad.method}: {bad.invariant} is not finite")
-    walking = asked[~asked.verdict.isin(("exact", "round-off"))]  # of an error of a few ulps the slope says nothing
+    walking = claimed[~claimed.verdict.isin(("exact", "round-off"))]  # of an error of a few ulps the slope says nothing
     if walking.empty:
         raise NoData("no claimed invariant moves by more than sixteen ulps")
     worst = walking.loc[_worst(walking.exponent)]
-    note = f"{len(asked)} invariants claimed by {asked.method.nunique()} methods; worst: {worst.invariant} of {worst.method}"
+    note = f"{len(claimed)} invariants claimed by {claimed.method.nunique()} methods; worst: {worst.invariant} of {worst.method}"
     return Reading(walking.exponent, note)
 
 
 def kept_in_a_field(rows: pd.DataFrame) -> Reading:
     """Errors of what methods claim to conserve on tops in a potential, over √steps ulps."""
-    kept = table(rows, "perturbed", "kept")
+    drifts = table(rows, "perturbed", "kept")
     shares = {
         f"{name} of {run.method} on {run.state}": float(getattr(run, name)) / np.sqrt(run.steps) / np.finfo(float).eps
-        for run in kept.itertuples()
+        for run in drifts.itertuples()
         for name in filter(None, run.claimed.split(", "))
     }
     worst = _worst(pd.Series(shares))
-    note = f"{kept.method.nunique()} methods on {kept.state.nunique()} tops; worst: {worst}"
+    note = f"{drifts.method.nunique()} methods on {drifts.state.nunique()} tops; worst: {worst}"
     return Reading(list(shares.values()), note)
 
 
@@ -133,11 +133,11 @@ def lead(
     runs = useful(all_methods(rows))
     if "h" in runs:
         runs = runs[~(runs.h > every)]  # of a tolerance every run counts
-    asked = {"backlund", *(name for name in published() if closed and METHODS[name].family == "closed-form")}
+    expected = {"backlund", *(name for name in published() if closed and METHODS[name].family == "closed-form")}
     groups = runs.groupby(APART, sort=False)
     for ((span, state), group), target in product(groups, TARGETS):
         if any(span == length and least <= target <= most for length, most, least in errors):
-            if missing := sorted(asked - set(group.method)):
+            if missing := sorted(expected - set(group.method)):
                 raise NoData(f"a run with method = {missing[0]} over t = {show(span)} on {state} is missing")
             race = best(group, target, "total")
             rivals = race.family == "closed-form" if closed else ~race.family.isin(EXACT)

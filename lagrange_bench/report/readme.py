@@ -58,22 +58,22 @@ def numbers(judged: page.Judged) -> str:
     return " | ".join("<br>".join(lines) for lines in zip(*((f.measured, f.required) for f in findings), strict=True))
 
 
-def with_claims(text: str, made: str) -> str:
+def with_claims(text: str, table: str) -> str:
     """A document with the table between its marks written anew."""
     head, rest = text.split(BEGIN)
     _, tail = rest.split(END)
-    return f"{head}{BEGIN}\n\n{made}\n\n{END}{tail}"
+    return f"{head}{BEGIN}\n\n{table}\n\n{END}{tail}"
 
 
 def documents(judged: list[page.Judged]) -> dict[Path, str]:
     """The documents that show claims, written anew."""
     docs = ROOT / "docs"
-    made = {
+    contents = {
         ROOT / "README.md": answers(judged),
         docs / "paper.md": answers(judged, count=3),
         docs / "claims.md": all_claims(judged),
     }
-    return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in made.items()}
+    return {path: with_claims(path.read_text(encoding="utf-8"), table) for path, table in contents.items()}
 
 
 def picture() -> str:
@@ -91,8 +91,8 @@ def draw(ours: str = "backlund", other: str = "strang") -> style.Figure:
     with style.apply():
         figure, panels = style.figure("page", 2.8, ncols=2, sharey=True)
         colors = style.of(ours)["color"], "#D55E00"
-        for ax, method, many, color in zip(panels, (ours, other), (1, 4), colors, strict=True):
-            run = integrate(named.top, named.state, h=h / many, steps=many * steps, every=many, method=method)
+        for ax, method, finer, color in zip(panels, (ours, other), (1, 4), colors, strict=True):
+            run = integrate(named.top, named.state, h=h / finer, steps=finer * steps, every=finer, method=method)
             states = run.y[:, 3:5].T
             ax.plot(*orbit, color="#c4c4c4", linewidth=0.6)
             ax.plot(*truth, "o", color=style.INK, markersize=8, fillstyle="none", markeredgewidth=0.7)

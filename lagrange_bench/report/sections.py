@@ -163,8 +163,8 @@ def draw(section: Section) -> None:
     except Exception as error:
         section.errors.append(f"figures cannot be drawn: {described(error)}")
     try:
-        made = tables_of(section.experiment, section.rows)
-        section.tables = [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in made.items()]
+        frames = tables_of(section.experiment, section.rows)
+        section.tables = [DrawnTable(name, tables.flat(t), t.attrs.get("caption", "")) for name, t in frames.items()]
     except Exception as error:
         section.errors.append(f"tables cannot be made: {described(error)}")
 
@@ -173,13 +173,13 @@ def draw_figures(section: Section) -> list[DrawnFigure]:
     """All figures of an experiment, those in OPENED for phones too; raises whatever drawing raises."""
     drawn = plots(section)
     words = {name: (getattr(f, "caption", ""), getattr(f, "headline", "")) for name, f in drawn.items()}
-    made = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
-    seen = [figure for figure in made if section.file(figure.name) in OPENED]
-    if any(figures.wide(drawn[figure.name]) for figure in seen):
+    drawings = [DrawnFigure(name, figures.svg(f), *words[name]) for name, f in drawn.items()]
+    opened = [figure for figure in drawings if section.file(figure.name) in OPENED]
+    if any(figures.wide(drawn[figure.name]) for figure in opened):
         narrow = plots(section, "column")
-        for figure in seen:
+        for figure in opened:
             figure.phone = figures.svg(narrow[figure.name])
-    return made
+    return drawings
 
 
 def plots(section: Section, width: str | None = None) -> dict[str, figures.Figure]:

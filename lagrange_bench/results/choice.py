@@ -43,8 +43,8 @@ class Choice:
         if not self:
             return
         cells = list(cells)
-        asked = ("--methods", self.methods, "method", "method"), ("--tops", self.tops, "top", "state")
-        for flag, names, word, field in asked:
+        filters = ("--methods", self.methods, "method", "method"), ("--tops", self.tops, "top", "state")
+        for flag, names, word, field in filters:
             known = {str(cell[field]) for cell in cells if cell.get(field) is not None}
             for name in names:
                 if name not in known:
@@ -60,6 +60,6 @@ def _advice(name: str, known: Iterable[str]) -> str:
     """What may be meant by a name that no cell has. Tops that are drawn at random are too many to list."""
     from lagrange_bench.integrators.problem.examples import is_drawn
 
-    listed = sorted(name for name in known if not is_drawn(name))
-    advice = suggestion(name, listed)
-    return f"{advice} Known: {', '.join(listed)}" if advice.endswith(".") and listed else advice
+    names = sorted(name for name in known if not is_drawn(name))
+    advice = suggestion(name, names)
+    return f"{advice} Known: {', '.join(names)}" if advice.endswith(".") and names else advice

@@ -34,8 +34,8 @@ class CellSources(NamedTuple):
     @property
     def digests(self) -> dict[str, str | None]:
         """The fields of a record: `sources`, and `own_sources` if there are any."""
-        own = {"own_sources": self.own.digest} if self.own else {}
-        return {"sources": self.all.digest if self.all else None, **own}
+        own_digest = {"own_sources": self.own.digest} if self.own else {}
+        return {"sources": self.all.digest if self.all else None, **own_digest}
 
     @property
     def edited(self) -> bool:
@@ -49,18 +49,18 @@ def of_cell(experiment: str, cell: Mapping[str, Any], sources: Sources = IMPORTE
     sources : the files as this process read them; `Sources()` takes them as they are now.
     """
     method, potential = (name if isinstance(name, str) else None for name in map(cell.get, ("method", "potential")))
-    asked = experiment, method, potential
-    if asked not in sources.known:
-        sources.known[asked] = _of_names(sources, *asked)
-    return sources.known[asked]  # type: ignore[no-any-return]
+    names = experiment, method, potential
+    if names not in sources.known:
+        sources.known[names] = _of_names(sources, *names)
+    return sources.known[names]  # type: ignore[no-any-return]
 
 
 def _of_names(sources: Sources, experiment: str, method: str | None, potential: str | None) -> CellSources:
     try:
         bench = [*COMPUTING, *_files_of_experiment(experiment)]
         sources.code(*bench)  # is read before any of it is imported
-        own = _own_files(method, potential)
-        return CellSources(sources.code(*bench, *own), sources.code(*own) if own else None)
+        own_files = _own_files(method, potential)
+        return CellSources(sources.code(*bench, *own_files), sources.code(*own_files) if own_files else None)
     except Exception:  # a plug-in that is not here, or that cannot be read
         return CellSources(None, None)
 
@@ -83,10 +83,10 @@ def _files_of_experiment(name: str) -> list[Path]:
 
 def judge(record: Mapping[str, Any], sources: Sources) -> str:
     """Whether a stored cell was computed by the present sources: SAME, OTHER, OUTDATED or UNKNOWN."""
-    here = declared(record["experiment"], "VERSION")
-    if here is None:
+    present = declared(record["experiment"], "VERSION")
+    if present is None:
         return UNKNOWN
-    if here != record["version"]:
+    if present != record["version"]:
         return OUTDATED
     return compared(record.get("sources"), of_cell(record["experiment"], record["cell"], sources).digests["sources"])
 

@@ -160,9 +160,9 @@ def clean(value: Any) -> Any:
     raise TypeError(f"cannot store {value!r} of type {type(value).__name__}: not a JSON scalar")
 
 
-def text_of(thing: Any) -> str:
+def text_of(value: Any) -> str:
     """str(thing), at most LONGEST characters."""
-    text = str(thing)
+    text = str(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 1]}…"
 
 
@@ -185,9 +185,9 @@ def latest(records: Sequence[Record], version: float | None = None) -> list[Reco
     and sources count; among these a success counts more than a failure, and a later one more than an earlier one.
     """
     versions = {record["version"] for record in records}
-    taken = version if version in versions else max(versions, default=None)
+    chosen_version = version if version in versions else max(versions, default=None)
     chosen: dict[str, Record] = {}
-    for record in (record for record in records if record["version"] == taken):
+    for record in (record for record in records if record["version"] == chosen_version):
         cell = _canonical(record["cell"])
         if _counts(record, chosen.get(cell)):
             chosen[cell] = record
@@ -226,8 +226,8 @@ class Journal(NamedTuple):
 
     def source_ages(self) -> Counter[str]:
         """How many cells are SAME, OTHER, OUTDATED or UNKNOWN, by `sources.judge`."""
-        here = Sources()
-        return Counter(sources.judge(record, here) for record in self.latest)
+        present = Sources()
+        return Counter(sources.judge(record, present) for record in self.latest)
 
     def rows(self) -> pd.DataFrame:
         """All measured rows, each with the fields of its cell and with `key`, `status` and `failure`.
@@ -283,9 +283,9 @@ class Store:
             for experiment, lines in journals.items():
                 _append(self.path(experiment), b"".join(lines))
         except OSError as error:
-            what = f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept."
+            text = f"cannot write results to {self.folder}: {error.strerror or error}. What was stored before is kept."
             advice = "help this folder, or choose another with --results DIR, and run the same command again."
-            raise StoreError(f"{what} To go on: {advice}") from error
+            raise StoreError(f"{text} To go on: {advice}") from error
 
     def experiments(self) -> list[str]:
         """Names of the experiments that have a journal here, in the order of the page: the user's own come first."""
@@ -314,8 +314,8 @@ class Store:
             if record is not None and record["experiment"] == experiment:
                 records.append(record)
             elif line:
-                what = "damaged" if number <= len(lines) else "cut off while it was written"
-                problems.append(f"{path}, line {number}: {what}; skipped, its cell counts as not computed")
+                damage = "damaged" if number <= len(lines) else "cut off while it was written"
+                problems.append(f"{path}, line {number}: {damage}; skipped, its cell counts as not computed")
         return records, problems
 
     def open(self, experiment: str) -> Journal:

@@ -81,10 +81,10 @@ class Cluster:
             raise ClusterError(f"{gone}; what was finished is stored: run the same command again") from error
         except Exception as error:  # something is wrong with the workers: cells do not raise
             raise ClusterError(f"the Dask workers cannot compute cells: {type(error).__name__}: {error}") from error
-        theirs, here = outcome["provenance"], provenance.provenance()
+        theirs, ours = outcome["provenance"], provenance.provenance()
         for package in provenance.DECISIVE:
-            if theirs[package] != here[package]:
-                other = f"{package} is {theirs[package]}, here {here[package]}"
+            if theirs[package] != ours[package]:
+                other = f"{package} is {theirs[package]}, here {ours[package]}"
                 raise ClusterError(f"{other}: install the same version where the Dask workers run, and restart them")
         digests = sources.of_cell(task.experiment, task.cell).digests
         if any(outcome.get(name, digest) != digest for name, digest in digests.items()):

@@ -113,27 +113,27 @@ def run(
     """
     limit = TIME_LIMITS[profile] if time_limit is None else time_limit
     store, summary = Store(results), Summary(Path(results), profile)
-    listed = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
-    choice.check(cell for some in listed.values() for cell in some)
+    grids = {name: (cells or {}).get(name) or load(name).cells(profile) for name in experiments}
+    choice.check(cell for grid in grids.values() for cell in grid)
     if profile == PROFILES[0] and cells is None and not choice.methods:
-        listed = {name: _without_archive(some) for name, some in listed.items()}
+        grids = {name: _without_archive(grid) for name, grid in grids.items()}
     files = sources.Sources()  # as they are when the run begins
-    plan = {name: _missing(name, some, choice, files, store, summary, timings, again) for name, some in listed.items()}
+    plan = {name: _missing(name, grid, choice, files, store, summary, timings, again) for name, grid in grids.items()}
     tasks = [task for missing in plan.values() for task in missing]
     timed = [task for task in tasks if task.cell.get("timing")]
     others = [task for task in tasks if not task.cell.get("timing")]
-    there = cluster.Cluster(scheduler, limit) if scheduler else workers.Local(jobs or machine.usable_cores(), limit)
+    pool = cluster.Cluster(scheduler, limit) if scheduler else workers.Local(jobs or machine.usable_cores(), limit)
     with progress.follow({name: len(missing) for name, missing in plan.items() if missing}, show) as bar:
         try:
-            for part, executor in ((others, there), (timed, workers.Local(1, limit))):
+            for part, executor in ((others, pool), (timed, workers.Local(1, limit))):
                 if part:
                     with executor:
                         for outcomes in workers.compute_all(part, executor, bar.begin):
                             _keep(outcomes, store, summary, bar)
         except KeyboardInterrupt:
             stored = sum(counts.stored + counts.computed for counts in summary.experiments.values())
-            asked = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
-            message = f"interrupted: {stored} of {asked} cells are stored in {summary.results}"
+            wanted = sum(counts.cells - counts.unavailable for counts in summary.experiments.values())
+            message = f"interrupted: {stored} of {wanted} cells are stored in {summary.results}"
             raise KeyboardInterrupt(f"{message}; run the same command again to resume") from None
     return summary
 
@@ -167,19 +167,19 @@ def _missing(
     journal = store.open(experiment)
     done = journal.done()
     summary.notes += journal.problems
-    seen, tasks = set(), []
+    keys, tasks = set(), []
     for position, cell in enumerate(map(clean, cells)):
         if not choice.takes(cell):
             continue
         counts.cells += 1
         digests = sources.of_cell(experiment, cell, files).digests
         key = cell_key(experiment, module.VERSION, cell, digests.get("own_sources"))
-        if key in seen:
+        if key in keys:
             raise ValueError(f"experiment {experiment!r} lists the cell {cell} twice")
-        if taken := set(ADDED) & set(cell):
-            field = f"experiment {experiment!r}: cell field {taken.pop()!r}"
+        if reserved := set(ADDED) & set(cell):
+            field = f"experiment {experiment!r}: cell field {reserved.pop()!r}"
             raise ValueError(f"{field}: this name is reserved by the store")
-        seen.add(key)
+        keys.add(key)
         age = sources.compared(done.get(key), digests["sources"])
         if key in done and (age == sources.SAME or not again):
             counts.stored += 1

@@ -54,13 +54,13 @@ def drawing(show: bool = True) -> Iterator[Callable[[list[str]], Iterable[str]]]
 
 
 @contextlib.contextmanager
-def _bars(*more: str, show: bool) -> Iterator[Any]:
+def _bars(*texts: str, show: bool) -> Iterator[Any]:
     """Progress bars on stderr. They show nothing unless stderr is a terminal that can move its cursor."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     bar, time = BarColumn(bar_width=24), TimeRemainingColumn(elapsed_when_finished=True)
-    columns = (TextColumn("{task.description}"), bar, MofNCompleteColumn(), *map(TextColumn, more), time)
+    columns = (TextColumn("{task.description}"), bar, MofNCompleteColumn(), *map(TextColumn, texts), time)
     console = Console(stderr=True, highlight=False)
     hidden = not show or not sys.stderr.isatty() or console.is_dumb_terminal
     with Progress(*columns, console=console, refresh_per_second=5, disable=hidden) as bars:

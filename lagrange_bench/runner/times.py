@@ -44,9 +44,9 @@ def ratios() -> Iterator[Ratio]:
     yield _ratio("many-tops", "heyoka", "many tops by heyoka over the exact step", *BATCH)
 
 
-def _ratio(name: str, what: str, text: str, *cells: Mapping[str, Any]) -> Ratio:
+def _ratio(name: str, bound_name: str, text: str, *cells: Mapping[str, Any]) -> Ratio:
     (claim,) = (each for each in CLAIMS if each.id == name)
-    bound = next(bound for bound in claim.bounds if bound.what == what)
+    bound = next(bound for bound in claim.bounds if bound.what == bound_name)
     rows = []
     for cell in cells:
         workers.restrain(cell["method"])
@@ -54,9 +54,9 @@ def _ratio(name: str, what: str, text: str, *cells: Mapping[str, Any]) -> Ratio:
     frame = pd.DataFrame(rows)
     if claim.experiment == "work_precision":
         race = best(useful(frame[~(frame.h > 1)]), ERROR, "total").set_index("method").total  # with a state every unit
-        found = race.drop("backlund").min() / race["backlund"]
+        value = race.drop("backlund").min() / race["backlund"]
     else:
         measured = bound.measure(frame)  # type: ignore[operator]
-        found = np.asarray(getattr(measured, "values", measured)).item()  # of these cells there is one ratio
+        value = np.asarray(getattr(measured, "values", measured)).item()  # of these cells there is one ratio
     required = f"{bound.sign} {bound.limit:g} {bound.unit}"
-    return Ratio(text, float(found), required, bool(SIGNS[bound.sign](found, bound.limit)))
+    return Ratio(text, float(value), required, bool(SIGNS[bound.sign](value, bound.limit)))

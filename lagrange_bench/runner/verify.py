@@ -54,8 +54,8 @@ def verify(folder: Path | None, sample: int, seed: int, longest: float, show: bo
     StoreError : no cell can be computed again, or an experiment has another VERSION now. With `old` it is no error that all
     cells come from the present source code.
     """
-    result, here, folder = Verification(), Sources(), find_results(folder)
-    records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, here)
+    result, present, folder = Verification(), Sources(), find_results(folder)
+    records = _sample(Store(folder), sample, random.Random(seed), longest, result, old, present)
     if not records and not (old and set(result.stored) == {sources.SAME} and not result.notes):
         reasons = result.notes[:SHOWN] or ["it has no cells with anything but times"]
         raise StoreError(f"no cell of {folder} was computed again: {'; '.join(reasons)}")
@@ -77,7 +77,7 @@ def verify(folder: Path | None, sample: int, seed: int, longest: float, show: bo
         result.identical += word == "same"
         result.close += word == "close"
         if columns:
-            age = sources.judge(record, here)
+            age = sources.judge(record, present)
             result.changed.append({"experiment": experiment, "cell": cell, "columns": columns, "sources": age})
     return result
 
@@ -88,7 +88,7 @@ def tolerance_of(method: Any) -> Tolerance:
 
 
 def _sample(
-    store: Store, sample: int, draw: random.Random, longest: float, result: Verification, old: bool, here: Sources
+    store: Store, sample: int, draw: random.Random, longest: float, result: Verification, old: bool, present: Sources
 ) -> list[Record]:
     """Stored cells, in turn from every (experiment, part, method), in random order within each."""
     groups: dict[tuple[str, str, str], list[Record]] = {}
@@ -105,7 +105,7 @@ def _sample(
             again = f"{origin.find(store.folder).run(experiment)} --again"
             raise StoreError(f"{store.folder}: {experiment} changed (VERSION) since this was stored: {again}")
         for record in journal.latest:
-            cell, age = record["cell"], sources.judge(record, here)
+            cell, age = record["cell"], sources.judge(record, present)
             result.stored[age] += 1
             if old and age == sources.SAME:
                 continue

@@ -59,9 +59,9 @@ def compute_all(
     tasks: Iterable[Task], executor: Executor, begin: Callable[[str], None]
 ) -> Iterator[list[tuple[Task, Outcome]]]:
     """Compute every task, and yield the outcomes by the handful. begin : gets the experiment of a task that is handed over."""
-    left, running = iter(tasks), dict[Future[Outcome], Task]()
+    waiting, running = iter(tasks), dict[Future[Outcome], Task]()
     while True:
-        for task in islice(left, executor.ahead - len(running)):
+        for task in islice(waiting, executor.ahead - len(running)):
             begin(task.experiment)
             running[executor.submit(task)] = task
         if not running:

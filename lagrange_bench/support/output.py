@@ -28,14 +28,14 @@ class Answer(NamedTuple):
 def table(rows: Sequence[Sequence[str]]) -> list[str]:
     """Lines with aligned columns. A terminal that is too narrow wraps the last column."""
     *widths, last = (max(map(len, column)) for column in zip(*rows, strict=True))
-    left = sum(width + 2 for width in widths)
+    indent = sum(width + 2 for width in widths)
     if sys.stdout.isatty():
-        last = max(shutil.get_terminal_size().columns - left, LEAST)
+        last = max(shutil.get_terminal_size().columns - indent, LEAST)
     lines = []
     for *cells, end in rows:
         start = "".join(f"{cell:<{width + 2}}" for cell, width in zip(cells, widths, strict=True))
         first, *others = textwrap.wrap(end, max(last, 1)) or [""]
-        lines += [(start + first).rstrip(), *(" " * left + part for part in others)]
+        lines += [(start + first).rstrip(), *(" " * indent + part for part in others)]
     return lines
 
 

@@ -8,7 +8,7 @@ from lagrange_bench.integrators import METHODS
 from tests.installed import FOR_TOPS, installed
 
 LONG = ("gauss6", "gauss8")  # a minute; `test_problem` measures their orders, too
-NAMES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in METHODS]
+NAMES = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in METHODS]
 ELSEWHERE = {  # judged in fields with test-all; in `make test` by other tests
     *("backlund_splitting", "taylor_fixed", *LONG),  # `test_backlund_splitting`, `test_problem`
     *("gauss4", "blanes_moan6", "kahan_li8"),  # the code of others; `test_gauss`, `test_problem`

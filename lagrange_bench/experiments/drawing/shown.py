@@ -18,14 +18,14 @@ def of_part(name: str = "", caption: str = "", failed: bool = False) -> Callable
     def decorator(function: Callable[..., Any]) -> Callable[..., Any]:
         @wraps(function)
         def of_rows(rows: pd.DataFrame, *others: Any, **options: Any) -> Any:
-            here = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
-            sound = here & rows["status"].eq("done")
+            in_part = rows["part"].eq(name) if name and "part" in rows else pd.Series(not name, index=rows.index)
+            sound = in_part & rows["status"].eq("done")
             if not sound.any():
                 return None
-            made = function(rows[here if failed else sound], *others, **options)
+            result = function(rows[in_part if failed else sound], *others, **options)
             if caption:
-                made.attrs["caption"] = caption
-            return made
+                result.attrs["caption"] = caption
+            return result
 
         return of_rows
 
@@ -43,8 +43,8 @@ def by_group(columns: Sequence[str], part: str, caption: str) -> Callable[..., C
         @wraps(function)
         def of_rows(rows: pd.DataFrame) -> pd.DataFrame:
             groups = rows.groupby(list(columns), sort=False) if set(columns) <= set(rows) else ()
-            made = [(dict(zip(columns, values, strict=True)), function(*values, group)) for values, group in groups]
-            return pd.DataFrame([key | line for key, line in made if line])
+            lines = [(dict(zip(columns, values, strict=True)), function(*values, group)) for values, group in groups]
+            return pd.DataFrame([key | line for key, line in lines if line])
 
         return of_rows
 
@@ -55,8 +55,8 @@ def tabulated(*functions: Callable[..., Any]) -> Made:
     """The `tables` of an experiment: name of a function → the table it makes of rows, if that has lines."""
 
     def tables(rows: pd.DataFrame) -> dict[str, pd.DataFrame]:
-        made = {function.__name__: function(rows) for function in functions}
-        return {name: table for name, table in made.items() if table is not None and len(table)}
+        by_name = {function.__name__: function(rows) for function in functions}
+        return {name: table for name, table in by_name.items() if table is not None and len(table)}
 
     return tables
 
