@@ -43,12 +43,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Answer:
     from lagrange_bench.results import sources
-    from lagrange_bench.runner import verify
+    from lagrange_bench.runner.verify import verify
 
     if options.times:
         return _times(options.folder)
-    arguments = options.sample, options.seed, options.longest, not options.quiet, options.old
-    result = verify.verify(options.folder, *arguments)
+    result = verify(options.folder, options.sample, options.seed, options.longest, not options.quiet, options.old)
     lines: list[str] = []
     for name in dict.fromkeys(each["experiment"] for each in result.changed):
         lines += changed_columns(name, [each for each in result.changed if each["experiment"] == name])

@@ -16,7 +16,7 @@ from lagrange_bench.integrators import CASES, Case, RigidBody, registry
 from lagrange_bench.integrators.cases import read_case
 from lagrange_bench.integrators.problem import kinds
 from lagrange_bench.judging.advice import findings_of, so_read
-from lagrange_bench.judging.columns import Trajectory, read
+from lagrange_bench.judging.columns import FileTrajectory, read
 from lagrange_bench.judging.frames import ATTITUDES, GROUPS, Frames, Options, blurred, curve, hidden
 from lagrange_bench.judging.judgement import Error, Judgement
 from lagrange_bench.judging.start import started
@@ -151,7 +151,7 @@ def find(case: str | Case, start: bool = True) -> Case:
 
 def _of_arrays(
     t: ArrayLike, position: ArrayLike | None, rotation: ArrayLike | Rotation | None, omega: ArrayLike | None
-) -> Trajectory:
+) -> FileTrajectory:
     """The rows of arrays; what is masked is missing."""
     times: Array = np.ma.filled(np.ma.asarray(t, dtype=float), np.nan).ravel()
     n = len(times)
@@ -171,10 +171,10 @@ def _of_arrays(
                 raise ValueError(f"{name} must have the shape {' or '.join(map(str, shapes))}; got {values.shape}")
             kind = name if name != "rotation" else ATTITUDES[values.ndim - 2]
             arrays[kind] = values.reshape(n, -1)
-    return Trajectory(arrays, times - times[0])
+    return FileTrajectory(arrays, times - times[0])
 
 
-def _judged(request: Request, options: Options, track: Trajectory) -> Judgement:
+def _judged(request: Request, options: Options, track: FileTrajectory) -> Judgement:
     """The judgement of rows. What the user does not say, the names of columns do, or it is as usual."""
     frame = options.omega_frame or track.frame or ("world" if "momentum" in track.arrays else "body")
     options = replace(options, quat=track.quat or options.quat or "wxyz", omega_frame=frame)

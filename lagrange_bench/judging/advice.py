@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from lagrange_bench.judging.columns import OF_UNITS, Trajectory
-from lagrange_bench.judging.diagnosis import MOST, Diagnosis, Rows
+from lagrange_bench.judging.columns import OF_UNITS, FileTrajectory
+from lagrange_bench.judging.diagnosis import MOST, BodyRows, Diagnosis
 from lagrange_bench.judging.findings import Finding, say
 from lagrange_bench.judging.fits_frames import Exact
 from lagrange_bench.judging.frames import UNITS, Frames, hidden
@@ -19,7 +19,7 @@ Array = np.ndarray
 AXES = ("world-axes", "body-axes", "left-handed")
 
 
-def findings_of(frames: Frames, rows: Mapping[str, Array], track: Trajectory) -> tuple[list[Finding], str]:
+def findings_of(frames: Frames, rows: Mapping[str, Array], track: FileTrajectory) -> tuple[list[Finding], str]:
     """What is wrong with rows, by their first ones; and how well they agree with themselves if nothing is found.
 
     found : what the file says of its columns.
@@ -38,10 +38,10 @@ def findings_of(frames: Frames, rows: Mapping[str, Array], track: Trajectory) ->
     return findings, "" if findings else diagnosis.agreement()
 
 
-def diagnosis_of(frames: Frames, rows: Mapping[str, Array], track: Trajectory, exact: Exact | None) -> Diagnosis:
+def diagnosis_of(frames: Frames, rows: Mapping[str, Array], track: FileTrajectory, exact: Exact | None) -> Diagnosis:
     """The rows in these frames, and other ways to read them. exact : the motion at any times, None without a start."""
     is_angles = "angles" in rows and not {"quaternion", "matrix", "rotation vector"} & set(rows)
-    known = Rows(
+    known = BodyRows(
         t=rows["time"][:, 0],
         R=frames.matrices(rows),
         omega=frames.omega(rows) if "omega" in rows else None,

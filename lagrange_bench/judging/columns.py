@@ -26,7 +26,7 @@ from lagrange_bench.judging.names import (
     parse,
     unit_of,
 )
-from lagrange_bench.judging.rows import Table, is_number, number, open_table
+from lagrange_bench.judging.rows import FileTable, is_number, number, open_table
 from lagrange_bench.support.words import suggestion
 
 Array = np.ndarray
@@ -48,7 +48,7 @@ STAMP = re.compile(r"[-+]?(?=[\d.]{16})\d{9,}(\.\d+)?")
 
 
 @dataclass
-class Trajectory:
+class FileTrajectory:
     """The rows of a body.
 
     arrays : group of columns → numbers (n, columns) in SI units; what is missing is NaN. elapsed : (n,), s, since the first row,
@@ -71,7 +71,7 @@ class Trajectory:
 
 def read(
     path: Path, options: Options | None = None, points: ArrayLike | None = None, com: ArrayLike = (0, 0, 0)
-) -> Trajectory:
+) -> FileTrajectory:
     """The trajectory in a file. points : (K, 3), m, places in the body whose positions the file has; com : its centre of mass.
 
     Rodrigues parameters, axis and angle become rotation vectors; points become rotations and positions. Equal rows count once.
@@ -101,7 +101,7 @@ def read(
         raise ValueError(_nothing(notes, table.names))
     factors: dict[int, float] = {}
     words: list[str] = []
-    track = Trajectory({}, np.empty(0), notes=notes)
+    track = FileTrajectory({}, np.empty(0), notes=notes)
     for kind, group in chosen.items():
         factors |= _factors(kind, group, names, table, options, notes)
         words.append(f"{kind} {' '.join(map(table.word, group.places))}")
@@ -153,7 +153,7 @@ def read(
     return track
 
 
-def _no_times(table: Table, counted: int | None) -> str:
+def _no_times(table: FileTable, counted: int | None) -> str:
     if counted is not None and table.names:
         return f"the column {table.names[counted]} counts steps; say the time between two rows: --step SECONDS"
     columns = f"its columns are {' '.join(table.names)[:200]}"
@@ -178,7 +178,7 @@ def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
     return {**chosen, "points": Group("points", every, (), " ".join(group.order for group in places), 1)}
 
 
-def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int, Name], set[int]]:
+def _names(header: list[str], table: FileTable, options: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
     names = {i: parse(word) for i, word in enumerate(header) if word and any(row[i] for row in table.sample)}
     users: set[int] = set()
@@ -199,7 +199,7 @@ def _names(header: list[str], table: Table, options: Options) -> tuple[dict[int,
     return names, users
 
 
-def _where(header: list[str], table: Table, options: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
+def _where(header: list[str], table: FileTable, options: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:
     """The columns that choose rows, and whether a name belongs to the body that is asked for."""
     rows: dict[int, str] = {}
     bodies: list[str] = []
@@ -224,7 +224,7 @@ def is_same(word: str, value: str) -> bool:
     return word == value or (is_number(word) and is_number(value) and number(word) == number(value))
 
 
-def _labels(header: Sequence[str], table: Table, options: Options, places: Iterable[int]) -> list[str]:
+def _labels(header: Sequence[str], table: FileTable, options: Options, places: Iterable[int]) -> list[str]:
     """What to say of columns that tell of which body a row is; ValueError where that is sure."""
     notes = []
     for i in places:
@@ -354,7 +354,7 @@ def _lengths(sample: Sequence[Sequence[str]], places: Sequence[int]) -> np.ndarr
 
 
 def _factors(
-    kind: str, group: Group, names: Mapping[int, Name], table: Table, options: Options, notes: list[str]
+    kind: str, group: Group, names: Mapping[int, Name], table: FileTable, options: Options, notes: list[str]
 ) -> dict[int, float]:
     """What leads to SI units, for each column: as the user says, the name, a row of units, or the text above."""
     for label, word in options.units.items():
@@ -450,7 +450,7 @@ def _times(clocks: Sequence[tuple[Array, float]], is_stamp: bool) -> tuple[Array
     return t, elapsed
 
 
-def _drop_equal(track: Trajectory, several: Sequence[str]) -> None:
+def _drop_equal(track: FileTrajectory, several: Sequence[str]) -> None:
     """Leave out rows that are equal to the one before. ValueError where times go back, and `several` says of which bodies."""
     late = np.diff(track.elapsed, prepend=-math.inf)
     same = late == 0
@@ -463,7 +463,7 @@ def _drop_equal(track: Trajectory, several: Sequence[str]) -> None:
         track.notes.append(f"{count} row{'s are' if count > 1 else ' is'} equal to the one before, and left out.")
 
 
-def _window(track: Trajectory, options: Options) -> None:
+def _window(track: FileTrajectory, options: Options) -> None:
     """Leave out rows before `since` and after `until`."""
     t = track.arrays["time"][:, 0]
     blur = 1e-9 * max(float(np.abs(t).max(initial=0.0)), 1e-300)  # 0.30000000000000004 is 0.3
@@ -478,12 +478,12 @@ def _window(track: Trajectory, options: Options) -> None:
     track.notes.append(f"{np.count_nonzero(~inside)} rows are outside the window, and left out.")
 
 
-def _keep(track: Trajectory, rows: Array) -> None:
+def _keep(track: FileTrajectory, rows: Array) -> None:
     track.arrays = {kind: values[rows] for kind, values in track.arrays.items()}
     track.elapsed = track.elapsed[rows] - track.elapsed[rows][0]
 
 
-def _turned(track: Trajectory) -> None:
+def _turned(track: FileTrajectory) -> None:
     """Write Rodrigues parameters, axis and angle as rotation vectors, and a momentum of quaternions as a momentum in the body."""
     groups = track.arrays
     for kind in [kind for kind in ("mrp", "axis and angle") if kind in groups]:
@@ -509,7 +509,7 @@ def _turned(track: Trajectory) -> None:
         track.frame = "body"
 
 
-def _rigid(track: Trajectory, points: Array, com: Array) -> None:
+def _rigid(track: FileTrajectory, points: Array, com: Array) -> None:
     """Rotations and positions from points of the body by Kabsch: R maximises Σ (xᵢ − x̄)·R (pᵢ − p̄)."""
     x = track.arrays.pop("points").reshape(-1, *points.shape)
     middle, p = x.mean(axis=1), points - points.mean(axis=0)

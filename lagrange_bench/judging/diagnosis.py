@@ -20,7 +20,7 @@ from lagrange_bench.judging import fits_frames as ff
 from lagrange_bench.judging import fits_kinematics as fk
 from lagrange_bench.judging import fits_law as fl
 from lagrange_bench.judging.findings import Finding, of_axes, of_unit, say, triple
-from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, Choice, Model, choose, factor_of, maps, name_of
+from lagrange_bench.judging.fits import CLEARLY, EACH, GOOD, Model, ModelChoice, choose, factor_of, maps, name_of
 from lagrange_bench.judging.vectors import FAR, NEAR, ONE, Array, rotvec, size, steps, to_body, to_world
 
 # at most so many first rows are looked at
@@ -65,7 +65,7 @@ CLOCK_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", 
 ALIKE = {"ms": 0.4, "us": 0.4, "ns": 0.4, "min": 0.03}
 
 
-class Rows(NamedTuple):
+class BodyRows(NamedTuple):
     """What a file says: times (N,), s; matrices (N, 3, 3), ω (N, 3) in `frame`, positions (N, 3), angles (N, 3) in rad, or None.
 
     Rotations take the body to the world. angles : the columns from which the rotations come, if they are angles.
@@ -93,7 +93,7 @@ class Diagnosis:
 
     def __init__(
         self,
-        rows: Rows,
+        rows: BodyRows,
         other_readings: Mapping[str, Array],
         body: RigidBody,
         exact: ff.Exact | None = None,
@@ -107,7 +107,7 @@ class Diagnosis:
         R, omega, x, angles = (
             part if part is None else part[keep] for part in (rows.R, rows.omega, rows.x, rows.angles)
         )
-        self.rows = Rows(rows.t[keep], R, omega, x, rows.frame, angles)
+        self.rows = BodyRows(rows.t[keep], R, omega, x, rows.frame, angles)
         self.other_readings = {name: R[keep] for name, R in other_readings.items()}
         self.body, self.exact, self.floor = body, exact, floor
         self.is_clear, self.found = True, list[Finding]()
@@ -218,7 +218,7 @@ class Diagnosis:
             if (late := self.lateness(exact)).winner is not None:
                 self.shift(late.winner.value, *late.misfits)
 
-    def lateness(self, exact: ff.Exact) -> Choice:
+    def lateness(self, exact: ff.Exact) -> ModelChoice:
         """The choice of a constant of the times, by the first rows."""
         rows, few = self.rows, slice(0, STARTING)
         in_body = rows.omega if rows.frame == fk.BODY else None
@@ -230,7 +230,7 @@ class Diagnosis:
         self.add(ff.of_shift(constant, float(self.rows.t[0]), self.step), before, after)
         self.rows = self.rows._replace(t=self.rows.t + constant)
 
-    def frames(self, choice: Choice, exact: ff.Exact) -> None:
+    def frames(self, choice: ModelChoice, exact: ff.Exact) -> None:
         """Take the rotations in other readings and axes."""
         assert choice.winner is not None
         (reading, W, B), off = choice.winner.value, choice.misfits
@@ -404,7 +404,7 @@ class Diagnosis:
         # the exact motion turns as fast, but for what else is wrong
         return is_named and abs(factor * size(omega) / (size(self.exact(self.rows.t)[2]) or math.inf) - 1) < ALIKE["ms"]
 
-    def angle_cause(self, angles: Array, omega: Array, rate: Array, choice: Choice, floor: float) -> str:
+    def angle_cause(self, angles: Array, omega: Array, rate: Array, choice: ModelChoice, floor: float) -> str:
         """Which of ω and the angles is wrong if ω is the rate of the angles, more clearly than anything else; else "".
 
         ω is wrong if the rotations obey the law, else the angles are.

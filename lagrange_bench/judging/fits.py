@@ -41,7 +41,7 @@ class Model(NamedTuple):
         return math.log(max(self.misfit, floor)) + self.cost * math.log(EACH)
 
 
-class Choice(NamedTuple):
+class ModelChoice(NamedTuple):
     """The model that wins, or None, and the rows as they are read. floor : misfits below it say nothing."""
 
     winner: Model | None
@@ -59,7 +59,7 @@ class Choice(NamedTuple):
         return self.now.score(self.floor) - self.winner.score(self.floor) if self.winner else 0.0
 
 
-def choose(models: Iterable[Model], floor: float) -> Choice:
+def choose(models: Iterable[Model], floor: float) -> ModelChoice:
     """The model with the least score, if it is clearly better than the rows as they are read, and good."""
     known = [model for model in models if math.isfinite(model.misfit)]
     now = min(
@@ -67,7 +67,7 @@ def choose(models: Iterable[Model], floor: float) -> Choice:
     )
     best = min(known, key=lambda model: model.score(floor), default=now)
     is_clear = best.score(floor) + math.log(CLEARLY) < now.score(floor) and best.misfit < GOOD if known else False
-    return Choice(best if is_clear else None, now, floor)
+    return ModelChoice(best if is_clear else None, now, floor)
 
 
 def maps(a: Array, b: Array, units: Iterable[float] = ()) -> Iterator[Model]:

@@ -17,7 +17,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from lagrange_bench.integrators import RigidBody
 from lagrange_bench.judging.findings import Finding, numbers, of_axes, of_unit, say, triple
-from lagrange_bench.judging.fits import EACH, GOOD, Choice, Model, choose, factor_of, maps
+from lagrange_bench.judging.fits import EACH, GOOD, Model, ModelChoice, choose, factor_of, maps
 from lagrange_bench.judging.fits_kinematics import readings
 from lagrange_bench.judging.fits_law import of_gravity
 from lagrange_bench.judging.vectors import (
@@ -51,7 +51,7 @@ LATEST = 5
 LIKE_AXES = 0.2
 
 
-class Frame(NamedTuple):
+class FrameReading(NamedTuple):
     """How rotations are read: a reading, W, B."""
 
     reading: str
@@ -59,9 +59,9 @@ class Frame(NamedTuple):
     B: Array
 
 
-def frames(R: Array, exact_R: Array, other_readings: Mapping[str, Array], floor: float) -> Choice | None:
-    """The clearest choice of a `Frame` over prefixes of the rows."""
-    best: Choice | None = None
+def frames(R: Array, exact_R: Array, other_readings: Mapping[str, Array], floor: float) -> ModelChoice | None:
+    """The clearest choice of a `FrameReading` over prefixes of the rows."""
+    best: ModelChoice | None = None
     for n in [*(n for n in PREFIXES if n < len(R)), len(R)]:
         places = np.unique(np.linspace(0, n - 1, min(n, LOOKED_AT)).astype(int))
         E = exact_R[places]
@@ -71,7 +71,7 @@ def frames(R: Array, exact_R: Array, other_readings: Mapping[str, Array], floor:
         is_long = n >= ROWS and turn > TURNED
         scale = min(1.0, turn) or 1.0  # what explains the rows is right to a share of their turn
         models = [
-            Model(price + model.cost, model.misfit / scale, Frame(reading, *model.value))
+            Model(price + model.cost, model.misfit / scale, FrameReading(reading, *model.value))
             for reading, price, A in readings(R, other_readings)
             for model in turns(A[places], E, is_long)
         ]

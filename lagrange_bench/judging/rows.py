@@ -52,7 +52,7 @@ PACKED: dict[bytes, Callable[..., Any]] = {b"\x1f\x8b": gzip.open, b"BZh": bz2.o
 
 
 @dataclass
-class Table:
+class FileTable:
     """What a file holds.
 
     names : of the columns; empty where the file has none. units : of columns, as a row of units says. sample : the first rows, as
@@ -106,7 +106,7 @@ def is_number(word: str, comma: bool = False) -> bool:
     return True
 
 
-def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
+def open_table(path: Path, indices: Sequence[int] = ()) -> FileTable:
     """The table in a file. indices : columns that hold numbers, as the user says.
 
     Raises
@@ -144,7 +144,7 @@ def open_table(path: Path, indices: Sequence[int] = ()) -> Table:
     return Text(path, start).table(indices)
 
 
-def _of_arrays(data: Mapping[str, Any]) -> Table:
+def _of_arrays(data: Mapping[str, Any]) -> FileTable:
     """Columns of arrays that have a row for each time, in their first or their last dimension."""
     arrays: dict[str, Array] = {}
 
@@ -189,7 +189,7 @@ def _of_arrays(data: Mapping[str, Any]) -> Table:
         return {i: values[i].astype(str if i in words else float) for i in (*wanted, *words)}
 
     sample = [[str(value) for value in row] for row in zip(*(value[:SAMPLE] for value in values), strict=True)]
-    return Table([] if "" in arrays else list(columns), len(values), sample, load)
+    return FileTable([] if "" in arrays else list(columns), len(values), sample, load)
 
 
 class Text:
@@ -214,7 +214,7 @@ class Text:
     def open(self) -> Any:
         return self.open_bytes(self.path, "rt", encoding=self.encoding or "latin-1", errors="replace")
 
-    def table(self, indices: Sequence[int]) -> Table:
+    def table(self, indices: Sequence[int]) -> FileTable:
         first = next(line.strip() for line in self.lines if line.strip())
         if re.match(r"\{\s*(\"|$)|\[\{|\[$|\[\[\[|\[\[.*\]\]$", first):
             return self._json(first)
@@ -251,7 +251,7 @@ class Text:
                 text = text if i > self.skip else f"numbers above the line of text {block[0][0]}"
                 raise ValueError(f"line {i + 1}: {text}; {NO_ROW}")
         self.width, self.sample = width, [words for _, words in block[:SAMPLE]]
-        return Table(header, width, self.sample, self._load, units, above="\n".join(self.lines[: self.skip]))
+        return FileTable(header, width, self.sample, self._load, units, above="\n".join(self.lines[: self.skip]))
 
     def _numeric(self, words: list[str], indices: Sequence[int]) -> bool:
         """Whether a line is a row of numbers: at least half of its words are, or those that the user says."""
@@ -304,7 +304,7 @@ class Text:
                 names = [name or over for over, name in zip(words, names, strict=True)]
         return names, units
 
-    def _json(self, first: str) -> Table:
+    def _json(self, first: str) -> FileTable:
         try:
             with self.open() as file:
                 whole = first.startswith("[") or not first.endswith("}")
@@ -318,7 +318,7 @@ class Text:
             raise ValueError(f"this is no JSON with a row a line, or an array for each name: {why}") from None
         return _of_arrays({"": data})
 
-    def _atoms(self, count: int) -> Table:
+    def _atoms(self, count: int) -> FileTable:
         """The frames of an XYZ file: how many atoms, a line that may name the time, and a line for each atom."""
         with self.open() as file:
             lines = [line for line in file if line.strip()]

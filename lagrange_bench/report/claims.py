@@ -87,7 +87,7 @@ class Bound:
         return ""
 
 
-class Finding(NamedTuple):
+class BoundCheck(NamedTuple):
     """What was found for one bound. `passed` None: it decides nothing, and `note` says why."""
 
     bound: Bound
@@ -120,7 +120,7 @@ class Finding(NamedTuple):
 class ClaimVerdict(NamedTuple):
     """What the checks of a claim found."""
 
-    findings: tuple[Finding, ...]
+    findings: tuple[BoundCheck, ...]
 
     @property
     def word(self) -> str:
@@ -191,30 +191,31 @@ class Claim:
 def judge(claim: Claim, rows: pd.DataFrame) -> ClaimVerdict:
     """The verdict on a claim."""
     if rows.empty:
-        return ClaimVerdict(tuple(Finding(b, note=f"nothing of {claim.experiment} is stored") for b in claim.bounds))
+        note = f"nothing of {claim.experiment} is stored"
+        return ClaimVerdict(tuple(BoundCheck(bound, note=note) for bound in claim.bounds))
     rows = with_failures(rows, declared(claim.experiment, "MEASURED", {}))
     return ClaimVerdict(tuple(_judge(bound, rows) for bound in claim.bounds))
 
 
-def _judge(bound: Bound, rows: pd.DataFrame) -> Finding:
+def _judge(bound: Bound, rows: pd.DataFrame) -> BoundCheck:
     short = ""
     try:
         short = bound.missing(rows)
         reading = _read(bound, rows)
     except NoData as missing:
-        return Finding(bound, note=short or str(missing))
+        return BoundCheck(bound, note=short or str(missing))
     except Refuted as failure:
-        return Finding(bound, None, False, str(failure))
+        return BoundCheck(bound, None, False, str(failure))
     except KeyError as missing:
-        return Finding(bound, note=f"no column {missing}")
+        return BoundCheck(bound, note=f"no column {missing}")
     except Exception as error:  # a mistake in one check must not take the page with it
         reason = f"the check itself failed: {type(error).__name__}: {error}"
-        return Finding(bound, note=short or reason, broken=not short)
+        return BoundCheck(bound, note=short or reason, broken=not short)
     numbers = np.asarray(reading.values, dtype=float)
     passed: bool | None = all(SIGNS[bound.sign](float(number), bound.limit) for number in numbers.flat)
     if short and not passed and np.all(np.isfinite(numbers)):
         passed = None  # other runs than those of the claim can agree with it, but not refute it unless they failed
-    return Finding(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, reading.note, short)
+    return BoundCheck(bound, (float(np.min(numbers)), float(np.max(numbers))), passed, reading.note, short)
 
 
 def _read(bound: Bound, rows: pd.DataFrame) -> Reading:

@@ -14,7 +14,7 @@ from test_judge import BOX, INTO, OMEGA, M, Q, R, X, write
 from test_judge import T as TIMES
 
 from lagrange_bench import CASES, Case, RigidBody, integrate, judge
-from lagrange_bench.judging.diagnosis import Diagnosis, Rows
+from lagrange_bench.judging.diagnosis import BodyRows, Diagnosis
 from lagrange_bench.judging.fits import Model, choose, maps
 
 FRESH = int(hashlib.sha256(version("lagrange-bench").encode()).hexdigest()[:8], 16)  # other runs in each release
@@ -30,7 +30,7 @@ def program(case=START, integrator="exact", **physics):
         x, R, omega = mistakes.exact_motion(wrong, 4.0)(T)
     else:
         x, R, omega = mistakes.poor_motion(wrong, T, 1, integrator == "rk4")
-    return Rows(T, R, omega, x), exact
+    return BodyRows(T, R, omega, x), exact
 
 
 def found(rows, case=START, exact=None):
@@ -90,7 +90,7 @@ def test_semi_implicit_euler_is_named_by_its_step():
     assert "half a step late: it is what turns the row before" in half.text
     late = float(explicit.text.partition("that of ")[2].partition(" s before")[0])
     assert late == pytest.approx(1 / 120, rel=0.05)
-    every_second = Rows(*(column[::2] for column in program(integrator="euler")[0][:4]))
+    every_second = BodyRows(*(column[::2] for column in program(integrator="euler")[0][:4]))
     (part, explicit) = found(every_second)
     assert (part.cause, explicit.cause) == ("omega-half-step", "explicit-step")
     assert float(part.text.split()[2]) == pytest.approx(1 / 120, rel=0.05)
@@ -100,17 +100,17 @@ def test_a_fall_along_y_is_told_without_a_start():
     case = CASES["flying_box"]
     rows, exact = program(case)
     up = Rotation.from_rotvec([np.pi / 2, 0, 0]).as_matrix()
-    (finding,) = found(Rows(rows.t, x=rows.x @ up), case)
+    (finding,) = found(BodyRows(rows.t, x=rows.x @ up), case)
     assert (finding.cause, finding.option) == ("world-axes", "--up=y")
-    (finding,) = found(Rows(1e3 * rows.t, x=rows.x), case)
+    (finding,) = found(BodyRows(1e3 * rows.t, x=rows.x), case)
     assert (finding.cause, finding.option) == ("time-unit", "--units t=ms")
-    (finding,) = found(Rows(rows.t, x=100 * rows.x), case)
+    (finding,) = found(BodyRows(rows.t, x=100 * rows.x), case)
     assert (finding.cause, finding.option) == ("length-unit", "--units position=cm")
-    assert found(Rows(rows.t, x=rows.x), case) == []
+    assert found(BodyRows(rows.t, x=rows.x), case) == []
     s, g = rows.t[:, None], case.body.gravity
     slowed = case.position + 5 * g * s + (case.velocity - 5 * g) * 5 * (1 - np.exp(-s / 5))
     for known in (exact, None):
-        (finding,) = found(Rows(rows.t, x=slowed), case, known)
+        (finding,) = found(BodyRows(rows.t, x=slowed), case, known)
         assert finding.text == "the body flies by v' = g − 0.2 v: linear damping."
     rows, _ = program(CASES["slow"])
     (finding,) = found(rows._replace(t=rows.t / 20), CASES["slow"])
@@ -119,11 +119,11 @@ def test_a_fall_along_y_is_told_without_a_start():
 
 def test_omega_alone_tells_the_law_of_a_free_body():
     rows, exact = program(damping=0.05)
-    (finding,) = found(Rows(rows.t, omega=rows.omega))
+    (finding,) = found(BodyRows(rows.t, omega=rows.omega))
     assert finding.text == "L decays like exp(−0.05 t): damping."
     rows, exact = program()
-    assert found(Rows(rows.t, omega=rows.omega)) == []
-    (finding,) = found(Rows(rows.t, omega=np.degrees(rows.omega)), exact=exact)
+    assert found(BodyRows(rows.t, omega=rows.omega)) == []
+    (finding,) = found(BodyRows(rows.t, omega=np.degrees(rows.omega)), exact=exact)
     assert finding.option == "--units omega=deg/s"
 
 
@@ -134,7 +134,7 @@ def test_a_right_run_has_no_finding():
 
 def test_few_rows_and_rows_at_rest_tell_nothing():
     rows, exact = program()
-    assert found(Rows(rows.t[:7], rows.R[:7], -rows.omega[:7]), exact=exact) == []
+    assert found(BodyRows(rows.t[:7], rows.R[:7], -rows.omega[:7]), exact=exact) == []
     still = Case("still", TUMBLING, (1, 0, 0, 0), (0, 0, 0))
     assert found(*program(still)[:1], case=still, exact=program(still)[1]) == []
 

@@ -35,7 +35,8 @@ def test_the_picture_shows_what_methods_do_today():
 
 def test_answers_are_rounded_outwards_and_left_out_where_something_was_not_measured():
     bound = claims.Bound((), "≤", 1.0)
-    verdict = claims.ClaimVerdict((claims.Finding(bound, (0.1234, 9.95e-16)), claims.Finding(replace(bound, what="b"))))
+    named = claims.BoundCheck(replace(bound, what="b"))
+    verdict = claims.ClaimVerdict((claims.BoundCheck(bound, (0.1234, 9.95e-16)), named))
     answer = claims.ShortAnswer("?", "{claim.least} to {claim.most}, {claim.worst}")
     assert answer.filled(verdict) == "0.12 to 10⁻¹⁵, 10⁻¹⁵"
     assert answer._replace(text="{claim.least} {b.worst}").filled(verdict) is None
