@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from lagrange_bench import Case, RigidBody
 from lagrange_bench.integrators.problem.rotation import as_rotation
 from lagrange_bench.judging.advice import diagnosis_of
-from lagrange_bench.judging.columns import Trajectory
+from lagrange_bench.judging.columns import FileTrajectory
 from lagrange_bench.judging.diagnosis import Diagnosis
 from lagrange_bench.judging.frames import Frames, Options
 from lagrange_bench.judging.vectors import SIGNED, tensor, to_body, to_world
@@ -435,7 +435,7 @@ def read(c: Columns, digits: int, body: RigidBody, exact: Motion | None, without
     floor[group] = digit * (np.abs(rows[group]).max() if group == "angles" else 1.0)
     rows.pop({"R": group, "omega": "omega", "x": "position"}.get(without), None)
     frames = Frames(body, Options(quat="wxyz", omega_frame=c.frame, angles=said), digit)
-    return diagnosis_of(frames, rows, Trajectory({}, c.t, floor=floor), exact)
+    return diagnosis_of(frames, rows, FileTrajectory({}, c.t, floor=floor), exact)
 
 
 def right_run(rng: Any) -> Diagnosis:
