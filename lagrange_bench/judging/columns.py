@@ -83,13 +83,14 @@ def read(
     options = options or Options()
     table = open_table(path, [int(where) for where in options.columns.values() if where.isdecimal()])
     header = table.names or [""] * table.width
-    names, users = _names(header, table, options)
+    names, user_columns = _names(header, table, options)
     rows, within = _where(header, table, options)
     sample = [row for row in table.sample if all(is_same(row[i], value) for i, value in rows.items())]
-    groups, notes = groups_of({i: name for i, name in names.items() if within(name) or i in users}, users)
+    names_within = {i: name for i, name in names.items() if within(name) or i in user_columns}
+    groups, notes = groups_of(names_within, user_columns)
     chosen = _points(groups, points) or _choose(groups, header, sample, options, notes)
     counted = next(
-        (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in users), None
+        (i for i, name in names.items() if (*name.stem, *name.part.split()) in COUNTS and i not in user_columns), None
     )
     if options.step is None and "time" not in chosen:
         raise ValueError(_no_times(table, counted))
@@ -120,7 +121,8 @@ def read(
             notes.append("The fourth part of the quaternions is taken for the scalar; if it is the first: --quat wxyz.")
     if omega := chosen.get("omega") or chosen.get("momentum"):
         track.frame = frame_of(omega.stem)
-    labels = _labels(header, table, options, [i for i in range(table.width) if i not in rows and i not in users])
+    places = [i for i in range(table.width) if i not in rows and i not in user_columns]
+    labels = _labels(header, table, options, places)
     clocks = chosen["time"].places if "time" in chosen else []
     stamps = [i for i in clocks if _is_stamp([row[i] for row in sample])]
     counts = [counted] if options.step is not None and counted is not None else []
@@ -156,9 +158,8 @@ def read(
 def _no_times(table: FileTable, counted: int | None) -> str:
     if counted is not None and table.names:
         return f"the column {table.names[counted]} counts steps; say the time between two rows: --step SECONDS"
-    columns = f"its columns are {' '.join(table.names)[:200]}"
-    if not table.names:
-        columns = f"it has no header of {table.width} names"
+    header = " ".join(table.names)[:200]
+    columns = f"its columns are {header}" if header else f"it has no header of {table.width} names"
     advice = "Name them: --columns t=0,x=1,… or t=0,qw=1,…; or say --step SECONDS"
     return f"no column is named t or time; {columns}. {advice}"
 
@@ -181,7 +182,7 @@ def _points(groups: list[Group], points: ArrayLike | None) -> dict[str, Group]:
 def _names(header: list[str], table: FileTable, options: Options) -> tuple[dict[int, Name], set[int]]:
     """The names in their parts, with those that the user says in place of others, and where these are."""
     names = {i: parse(word) for i, word in enumerate(header) if word and any(row[i] for row in table.sample)}
-    users: set[int] = set()
+    user_columns: set[int] = set()
     for name, where in options.columns.items():
         said = parse(name)
         if not said.part or (said.part != "t" and not SHAPES.get(kind_of(said.stem), ())):
@@ -195,8 +196,8 @@ def _names(header: list[str], table: FileTable, options: Options) -> tuple[dict[
             raise ValueError(f"--columns {name}={where}: {len(same)} columns have this name; give an index from 0")
         old = names.get(i)
         names[i] = Name(said.stem, said.part, said.unit or (old.unit if old else ""), "")
-        users.add(i)
-    return names, users
+        user_columns.add(i)
+    return names, user_columns
 
 
 def _where(header: list[str], table: FileTable, options: Options) -> tuple[dict[int, str], Callable[[Name], bool]]:

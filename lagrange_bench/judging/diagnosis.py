@@ -337,14 +337,14 @@ class Diagnosis:
         choice = choose(fk.spins(rows.t, rows.R, omega, rows.frame, self.other_readings), floor)
         off = choice.misfits
         if rows.angles is not None and blur < BLURRED:
-            cause = self.angle_cause(rows.angles, omega, rate, choice, max(floor, fk.BLURS * blur))
+            cause = self.angle_cause(rows.angles, omega, rate, choice, max(floor, CLEARLY * blur))
             if cause:
                 return None if cause == "angles-integrated" else rate
         if choice.winner is None:
             in_body = self.in_body(omega)
             self.is_clear = choice.now.misfit < UNCLEAR
             if in_body is not None and choice.now.misfit > WORTH:
-                part = choose((choice.now, fk.lateness(rows.t[2:-2], in_body[2:-2], rate)), max(floor, fk.BLURS * blur))
+                part = choose((choice.now, fk.lateness(rows.t[2:-2], in_body[2:-2], rate)), max(floor, CLEARLY * blur))
                 if part.winner is not None:
                     late = part.winner.value
                     side = "late" if late > 0 else "early"

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from lagrange_bench.judging.findings import Finding, numbers, of_unit, say, triple
-from lagrange_bench.judging.fits import Model, factor_of, maps
+from lagrange_bench.judging.fits import CLEARLY, Model, factor_of, maps
 from lagrange_bench.judging.vectors import NEAR, ONE, Array, common, is_axes, rotvec, size, steps, to_body, to_world
 
 # ω has other units: what --units calls them, and the factor that leads to rad/s
@@ -24,8 +24,6 @@ SPEED_NAMES = {"deg/s": "degrees per second", "rpm": "revolutions per minute", "
 CLOCKS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 # a larger turn, rad, may be the other way round
 ANOTHER_TURN = 2.8
-# times what five rows leave: misfits below it are that
-BLURS = 3.0
 # fewer rows show no cap
 FEWEST = 8
 # relative: |ω| falls to a cap by more in its first step
@@ -40,8 +38,7 @@ HALVES = {
 # when ω is of another time: its cost
 TIMES = {ON_TIME: 0.0, **dict.fromkeys(HALVES, 1.0), "one row late": 1.5, "one row early": 1.5}
 TRANSPOSED = "transposed"
-# the cost of the other frame of ω beside another reading of rotations: both together are likelier than ω in signed axes, which
-# turn the body as well
+# the cost of the other frame of ω beside another reading, which costs 1: both must cost less than signed axes of ω, 1.5
 READ_ANEW = 0.4
 
 
@@ -105,7 +102,7 @@ def spins(t: Array, R: Array, omega: Array, frame: str, other_readings: Mapping[
                 frame_cost = 0.0 if other == frame else READ_ANEW if price else 1.0
                 cost = price + TIMES[time] + extra + frame_cost
                 for model in maps(omega[k], target, [*SPEEDS.values(), *CLOCKS.values()]):
-                    misfit = max(model.misfit, BLURS * blur)
+                    misfit = max(model.misfit, CLEARLY * blur)
                     yield Model(cost + model.cost, misfit, Spin(reading, other, time, model.value))
 
 

@@ -289,8 +289,8 @@ SHAPES: dict[str | None, tuple[tuple[str, tuple[str, ...]], ...]] = {
 }
 
 
-def groups_of(names: Mapping[int, Name], users: set[int]) -> tuple[list[Group], list[str]]:
-    """All groups that are complete, and notes on others. users : the columns that the user names; they are the surest."""
+def groups_of(names: Mapping[int, Name], user_columns: set[int]) -> tuple[list[Group], list[str]]:
+    """All groups that are complete, and notes on others. user_columns : those that the user names, the surest."""
     stems: dict[tuple[str, ...], dict[str, list[int]]] = {}
     for i, name in names.items():
         if name.part:
@@ -310,7 +310,8 @@ def groups_of(names: Mapping[int, Name], users: set[int]) -> tuple[list[Group], 
         if kind == "axis and angle" and len(angles) == 1:
             parts = {"angle": angles[0], **parts}
         if "t" in parts:
-            groups += [Group("time", [i], stem, "t", 0 if i in users else 1, len(parts["t"]) > 1) for i in parts["t"]]
+            twice = len(parts["t"]) > 1
+            groups += [Group("time", [i], stem, "t", 0 if i in user_columns else 1, twice) for i in parts["t"]]
         grouped: set[str] = set()
         for shape, orders in SHAPES.get(kind, ()):
             for order in orders:
@@ -318,9 +319,9 @@ def groups_of(names: Mapping[int, Name], users: set[int]) -> tuple[list[Group], 
                     continue
                 if grouped & set(order.split()) or any(part not in parts for part in order.split()):
                     continue
-                choices = [[i for i in parts[part] if i in users] or parts[part] for part in order.split()]
+                choices = [[i for i in parts[part] if i in user_columns] or parts[part] for part in order.split()]
                 places, twice = [each[0] for each in choices], any(len(each) > 1 for each in choices)
-                rank = 0 if users & set(places) else 1 if kind else 3 if stem else 2
+                rank = 0 if user_columns & set(places) else 1 if kind else 3 if stem else 2
                 index = 0.5 * order[0].isdecimal()  # qw says more than q0
                 groups.append(Group(shape, places, stem, order, rank + index, twice))
                 grouped |= set(order.split())
